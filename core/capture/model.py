@@ -1,0 +1,83 @@
+"""What a capture is once it is read: pinhole views in one world frame and sparse points. numpy only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class PinholeCamera:
+    """Intrinsics of an undistorted view, in pixels; pixel centres lie at +0.5 (OpenCV axes: x right, y down, z forward)."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def scaled(self, width: int, height: int) -> PinholeCamera:
+        """The same camera for an image resampled to `width` x `height`."""
+        sx, sy = width / self.width, height / self.height
+        return PinholeCamera(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy)
+
+
+@dataclass(frozen=True)
+class View:
+    """One photograph with a known camera.
+
+    Attributes:
+        key: file-system-safe name, unique in the capture; output files are named after it.
+        source: the image file it came from.
+        camera: intrinsics of `image`.
+        world_to_camera: (4, 4) float64, rigid, OpenCV axes.
+        image: (H, W, 3) uint8, display-referred sRGB, undistorted, at training resolution.
+        alpha: (H, W) uint8 coverage, or None where the photograph is opaque everywhere. Where it is not, `image` holds
+            straight (not premultiplied) colours. Pixels that undistortion could not fill count as not covered.
+    """
+
+    key: str
+    source: Path
+    camera: PinholeCamera
+    world_to_camera: NDArray[np.float64]
+    image: NDArray[np.uint8]
+    alpha: NDArray[np.uint8] | None = None
+
+    @property
+    def center(self) -> NDArray[np.float64]:
+        """(3,) camera centre in the world."""
+        rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
+        return -rotation.T @ translation
+
+
+@dataclass(frozen=True)
+class CaptureWarning:
+    """Something the user should know that does not stop the run; `name` is stable for programs."""
+
+    name: str
+    message: str
+
+
+@dataclass(frozen=True)
+class Capture:
+    """Views in file-name order, sparse points (possibly none) and what was noticed while reading.
+
+    Attributes:
+        source: the capture folder.
+        format: "colmap", "transforms" or "sfm".
+        views: at least two.
+        points: (P, 3) float32 world positions; P may be 0.
+        point_colors: (P, 3) uint8 sRGB.
+        warnings: in the order in which they were noticed.
+    """
+
+    source: Path
+    format: str
+    views: tuple[View, ...]
+    points: NDArray[np.float32]
+    point_colors: NDArray[np.uint8]
+    warnings: tuple[CaptureWarning, ...] = field(default=())

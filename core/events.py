@@ -1,0 +1,67 @@
+"""The worker's protocol: one JSON object a line on stdout. Standard library only: Blender's Python imports this.
+
+    {"event": "status",   "stage": "geometry", "message": "training 10288 Gaussians"}
+    {"event": "progress", "stage": "geometry", "fraction": 0.42, "seconds_left": 61.0, "message": "28.1 dB"}
+    {"event": "warning",  "name": "few-views", "message": "..."}
+    {"event": "error",    "kind": "input" | "defect", "message": "one line"}
+    {"event": "result",   ...}       the last line of a job that succeeded
+
+`Reporter` is what every long-running function of `core` takes; the base class is silent.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from typing import Any, TextIO
+
+
+class Reporter:
+    """Receives what a job has to say. This base class ignores it, which suits tests and library use."""
+
+    def status(self, stage: str, message: str) -> None:
+        """A stage begins, or what it does has changed."""
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        """`fraction` of the stage in [0, 1] is done."""
+
+    def warning(self, name: str, message: str) -> None:
+        """Something the user should know; `name` is stable for programs."""
+
+
+class JsonReporter(Reporter):
+    """Writes events as JSON lines, progress at most every `interval` seconds, with an estimate of the stage's time left."""
+
+    def __init__(self, stream: TextIO, interval: float = 0.2) -> None:
+        self._stream = stream
+        self._interval = interval
+        self._last = 0.0
+        self._stage = ""
+        self._stage_started = 0.0
+
+    def emit(self, event: str, **fields: Any) -> None:
+        """Write one event now."""
+        self._stream.write(json.dumps({"event": event, **fields}, allow_nan=False) + "\n")
+        self._stream.flush()
+
+    def _enter(self, stage: str) -> None:
+        if stage != self._stage:
+            self._stage, self._stage_started, self._last = stage, time.monotonic(), 0.0
+
+    def status(self, stage: str, message: str) -> None:
+        self._enter(stage)
+        self.emit("status", stage=stage, message=message)
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        self._enter(stage)
+        now = time.monotonic()
+        if now - self._last < self._interval and fraction < 1.0:
+            return
+        self._last = now
+        fraction = min(max(float(fraction), 0.0), 1.0)
+        elapsed = now - self._stage_started
+        left = elapsed / fraction * (1.0 - fraction) if fraction > 0.0 and elapsed > 0.5 else None
+        self.emit("progress", stage=stage, fraction=round(fraction, 4), seconds_left=left and round(left, 1), message=message)
+
+    def warning(self, name: str, message: str) -> None:
+        self.emit("warning", name=name, message=message)

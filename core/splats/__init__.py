@@ -1,0 +1,1 @@
+"""Gaussian splatting: the model, its file format, the rasteriser and the trainer."""
