@@ -30,7 +30,7 @@ class Reporter:
 
 
 class JsonReporter(Reporter):
-    """Writes events as JSON lines, progress at most every `interval` seconds, with an estimate of the stage's time left."""
+    """Writes events as JSON lines; progress at most every `interval` seconds, with the time left of its stage."""
 
     def __init__(self, stream: TextIO, interval: float = 0.2) -> None:
         self._stream = stream
@@ -61,7 +61,9 @@ class JsonReporter(Reporter):
         fraction = min(max(float(fraction), 0.0), 1.0)
         elapsed = now - self._stage_started
         left = elapsed / fraction * (1.0 - fraction) if fraction > 0.0 and elapsed > 0.5 else None
-        self.emit("progress", stage=stage, fraction=round(fraction, 4), seconds_left=left and round(left, 1), message=message)
+        self.emit(
+            "progress", stage=stage, fraction=round(fraction, 4), seconds_left=left and round(left, 1), message=message
+        )
 
     def warning(self, name: str, message: str) -> None:
         self.emit("warning", name=name, message=message)

@@ -1,6 +1,6 @@
 """Standard 3DGS PLY files, in and out. numpy only: Blender's Python imports this.
 
-The layout is the one of the 3D Gaussian Splatting paper's reference files, which viewers agree on: binary little endian,
+The layout is that of the 3D Gaussian Splatting paper, which viewers agree on: binary little endian,
 float32 ``x y z [nx ny nz] f_dc_0..2 f_rest_0..3(K-1)-1 opacity scale_0..2 rot_0..3``; scales are natural logarithms,
 opacity is a logit, rotation is wxyz, and ``f_rest`` is channel-major (all of red, then green, then blue).
 """
@@ -16,11 +16,11 @@ from ..errors import InputError
 from .gaussians import Gaussians
 
 _REQUIRED = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity",
-             "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3")  # fmt: skip
+             "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3")
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2", "uint16": "u2",
     "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
-}  # fmt: skip
+}
 _HEADER_LIMIT = 64 * 1024
 _USE_ANOTHER = "choose a 3D Gaussian splatting .ply (from this software, SuperSplat, Postshot, ...)"
 
@@ -67,13 +67,17 @@ def read_ply(path: str | Path) -> Gaussians:
             if count * dtype.itemsize > available:
                 missing = count - available // dtype.itemsize
                 raise InputError(f"the file is cut short: {missing} of {count} Gaussians are missing",
-                                 where=path, remedy="copy or export it again")  # fmt: skip
+                                 where=path, remedy="copy or export it again")
             table = np.fromfile(file, dtype, count)
     except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", where=path, remedy="check the path and its permissions") from None
+        raise InputError(
+            f"cannot be read ({error.strerror})", where=path, remedy="check the path and its permissions"
+        ) from None
     rest_count = sum(name.startswith("f_rest_") for name in dtype.names or ())
     if rest_count not in (0, 9, 24, 45):
-        raise InputError(f"{rest_count} f_rest properties fit no SH degree from 0 to 3", where=path, remedy=_USE_ANOTHER)
+        raise InputError(
+            f"{rest_count} f_rest properties fit no SH degree from 0 to 3", where=path, remedy=_USE_ANOTHER
+        )
     rest = rest_count // 3
 
     def columns(*names: str) -> np.ndarray:
@@ -118,7 +122,9 @@ def _read_header(file, path: Path) -> tuple[int, np.dtype]:
                 raise InputError(f"its first element is '{element}', not 'vertex'", where=path, remedy=_USE_ANOTHER)
         elif words[0] == "property" and element == "vertex":
             if len(words) != 3 or words[1] not in _TYPES:
-                raise InputError(f"a vertex property is not a plain number: {' '.join(words)}", where=path, remedy=_USE_ANOTHER)
+                raise InputError(
+                    f"a vertex property is not a plain number: {' '.join(words)}", where=path, remedy=_USE_ANOTHER
+                )
             fields.append((words[2], "<" + _TYPES[words[1]]))
     else:
         raise InputError("its header has no end", where=path, remedy=_USE_ANOTHER)
@@ -126,7 +132,9 @@ def _read_header(file, path: Path) -> tuple[int, np.dtype]:
     missing = [name for name in _REQUIRED if name not in names]
     if missing or count < 0 or len(set(names)) != len(names):
         raise InputError(f"a mesh or point cloud, not Gaussians (no {', '.join(missing[:3]) or 'vertex count'})",
-                         where=path, remedy=_USE_ANOTHER)  # fmt: skip
+                         where=path, remedy=_USE_ANOTHER)
     if encoding != "binary_little_endian":
-        raise InputError(f"encoding '{encoding}' is not supported", where=path, remedy="export it as binary little endian")
+        raise InputError(
+            f"encoding '{encoding}' is not supported", where=path, remedy="export it as binary little endian"
+        )
     return count, np.dtype(fields)

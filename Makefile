@@ -1,0 +1,52 @@
+# What a fresh machine needs: Python 3.11 and make. Every target sets up what it uses.
+
+PYTHON ?= python3.11
+VENV := .venv
+# The add-on is tested on both generations of Blender's API; the wheels exclude each other in one environment.
+VENV_BPY45 := .venv-bpy45
+BIN := $(VENV)/bin
+DEMO_OUT ?= out/demo
+BENCH_OUT ?= out/bench
+
+.PHONY: venv demo test test-all lint bench clean
+
+venv: $(VENV)/.ready
+
+$(VENV)/.ready: pyproject.toml constraints.txt
+	sh scripts/system_libraries.sh
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	# Asked for by its exact version first, because a range would take a build with gigabytes of CUDA libraries here.
+	$(BIN)/python -m pip install --quiet -c constraints.txt torch
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[blender,test,lint]"
+	touch $@
+
+$(VENV_BPY45)/.ready: constraints-bpy45.txt
+	sh scripts/system_libraries.sh
+	$(PYTHON) -m venv $(VENV_BPY45)
+	$(VENV_BPY45)/bin/python -m pip install --quiet -r constraints-bpy45.txt
+	touch $@
+
+demo: venv
+	$(BIN)/python scripts/run.py core/demo/showroom --out $(DEMO_OUT)
+
+test: lint $(VENV_BPY45)/.ready
+	$(BIN)/python -m pytest
+	$(VENV_BPY45)/bin/python -m pytest tests/addon
+
+test-all: venv $(VENV_BPY45)/.ready
+	$(BIN)/python -m pytest -m "slow or not slow"
+	$(VENV_BPY45)/bin/python -m pytest tests/addon -m "slow or not slow"
+
+# mypy wants the package under its own name, and a checkout may be called anything.
+lint: venv
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	mkdir -p .build && ln -sfn .. .build/cvdgs
+	MYPYPATH=.build $(BIN)/mypy -p cvdgs
+
+bench: venv
+	$(BIN)/python scripts/benchmark.py step --out $(BENCH_OUT)
+
+clean:
+	rm -rf $(VENV) $(VENV_BPY45) .build out

@@ -1,0 +1,198 @@
+"""Runs a worker process and listens to it: what the command line, the add-on and a farm node share. Standard library only.
+
+The worker is a separate process with its own interpreter, because Blender's Python has neither torch nor Warp. It speaks
+the protocol of `events` on stdout; whatever else appears there or on stderr goes to the log.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO, Any
+
+from .errors import InputError
+
+ROOT = Path(__file__).resolve().parent.parent
+WORKER = ROOT / "core" / "__main__.py"
+BLENDER_WORKER = ROOT / "cvdgs_addon" / "scene" / "worker.py"
+
+# A worker that is in the middle of a long call into C++ does not see the signal; the user waits no longer than this.
+_GRACE_SECONDS = 1.2
+
+Event = dict[str, Any]
+
+
+def find_python() -> str:
+    """The interpreter that has torch and Warp: ``CVDGS_PYTHON``, else the project's environment, else this one.
+
+    Raises:
+        InputError: there is none.
+    """
+    chosen = os.environ.get("CVDGS_PYTHON")
+    if chosen:
+        if not os.access(chosen, os.X_OK):
+            raise InputError("is not a program that can be run", where=f"CVDGS_PYTHON={chosen}", remedy="name a Python")
+        return chosen
+    if _has_modules("torch", "warp"):
+        return sys.executable
+    for candidate in (ROOT / ".venv" / "bin" / "python", ROOT / ".venv" / "Scripts" / "python.exe"):
+        if os.access(candidate, os.X_OK):
+            return str(candidate)
+    raise InputError(
+        "no Python with torch and Warp is found",
+        remedy=f"run 'make venv' in {ROOT}, or set CVDGS_PYTHON to an interpreter that has them",
+    )
+
+
+def blender_command(arguments: list[str]) -> list[str]:
+    """The command that runs Blender's side of a run: this Blender, a Python with the bpy wheel, or ``CVDGS_BLENDER``.
+
+    Raises:
+        InputError: there is neither.
+    """
+    in_blender = ["-b", "--factory-startup", "--python-exit-code", "1", "-P", str(BLENDER_WORKER), "--", *arguments]
+    program = os.environ.get("CVDGS_BLENDER")
+    if program:
+        return [program, *in_blender]
+    bpy = sys.modules.get("bpy")
+    if bpy is not None and bpy.app.binary_path:
+        return [bpy.app.binary_path, *in_blender]
+    if _has_modules("bpy"):
+        return [sys.executable, str(BLENDER_WORKER), *arguments]
+    python = find_python()
+    if subprocess.run([python, "-c", "import importlib.util as u, sys; sys.exit(u.find_spec('bpy') is None)"]).returncode == 0:
+        return [python, str(BLENDER_WORKER), *arguments]
+    raise InputError(
+        "no Blender is found for scene.blend",
+        remedy="set CVDGS_BLENDER to a Blender program, install the bpy wheel, or pass --no-blend",
+    )
+
+
+def _has_modules(*names: str) -> bool:
+    return all(importlib.util.find_spec(name) is not None for name in names)
+
+
+class Job:
+    """One worker process.
+
+    Args:
+        command: program and arguments.
+        request: sent to the worker's stdin as one JSON line, if given.
+        log: receives every line that the worker writes, stderr included.
+    """
+
+    def __init__(self, command: list[str], request: Event | None = None, log: Callable[[str], None] = lambda _: None) -> None:
+        environment = dict(os.environ)
+        # Blender sets these for its own Python; they would lead the worker's interpreter astray.
+        for name in ("PYTHONHOME", "PYTHONPATH"):
+            environment.pop(name, None)
+        environment["PYTHONUNBUFFERED"] = "1"
+        environment["PYTHONIOENCODING"] = "utf-8"
+        # Spinning OpenMP threads make a step 10-15 times slower beside one busy neighbour (notes/splats.md).
+        environment.setdefault("OMP_WAIT_POLICY", "passive")
+        self._log = log
+        self._queue: queue.Queue[Event | None] = queue.Queue()
+        self.cancelled = False
+        try:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                env=environment,
+                start_new_session=True,  # Ctrl-C reaches us, and we decide
+                text=True,
+                encoding="utf-8",
+                errors="replace",
+            )
+        except OSError as error:
+            raise InputError(f"cannot be started ({error.strerror})", where=command[0], remedy="check the installation") from None
+        assert self._process.stdin and self._process.stdout and self._process.stderr
+        try:
+            if request is not None:
+                self._process.stdin.write(json.dumps(request) + "\n")
+            self._process.stdin.close()
+        except BrokenPipeError:
+            pass  # it ended already; its exit code and log say why
+        self._threads = [
+            threading.Thread(target=self._read_events, args=(self._process.stdout,), daemon=True),
+            threading.Thread(target=self._read_log, args=(self._process.stderr,), daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def _read_events(self, stream: IO[str]) -> None:
+        for line in stream:
+            event = _parse(line)
+            if event is None:
+                self._log(line.rstrip())
+            else:
+                self._queue.put(event)
+        self._queue.put(None)
+
+    def _read_log(self, stream: IO[str]) -> None:
+        for line in stream:
+            self._log(line.rstrip())
+
+    def events(self) -> Iterator[Event]:
+        """The worker's events until it ends."""
+        while (event := self._queue.get()) is not None:
+            yield event
+
+    def poll(self) -> list[Event]:
+        """The events since the last call, without waiting; `running` says whether more can come."""
+        found = []
+        while not self._queue.empty():
+            if (event := self._queue.get()) is not None:
+                found.append(event)
+        return found
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    def wait(self) -> int:
+        """Wait for the end; returns the exit code (negative: the signal that ended it)."""
+        code = self._process.wait()
+        for thread in self._threads:
+            thread.join(timeout=5.0)
+        return code
+
+    def cancel(self) -> None:
+        """Ask the worker to stop, and end it and its children when it does not within the grace period."""
+        self.cancelled = True
+        self._signal(signal.SIGINT)
+        deadline = time.monotonic() + _GRACE_SECONDS
+        while self.running and time.monotonic() < deadline:
+            time.sleep(0.02)
+        self._signal(getattr(signal, "SIGKILL", signal.SIGTERM))
+        self._process.wait()
+
+    def _signal(self, number: int) -> None:
+        try:
+            if hasattr(os, "killpg"):
+                os.killpg(self._process.pid, number)
+            elif self.running:
+                self._process.terminate()
+        except (ProcessLookupError, PermissionError):
+            pass  # it has ended
+
+
+def _parse(line: str) -> Event | None:
+    """The event in `line`, or None when it is anything else (a library's print, Blender's banner)."""
+    if not line.startswith('{"event"'):
+        return None
+    try:
+        event = json.loads(line)
+    except json.JSONDecodeError:
+        return None
+    return event if isinstance(event, dict) else None

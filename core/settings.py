@@ -1,0 +1,169 @@
+"""What a run is asked to do: one validated object for all front ends. Standard library only."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from .errors import InputError
+
+CVD_TYPES = ("protan", "deutan", "tritan", "achromat")
+SIMULATIONS = ("machado", "vienot", "brettel")
+MODES = ("layers", "joint", "post")
+DEVICES = ("auto", "cpu", "cuda")
+ENGINES = ("cycles", "eevee", "workbench")
+
+MIN_SIZE = 32  # pixels of the longer side; below that SSIM's 11-pixel window sees little else than its own border
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A colour layer: the scene enhanced for one kind of colour vision.
+
+    Attributes:
+        cvd: one of `CVD_TYPES`.
+        severity: 0 (normal vision) to 1 (dichromat).
+    """
+
+    cvd: str
+    severity: float
+
+    @property
+    def name(self) -> str:
+        """The layer's name in files and reports, e.g. ``deutan-1.0`` or ``protan-0.65``."""
+        text = f"{self.severity:g}"
+        return f"{self.cvd}-{text if '.' in text or 'e' in text else text + '.0'}"
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The options of ``scripts/run.py`` (design: "Command line"); `None` means "decide automatically".
+
+    Attributes:
+        capture: the capture folder.
+        out: the output folder.
+        layers: the colour layers to make, in order, without repeats.
+        simulation: model behind the CVD simulation.
+        strength: 0 (leave as is) to 1 (full enhancement).
+        enhancer: "lut", "none", "cgan" or the path of a .safetensors file.
+        mode: how colour and geometry are fitted.
+        iterations: optimisation steps of the geometry stage.
+        gaussians: upper bound of their number.
+        sh_degree: degree of the spherical harmonics of the original colours.
+        max_size: longer side of the training images in pixels.
+        holdout: every Nth view is kept for testing; 0 keeps none.
+        device: "auto", "cpu" or "cuda".
+        seed: of everything random.
+        turntable: frames of a turntable; 0 renders none.
+        engine: Blender's render engine for stills.
+        blend: whether to build scene.blend and render stills.
+        resume: whether to add to a finished run.
+        sfm: whether to estimate cameras when the folder has none.
+    """
+
+    capture: str
+    out: str
+    layers: tuple[Layer, ...] = (Layer("deutan", 1.0),)
+    simulation: str = "machado"
+    strength: float = 1.0
+    enhancer: str = "lut"
+    mode: str = "layers"
+    iterations: int = 5000
+    gaussians: int | None = None
+    sh_degree: int | None = None
+    max_size: int | None = None
+    holdout: int = 8
+    device: str = "auto"
+    seed: int = 0
+    turntable: int = 0
+    engine: str = "cycles"
+    blend: bool = True
+    resume: bool = False
+    sfm: bool = False
+
+    def __post_init__(self) -> None:
+        _check(bool(self.capture), "no capture folder is given", "CAPTURE", "name a folder of photographs with cameras")
+        _check(bool(self.out), "no output folder is given", "--out", "name a folder to write to")
+        _check(len(self.layers) > 0, "no colour layer is asked for", "--cvd", "give at least one type")
+        for layer in self.layers:
+            _one_of(layer.cvd, CVD_TYPES, "--cvd")
+            _within(layer.severity, 0.0, 1.0, "--severity")
+        names = [layer.name for layer in self.layers]
+        _check(
+            len(set(names)) == len(names),
+            f"'{', '.join(names)}' names a layer twice",
+            "--cvd",
+            "ask for each layer once",
+        )
+        _one_of(self.simulation, SIMULATIONS, "--simulation")
+        _within(self.strength, 0.0, 1.0, "--strength")
+        _one_of(self.mode, MODES, "--mode")
+        _at_least(self.iterations, 1, "--iterations")
+        _at_least(self.gaussians, 1, "--gaussians")
+        if self.sh_degree is not None:
+            _one_of(self.sh_degree, (0, 1, 2, 3), "--sh-degree")
+        _at_least(self.max_size, MIN_SIZE, "--max-size")
+        _check(self.holdout == 0 or self.holdout >= 2, f"{self.holdout} would keep every view for testing", "--holdout",
+               "give 0 for none, or 2 and more")
+        _at_least(self.holdout, 0, "--holdout")
+        _one_of(self.device, DEVICES, "--device")
+        _within(self.seed, 0, 2**31 - 1, "--seed")
+        _at_least(self.turntable, 0, "--turntable")
+        _one_of(self.engine, ENGINES, "--engine")
+        self._refuse_what_is_not_there()
+
+    def _refuse_what_is_not_there(self) -> None:
+        """Options of the contract that this version does not implement are refused, never ignored."""
+        _check(self.mode == "layers", f"mode '{self.mode}' is not implemented yet", "--mode", "use --mode layers")
+        _check(self.turntable == 0, "turntables are not implemented yet", "--turntable", "leave it out")
+        _check(
+            self.engine == "cycles",
+            f"stills by '{self.engine}' are not implemented yet",
+            "--engine",
+            "use --engine cycles",
+        )
+        _check(not self.resume, "adding to a finished run is not implemented yet", "--resume", "leave it out")
+        _check(self.enhancer in ("lut", "none"), f"enhancer '{self.enhancer}' is not implemented yet", "--enhancer",
+               "use --enhancer lut or none")
+
+    def to_dict(self) -> dict[str, Any]:
+        """A JSON-ready dictionary; `from_dict` reads it back."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Settings:
+        """The settings of `to_dict`.
+
+        Raises:
+            InputError: an unknown key or an unusable value.
+        """
+        unknown = sorted(set(values) - {field.name for field in fields(cls)})
+        _check(not unknown, f"unknown settings {', '.join(unknown)}", "settings", "update the program that sends them")
+        try:
+            layers = tuple(Layer(str(layer["cvd"]), float(layer["severity"])) for layer in values.get("layers", ()))
+            return cls(**{**values, "layers": layers} if "layers" in values else values)
+        except (TypeError, KeyError) as error:
+            raise InputError(f"unusable settings ({error})", remedy="send what Settings.to_dict() gives") from None
+
+
+def _check(condition: bool, what: str, where: str, remedy: str) -> None:
+    if not condition:
+        raise InputError(what, where=where, remedy=remedy)
+
+
+def _one_of(value: Any, allowed: tuple[Any, ...], option: str) -> None:
+    _check(value in allowed, f"'{value}' is not known", option, "use one of " + ", ".join(map(str, allowed)))
+
+
+def _within(value: float, low: float, high: float, option: str) -> None:
+    _check(
+        math.isfinite(value) and low <= value <= high,
+        f"{value:g} is out of range",
+        option,
+        f"give a number from {low:g} to {high:g}",
+    )
+
+
+def _at_least(value: int | None, low: int, option: str) -> None:
+    _check(value is None or value >= low, f"{value} is too small", option, f"give {low} or more")

@@ -1,0 +1,74 @@
+"""Colour layers: the colours of a finished geometry, fitted to the enhanced views. Geometry and opacity stay as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..capture.model import View
+from .gaussians import Gaussians
+from .raster import Adam, LearningRates, ParameterSet, Rasterizer
+from .scene_frame import SceneFrame
+from .targets import Background, prepare_targets
+
+
+@dataclass(frozen=True)
+class LayerPlan:
+    """How a colour layer is fitted.
+
+    With the geometry frozen the image is linear in the degree-0 colours, so this is a convex problem; the absolute error
+    makes the colour that most views agree on win over the one that a few drifted to.
+
+    Attributes:
+        epochs: passes over the views.
+        minimum_steps: for captures of few views.
+        rate: step size of the degree-0 coefficients at the start; `rate_decay` of it is left at the end.
+        ssim_weight: share of 1 - SSIM in the loss.
+    """
+
+    epochs: int = 6
+    minimum_steps: int = 300
+    rate: float = 2.5e-2
+    rate_decay: float = 0.05
+    ssim_weight: float = 0.0
+
+
+def fit_layer(
+    rasterizer: Rasterizer,
+    gaussians: Gaussians,
+    views: Sequence[View],
+    plan: LayerPlan,
+    background: Background,
+    seed: int,
+    progress: Callable[[float], None] = lambda _: None,
+) -> Gaussians:
+    """`gaussians` with colours of SH degree 0 that reproduce `views`.
+
+    Args:
+        gaussians: the finished geometry, in world units.
+        views: training views whose images are the enhanced ones.
+        progress: receives the fraction done.
+    """
+    frame = SceneFrame.around(views, gaussians.means)
+    local = frame.from_world(gaussians.with_base_colors(gaussians.base_colors))
+    parameters = ParameterSet.from_gaussians(local, rasterizer.device)
+    adam = Adam(parameters)
+    targets = prepare_targets(rasterizer, views, frame, background, set())
+    rng = np.random.default_rng(seed)
+    steps = max(plan.epochs * len(targets), plan.minimum_steps)
+    order: list[int] = []
+    for step in range(1, steps + 1):
+        order = order or rng.permutation(len(targets)).tolist()
+        image, camera, mask = targets[order.pop()].at(1)
+        rendered = rasterizer.render(parameters, camera, background.color)
+        rasterizer.photometric_loss(rendered, image, plan.ssim_weight, mask)
+        gradients = rasterizer.backward(rendered, colors_only=True)
+        adam.step(rasterizer, parameters, gradients, _colors_only(plan.rate * plan.rate_decay ** (step / steps)))
+        progress(step / steps)
+    return gaussians.with_base_colors(parameters.to_gaussians().base_colors)
+
+
+def _colors_only(rate: float) -> LearningRates:
+    return LearningRates(means=0.0, log_scales=0.0, quaternions=0.0, opacity_logits=0.0, sh0=rate, sh_rest=0.0)

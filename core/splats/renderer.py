@@ -1,0 +1,69 @@
+"""A scene from its capture's cameras, in world units: what evaluation and previews look at."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from ..capture.model import View
+from ..color.metrics import psnr, ssim
+from ..images import to_bytes
+from .gaussians import Gaussians
+from .raster import Frame, ParameterSet, RasterCamera, Rasterizer
+from .scene_frame import SceneFrame
+from .targets import Background
+
+
+class SceneRenderer:
+    """Renders Gaussians from the cameras of `views`.
+
+    Args:
+        rasterizer: does the arithmetic.
+        views: all of the capture's; the methods take an index into them.
+        background: what is behind the Gaussians.
+    """
+
+    def __init__(self, rasterizer: Rasterizer, views: Sequence[View], background: Background) -> None:
+        self.views = views
+        self._frame = SceneFrame.around(views, np.zeros((0, 3), np.float32))
+        self._rasterizer = rasterizer
+        self._background = background
+        self._loaded: tuple[Gaussians, ParameterSet] | None = None
+
+    def color(self, gaussians: Gaussians, index: int) -> NDArray[np.uint8]:
+        """(H, W, 3) sRGB."""
+        return to_bytes(self._render(gaussians, index).color.numpy())
+
+    def depth(self, gaussians: Gaussians, index: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(H, W) mean planar depth in world units, 0 where nothing is, and (H, W) alpha."""
+        frame = self._render(gaussians, index)
+        alpha = frame.alpha.numpy().copy()
+        depth = np.where(alpha > 1e-3, frame.depth.numpy() / np.maximum(alpha, 1e-3), 0.0)
+        return (depth / self._frame.scale).astype(np.float32), alpha
+
+    def mask(self, index: int) -> NDArray[np.bool_] | None:
+        """(H, W) pixels that the photograph covers, or None when it covers all."""
+        alpha = self.views[index].alpha
+        return None if alpha is None else alpha > 127
+
+    def fidelity(self, index: int, rendered: NDArray[np.uint8]) -> dict[str, float]:
+        """PSNR in dB and SSIM of a rendering against the photograph over the same background."""
+        photograph, image = (_tensor(x) for x in (self._background.behind(self.views[index]), rendered))
+        return {"psnr": psnr(photograph, image), "ssim": ssim(photograph, image)}
+
+    def _render(self, gaussians: Gaussians, index: int) -> Frame:
+        if self._loaded is None or self._loaded[0] is not gaussians:
+            local = self._frame.from_world(gaussians)
+            self._loaded = gaussians, ParameterSet.from_gaussians(local, self._rasterizer.device)
+        view = self.views[index]
+        c = view.camera
+        pose = self._frame.world_to_camera(view.world_to_camera)
+        camera = RasterCamera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, pose)
+        return self._rasterizer.render(self._loaded[1], camera, self._background.color)
+
+
+def _tensor(image: NDArray[np.uint8]) -> torch.Tensor:
+    return torch.from_numpy(image).permute(2, 0, 1).to(torch.float32) / 255.0

@@ -1,0 +1,69 @@
+"""The frame in which a scene is trained: cameras around the origin at distance about one. numpy only.
+
+Learning rates and size limits are stated in this frame, so that they mean the same for a capture in metres, in
+millimetres or in the arbitrary units of structure from motion, and float32 is not wasted on a far-away origin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..capture.model import View
+from .gaussians import Gaussians
+
+
+@dataclass(frozen=True)
+class SceneFrame:
+    """The similarity ``x_frame = (x_world - origin) * scale``.
+
+    Attributes:
+        origin: (3,) in world units.
+        scale: frame units per world unit.
+    """
+
+    origin: NDArray[np.float64]
+    scale: float
+
+    @classmethod
+    def around(cls, views: Sequence[View], points: NDArray[np.float32]) -> SceneFrame:
+        """The frame whose origin is the mean camera centre and whose unit is the farthest camera's distance from it.
+
+        Cameras that share one centre (a panorama) say nothing about size; then the points' median distance is the unit.
+        """
+        centers = np.stack([view.center for view in views])
+        origin = centers.mean(axis=0)
+        extent = float(np.linalg.norm(centers - origin, axis=1).max())
+        reach = float(np.median(np.linalg.norm(points - origin, axis=1))) if len(points) else 0.0
+        if extent <= 1e-6 * max(reach, float(np.abs(origin).max()), 1e-30):
+            extent = reach if reach > 0.0 else 1.0
+        return cls(origin, 1.0 / extent)
+
+    def points(self, world: NDArray) -> NDArray[np.float32]:
+        """(P, 3) world positions in the frame."""
+        return ((world - self.origin) * self.scale).astype(np.float32)
+
+    def world_to_camera(self, world_to_camera: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The (4, 4) pose for positions in the frame; camera coordinates are scaled along."""
+        pose = world_to_camera.copy()
+        pose[:3, 3] = self.scale * (world_to_camera[:3, :3] @ self.origin + world_to_camera[:3, 3])
+        return pose
+
+    def to_world(self, gaussians: Gaussians) -> Gaussians:
+        """Gaussians of the frame in world units."""
+        return replace(
+            gaussians,
+            means=(gaussians.means / self.scale + self.origin).astype(np.float32),
+            log_scales=(gaussians.log_scales - np.log(self.scale)).astype(np.float32),
+        )
+
+    def from_world(self, gaussians: Gaussians) -> Gaussians:
+        """The inverse of `to_world`."""
+        return replace(
+            gaussians,
+            means=self.points(gaussians.means.astype(np.float64)),
+            log_scales=(gaussians.log_scales + np.log(self.scale)).astype(np.float32),
+        )

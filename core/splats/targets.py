@@ -1,0 +1,91 @@
+"""The photographs as the trainer needs them: on the device, over a background, at the resolutions of the schedule."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..capture.model import View
+from .raster import RasterCamera, Rasterizer
+from .scene_frame import SceneFrame
+
+_SMALLEST_SIDE = 48  # pixels; a view is not reduced below that, where SSIM's window would see mostly its own border
+
+
+@dataclass(frozen=True)
+class Background:
+    """What is behind the Gaussians.
+
+    Attributes:
+        color: (3,) sRGB in [0, 1]. Black for photographs, which are opaque everywhere; white for cut-outs, as is usual
+            for objects on nothing.
+    """
+
+    color: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, views: Iterable[View]) -> Background:
+        """Black, or white as soon as one view is a cut-out."""
+        return cls((1.0, 1.0, 1.0) if any(view.alpha is not None for view in views) else (0.0, 0.0, 0.0))
+
+    def behind(self, view: View) -> NDArray[np.uint8]:
+        """(H, W, 3) the view's photograph composited over this background."""
+        if view.alpha is None:
+            return view.image
+        alpha = view.alpha[..., None].astype(np.float32) / 255.0
+        behind = np.asarray(self.color, np.float32) * 255.0
+        return np.round(view.image * alpha + behind * (1.0 - alpha)).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class TrainingView:
+    """One view at every resolution of the schedule.
+
+    Attributes:
+        levels: reduction factor -> (image (H, W, 3) uint8 device array, camera, mask (H, W) float32 or None).
+    """
+
+    levels: dict[int, tuple[Any, RasterCamera, Any]]
+
+    def at(self, reduction: int) -> tuple[Any, RasterCamera, Any]:
+        """The level for a reduction factor; full resolution where the view is too small for it."""
+        return self.levels.get(reduction) or self.levels[1]
+
+
+def prepare_targets(
+    rasterizer: Rasterizer, views: Sequence[View], frame: SceneFrame, background: Background, reductions: set[int]
+) -> list[TrainingView]:
+    """`views` on the rasteriser's device, at full resolution and reduced by each of `reductions`."""
+    return [_prepare(rasterizer, view, frame, background, reductions) for view in views]
+
+
+def _prepare(
+    rasterizer: Rasterizer, view: View, frame: SceneFrame, background: Background, reductions: set[int]
+) -> TrainingView:
+    image = background.behind(view)
+    pose = frame.world_to_camera(view.world_to_camera)
+    levels = {}
+    for factor in sorted({1, *reductions}):
+        height, width = image.shape[0] // factor, image.shape[1] // factor
+        if factor > 1 and min(height, width) < _SMALLEST_SIDE:
+            continue
+        # Rows and columns that do not fill a block are cut off at the far edges, so the principal point stays.
+        camera = view.camera
+        reduced = RasterCamera(
+            width, height, camera.fx / factor, camera.fy / factor, camera.cx / factor, camera.cy / factor, pose
+        )
+        pixels = image if factor == 1 else _block_mean(image, factor)
+        levels[factor] = (wp.array(np.ascontiguousarray(pixels), dtype=wp.uint8, device=rasterizer.device), reduced, None)
+    return TrainingView(levels)
+
+
+def _block_mean(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    """(H // factor, W // factor, 3) mean over blocks of `factor` pixels a side, of encoded values as the loss sees them."""
+    height, width = image.shape[0] // factor, image.shape[1] // factor
+    blocks = image[: height * factor, : width * factor].reshape(height, factor, width, factor, 3)
+    return np.round(blocks.mean(axis=(1, 3), dtype=np.float32)).astype(np.uint8)

@@ -1,0 +1,81 @@
+"""The worker process: one JSON request on stdin, events on stdout, an exit code of the contract.
+
+    {"job": "inspect", "capture": "FOLDER"}              what the folder holds, without reading pixels
+    {"job": "run", "settings": {...}, "folder": "DIR"}   the whole pipeline up to Blender, written into DIR
+
+Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (the traceback goes to stderr, that is to the log).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import traceback
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from .errors import Cancelled, InputError
+from .events import JsonReporter
+from .settings import Settings
+
+
+def main() -> int:
+    """Read the request, do the job, report; returns the exit code."""
+    reporter = JsonReporter(_claim_stdout())
+    signal.signal(signal.SIGINT, _cancel)
+    signal.signal(signal.SIGTERM, _cancel)
+    try:
+        result = _perform(json.loads(sys.stdin.readline()), reporter)
+    except InputError as error:
+        reporter.emit("error", kind="input", message=str(error))
+        return 2
+    except Cancelled:
+        return 130
+    except (MemoryError, OSError) as error:
+        traceback.print_exc()
+        reporter.emit("error", kind="input", message=_explain(error))
+        return 2
+    except Exception as error:
+        traceback.print_exc()
+        reporter.emit("error", kind="defect", message=f"{type(error).__name__}: {error}".splitlines()[0])
+        return 1
+    reporter.emit("result", **result)
+    return 0
+
+
+def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
+    job = request.get("job")
+    if job == "inspect":
+        from .capture import inspect_capture
+
+        return {"summary": asdict(inspect_capture(Path(request["capture"])))}
+    if job == "run":
+        settings = Settings.from_dict(request["settings"])
+        reporter.status("start", "loading")
+        from .pipeline import run
+
+        return {"report": run(settings, Path(request["folder"]), reporter)}
+    raise InputError(f"unknown job '{job}'", remedy="update the program that sends it")
+
+
+def _explain(error: MemoryError | OSError) -> str:
+    """One line for a fault of the machine rather than of ours or of the input."""
+    if isinstance(error, MemoryError):
+        return "the memory is used up - give a smaller --max-size, or a smaller --gaussians"
+    name = f"{error.filename}: " if error.filename else ""
+    return f"{name}{error.strerror or error} - free space or check the permissions, then run again"
+
+
+def _cancel(*_: object) -> None:
+    raise Cancelled
+
+
+def _claim_stdout() -> Any:
+    """Keep stdout for the protocol: what libraries print, from C++ too, goes to stderr instead."""
+    protocol = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    sys.stdout = sys.stderr
+    return protocol
