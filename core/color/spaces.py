@@ -1,0 +1,71 @@
+"""Colour spaces on tensors: sRGB, linear sRGB, CIE XYZ and CIELAB under D65. Differentiable everywhere.
+
+Every function takes and returns (..., 3, H, W) tensors, channels at dimension -3; a list of N colours is (3, N, 1).
+sRGB is display-referred in [0, 1]. `image_to_tensor` and `tensor_to_image` lead from and to (H, W, 3) arrays.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from .matrices import RGB_TO_XYZ
+
+# IEC 61966-2-1
+_SRGB_KNEE = 0.04045
+_LINEAR_KNEE = 0.0031308
+_SLOPE = 12.92
+_OFFSET = 0.055
+_EXPONENT = 2.4
+
+_LAB_KNEE = 6.0 / 29.0  # CIE 15: the cube root gives way to a straight line at its cube
+
+
+def srgb_to_linear(srgb: Tensor) -> Tensor:
+    """Undo the sRGB transfer function (IEC 61966-2-1, piecewise); values below 0 continue its linear part."""
+    # Each branch of `where` is differentiated, so the power must not see values where its slope is infinite or NaN.
+    power = ((srgb.clamp(min=_SRGB_KNEE) + _OFFSET) / (1.0 + _OFFSET)) ** _EXPONENT
+    return torch.where(srgb > _SRGB_KNEE, power, srgb / _SLOPE)
+
+
+def linear_to_srgb(linear: Tensor) -> Tensor:
+    """Apply the sRGB transfer function (IEC 61966-2-1, piecewise); values below 0 continue its linear part."""
+    power = (1.0 + _OFFSET) * linear.clamp(min=_LINEAR_KNEE) ** (1.0 / _EXPONENT) - _OFFSET
+    return torch.where(linear > _LINEAR_KNEE, power, linear * _SLOPE)
+
+
+def apply_matrix(matrix: NDArray[np.float64], image: Tensor) -> Tensor:
+    """Multiply the channels of a (..., 3, H, W) tensor with a (3, 3) matrix."""
+    return (torch.as_tensor(matrix, dtype=image.dtype, device=image.device) @ image.flatten(-2)).view(image.shape)
+
+
+def linear_to_xyz(linear: Tensor) -> Tensor:
+    """Linear sRGB to CIE XYZ, Y of white = 1."""
+    return apply_matrix(RGB_TO_XYZ, linear)
+
+
+def xyz_to_lab(xyz: Tensor) -> Tensor:
+    """CIE XYZ to CIELAB (CIE 15) relative to D65; L* in [0, 100]."""
+    white = torch.as_tensor(RGB_TO_XYZ.sum(1), dtype=xyz.dtype, device=xyz.device)[:, None, None]
+    relative = xyz / white
+    root = relative.clamp(min=_LAB_KNEE**3) ** (1.0 / 3.0)
+    x, y, z = torch.where(relative > _LAB_KNEE**3, root, relative / (3.0 * _LAB_KNEE**2) + 4.0 / 29.0).unbind(-3)
+    return torch.stack([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)], -3)
+
+
+def srgb_to_lab(srgb: Tensor) -> Tensor:
+    """Display-referred sRGB to CIELAB under D65."""
+    return xyz_to_lab(linear_to_xyz(srgb_to_linear(srgb)))
+
+
+def image_to_tensor(image: NDArray) -> Tensor:
+    """(H, W, 3) uint8, or float in [0, 1], to a (3, H, W) float32 tensor in [0, 1]."""
+    pixels = torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, -1, 0)))
+    return pixels.float() / 255.0 if pixels.dtype == torch.uint8 else pixels.float()
+
+
+def tensor_to_image(tensor: Tensor) -> NDArray[np.float32]:
+    """(3, H, W) tensor to an (H, W, 3) float32 array."""
+    return np.ascontiguousarray(tensor.detach().float().cpu().numpy().transpose(1, 2, 0))

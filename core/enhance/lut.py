@@ -1,0 +1,118 @@
+"""A smooth recolouring of the whole colour space: a residual three-dimensional look-up table.
+
+The map is f(c) = clip(c + residual(c)), the residual interpolated trilinearly between the nodes of a regular grid over
+display-referred sRGB. Being a function of the colour alone, it gives one colour the same result in every view.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from ..errors import InputError
+
+CUBE_SIZE = 33
+"""Nodes along an edge of an exported `.cube` file: what grading tools commonly expect."""
+
+_FORMAT = "cvdgs-color-lut"
+_MAX_NODES = 129  # larger tables are no LUT that anyone made on purpose
+
+
+class ColorLut:
+    """A residual LUT over sRGB.
+
+    Args:
+        residual: (N, N, N, 3) floating point, what is added to a colour at the grid node [red, green, blue].
+        description: what the table is for (strings to strings), stored with it.
+    """
+
+    def __init__(self, residual: Tensor, description: dict[str, str] | None = None) -> None:
+        if residual.ndim != 4 or residual.shape != (residual.shape[0],) * 3 + (3,) or residual.shape[0] < 2:
+            raise ValueError(f"a residual of shape (N, N, N, 3) is needed, not {tuple(residual.shape)}")
+        self.residual = residual
+        self.description = dict(description or {})
+
+    @property
+    def nodes(self) -> int:
+        """Grid nodes along an edge."""
+        return self.residual.shape[0]
+
+    def __call__(self, image: NDArray, strength: float = 1.0) -> NDArray[np.float32]:
+        """Recolour an (H, W, 3) uint8 image, or a floating-point one in [0, 1].
+
+        Returns:
+            (H, W, 3) float32 in [0, 1]: image + strength (f(image) - image).
+        """
+        pixels = as_float(image)
+        colors = torch.from_numpy(pixels.reshape(-1, 3))
+        with torch.no_grad():
+            mapped = (colors + interpolate(self.residual.to(colors.dtype), colors)).clamp(0.0, 1.0)
+            return torch.lerp(colors, mapped, strength).reshape(pixels.shape).numpy()
+
+    def save(self, path: Path) -> None:
+        """Write the table as safetensors."""
+        metadata = {**self.description, "format": _FORMAT}
+        save_file({"residual": self.residual.float().contiguous()}, path, metadata=metadata)
+
+    @classmethod
+    def load(cls, path: Path) -> ColorLut:
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: the file is missing, damaged or something else.
+        """
+        remedy = "give a file that cvdgs saved as a colour LUT"
+        try:
+            with safe_open(path, framework="pt") as file:
+                metadata = file.metadata() or {}
+                if metadata.pop("format", "") != _FORMAT:
+                    raise InputError("the file holds no colour LUT", where=path, remedy=remedy)
+                residual = file.get_tensor("residual")
+        except (OSError, SafetensorError) as error:
+            raise InputError(f"the colour LUT cannot be read ({error})", where=path, remedy=remedy) from None
+        shape = tuple(residual.shape)
+        if residual.ndim != 4 or not 2 <= shape[0] <= _MAX_NODES or shape != (shape[0],) * 3 + (3,):
+            raise InputError(f"the colour LUT has the shape {shape}", where=path, remedy=remedy)
+        if not torch.isfinite(residual).all():
+            raise InputError("the colour LUT has values that are not finite", where=path, remedy=remedy)
+        return cls(residual.float(), metadata)
+
+    def export_cube(self, path: Path, *, strength: float = 1.0, size: int = CUBE_SIZE, title: str = "cvdgs") -> None:
+        """Write the map as an Adobe/IRIDAS `.cube` file for display-referred sRGB, red varying fastest."""
+        axis = np.linspace(0.0, 1.0, size, dtype=np.float32)
+        blue, green, red = np.meshgrid(axis, axis, axis, indexing="ij")
+        colors = self(np.stack([red, green, blue], -1).reshape(size * size, size, 3), strength).reshape(-1, 3)
+        title = "".join(c for c in title if c.isprintable() and c != '"')
+        header = [
+            "# Input and output are display-referred sRGB.",
+            f'TITLE "{title}"',
+            f"LUT_3D_SIZE {size}",
+            "DOMAIN_MIN 0.0 0.0 0.0",
+            "DOMAIN_MAX 1.0 1.0 1.0",
+        ]
+        rows = [f"{r:.6f} {g:.6f} {b:.6f}" for r, g, b in colors.tolist()]
+        path.write_text("\n".join([*header, *rows]) + "\n", encoding="utf-8")
+
+
+def interpolate(table: Tensor, colors: Tensor) -> Tensor:
+    """Trilinear interpolation of an (N, N, N, 3) table [red, green, blue] at (P, 3) colours in [0, 1]; (P, 3).
+
+    Differentiable with respect to the table; colours outside [0, 1] take the value of the nearest face.
+    """
+    volume = table.permute(3, 0, 1, 2)[None]
+    grid = (colors.flip(-1) * 2.0 - 1.0)[None, None, None]  # grid_sample names the last axis of the volume first
+    sampled = torch.nn.functional.grid_sample(volume, grid, padding_mode="border", align_corners=True)
+    return sampled[0, :, 0, 0].T
+
+
+def as_float(image: NDArray) -> NDArray[np.float32]:
+    """uint8 to [0, 1]; float32 as it is."""
+    if image.dtype == np.uint8:
+        return image.astype(np.float32) / np.float32(255.0)
+    return np.ascontiguousarray(image, np.float32)

@@ -1,0 +1,133 @@
+"""The scene LUT teacher: fits one smooth recolouring so that what normal vision tells apart stays apart under S.
+
+With d the ΔE76 of a pair of colours in the original, d' that of the pair in S(f(·)), the objective is
+
+    E = mean [d >= 2] relu(d - d')² / (d + 5)               contrast that the observer would lose
+      + 0.15 mean ‖Lab(f(c)) - Lab(c)‖² / 20                stay close to the original
+      + 2000 mean ‖f(grey) - grey‖²                         keep greys
+      + 200 mean ‖f(c) - clip(f(c))‖²                       stay in gamut
+      + 1000 mean ‖second difference of the residual‖²      stay smooth: no banding, no hue breaks
+
+The contrast term is one-sided on purpose: contrast beyond the original's is never rewarded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ..color.difference import delta_e_76
+from ..color.simulation import simulate_linear
+from ..color.spaces import linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
+from ..events import Reporter
+from .lut import ColorLut, interpolate
+from .pairs import PairSampling, sample_pairs
+
+_GREYS = 17  # greys held in place
+
+
+@dataclass(frozen=True)
+class TeacherSettings:
+    """Constants of the fit; weights belong to the terms of the module's formula.
+
+    Attributes:
+        nodes: LUT nodes along an edge.
+        steps: Adam steps.
+        pairs: colour pairs a step.
+        learning_rate: of Adam, in units of sRGB.
+        discernible: ΔE76 from which a pair's contrast counts.
+        contrast_offset: ΔE76 added to a pair's contrast where the loss is divided by it.
+    """
+
+    nodes: int = 9
+    steps: int = 250
+    pairs: int = 6000
+    learning_rate: float = 0.01
+    discernible: float = 2.0
+    contrast_offset: float = 5.0
+    naturalness_weight: float = 0.15 / 20.0
+    neutral_weight: float = 2000.0
+    gamut_weight: float = 200.0
+    smoothness_weight: float = 1000.0
+    sampling: PairSampling = field(default_factory=PairSampling)
+
+
+def fit_lut(
+    images: Sequence[NDArray[np.uint8]],
+    cvd: str,
+    severity: float,
+    model: str = "machado",
+    *,
+    alphas: Sequence[NDArray[np.uint8] | None] | None = None,
+    settings: TeacherSettings = TeacherSettings(),
+    seed: int = 0,
+    reporter: Reporter | None = None,
+    stage: str = "enhance",
+) -> ColorLut:
+    """Fit the recolouring of a scene for one observer; deterministic for a seed.
+
+    Args:
+        images: (H, W, 3) uint8 training views.
+        cvd, severity, model: the observer, as for `simulate`.
+        alphas: (H, W) coverage per view or None; uncovered pixels are left out.
+        settings: constants of the fit.
+        seed: draws the pairs.
+        reporter, stage: progress goes there under this name.
+
+    Raises:
+        InputError: an observer that cannot be simulated.
+    """
+    reporter = reporter or Reporter()
+    generator = np.random.default_rng(seed)
+    samples = sample_pairs(images, settings.steps * settings.pairs, generator, settings.sampling, alphas)
+    batches = torch.from_numpy(samples).view(settings.steps, settings.pairs, 2, 3)
+    residual = torch.zeros(*(settings.nodes,) * 3, 3, requires_grad=True)
+    optimizer = torch.optim.Adam([residual], lr=settings.learning_rate)
+    for step, batch in enumerate(batches):
+        loss = _objective(residual, batch.float() / 255.0, cvd, severity, model, settings)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        reporter.progress(stage, (step + 1) / settings.steps, f"loss {loss.item():.3f}")
+    description = {"cvd": cvd, "severity": repr(float(severity)), "simulation": model}
+    return ColorLut(residual.detach(), description)
+
+
+def _objective(
+    residual: Tensor, pairs: Tensor, cvd: str, severity: float, model: str, settings: TeacherSettings
+) -> Tensor:
+    """E for (P, 2, 3) pairs of colours."""
+    mapped = pairs + interpolate(residual, pairs.reshape(-1, 3)).view(pairs.shape)
+    clipped = mapped.clamp(0.0, 1.0)
+    original_lab = srgb_to_lab(_channels_first(pairs))
+    linear = srgb_to_linear(_channels_first(clipped))
+    seen_lab = xyz_to_lab(linear_to_xyz(simulate_linear(linear, cvd, severity, model)))
+
+    contrast = delta_e_76(original_lab[..., :1], original_lab[..., 1:])
+    seen = delta_e_76(seen_lab[..., :1], seen_lab[..., 1:])
+    lost = torch.relu(contrast - seen) ** 2 / (contrast + settings.contrast_offset)
+    # The second pixels have the same distribution as the first, so one half of them is enough here.
+    shift = xyz_to_lab(linear_to_xyz(linear[..., :1])) - original_lab[..., :1]
+    greys = torch.linspace(0.0, 1.0, _GREYS)[:, None].expand(-1, 3)
+    return (
+        (lost * (contrast >= settings.discernible)).mean()
+        + settings.naturalness_weight * (shift**2).sum(0).mean()
+        + settings.neutral_weight * (interpolate(residual, greys) ** 2).mean()
+        + settings.gamut_weight * ((mapped - clipped) ** 2).sum(-1).mean()
+        + settings.smoothness_weight * _roughness(residual)
+    )
+
+
+def _channels_first(pairs: Tensor) -> Tensor:
+    """(P, 2, 3) to (3, P, 2): colour functions want channels at dimension -3."""
+    return pairs.permute(2, 0, 1)
+
+
+def _roughness(residual: Tensor) -> Tensor:
+    """Sum over the three axes of the mean squared second difference."""
+    return torch.stack([torch.diff(residual, n=2, dim=axis).pow(2).mean() for axis in range(3)]).sum()
