@@ -10,7 +10,8 @@ if __name__ == "__main__":
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != root / "core"]
     # Load this very tree as `cvdgs`, whatever its folder is called and whatever is installed.
     spec = importlib.util.spec_from_file_location("cvdgs", root / "__init__.py", submodule_search_locations=[str(root)])
-    assert spec and spec.loader
+    assert spec is not None
+    assert spec.loader is not None
     package = importlib.util.module_from_spec(spec)
     sys.modules["cvdgs"] = package
     spec.loader.exec_module(package)

@@ -1,4 +1,4 @@
-"""A run as its user meets it on a console: workers started, progress shown, results put in place. Standard library only."""
+"""A run as its user meets it on a console: workers, progress, results put in place. Standard library only."""
 
 from __future__ import annotations
 
@@ -39,7 +39,15 @@ def run_in_console(settings: Settings, *, json_events: bool) -> int:
     Args:
         json_events: write the events to stdout as JSON lines instead of a progress bar on stderr.
     """
-    stages = ("start", "capture", "enhance", "geometry", "layers", "evaluate", *(("blender",) if settings.blend else ()))
+    stages = (
+        "start",
+        "capture",
+        "enhance",
+        "geometry",
+        "layers",
+        "evaluate",
+        *(("blender",) if settings.blend else ()),
+    )
     display: Callable[[Event], None] = _JsonDisplay(sys.stdout) if json_events else _BarDisplay(sys.stderr, stages)
     previous = {number: signal.signal(number, _cancel) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

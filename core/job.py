@@ -1,7 +1,7 @@
-"""Runs a worker process and listens to it: what the command line, the add-on and a farm node share. Standard library only.
+"""A worker process and how to listen to it, for the command line, the add-on and a farm node. Standard library only.
 
-The worker is a separate process with its own interpreter, because Blender's Python has neither torch nor Warp. It speaks
-the protocol of `events` on stdout; whatever else appears there or on stderr goes to the log.
+The worker is a separate process with its own interpreter, because Blender's Python has neither torch nor Warp. It
+speaks the protocol of `events` on stdout; whatever else appears there or on stderr goes to the log.
 """
 
 from __future__ import annotations
@@ -69,7 +69,12 @@ def blender_command(arguments: list[str]) -> list[str]:
     if _has_modules("bpy"):
         return [sys.executable, str(BLENDER_WORKER), *arguments]
     python = find_python()
-    if subprocess.run([python, "-c", "import importlib.util as u, sys; sys.exit(u.find_spec('bpy') is None)"]).returncode == 0:
+    if (
+        subprocess.run(
+            [python, "-c", "import importlib.util as u, sys; sys.exit(u.find_spec('bpy') is None)"]
+        ).returncode
+        == 0
+    ):
         return [python, str(BLENDER_WORKER), *arguments]
     raise InputError(
         "no Blender is found for scene.blend",
@@ -90,7 +95,9 @@ class Job:
         log: receives every line that the worker writes, stderr included.
     """
 
-    def __init__(self, command: list[str], request: Event | None = None, log: Callable[[str], None] = lambda _: None) -> None:
+    def __init__(
+        self, command: list[str], request: Event | None = None, log: Callable[[str], None] = lambda _: None
+    ) -> None:
         environment = dict(os.environ)
         # Blender sets these for its own Python; they would lead the worker's interpreter astray.
         for name in ("PYTHONHOME", "PYTHONPATH"):
@@ -115,8 +122,12 @@ class Job:
                 errors="replace",
             )
         except OSError as error:
-            raise InputError(f"cannot be started ({error.strerror})", where=command[0], remedy="check the installation") from None
-        assert self._process.stdin and self._process.stdout and self._process.stderr
+            raise InputError(
+                f"cannot be started ({error.strerror})", where=command[0], remedy="check the installation"
+            ) from None
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        assert self._process.stderr is not None
         try:
             if request is not None:
                 self._process.stdin.write(json.dumps(request) + "\n")

@@ -1,9 +1,8 @@
-"""The stages of a run up to Blender: capture, geometry, enhancement, colour layers, evaluation. Writes into one folder."""
+"""The stages of a run up to Blender: capture, geometry, enhancement, colour layers, evaluation."""
 
 from __future__ import annotations
 
 import importlib.metadata
-import os
 import platform
 import resource
 import sys
@@ -15,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 import warp as wp
 from numpy.typing import NDArray
 
@@ -114,7 +112,12 @@ def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
 
 
 def _train(
-    settings: Settings, capture: Capture, split: Split, rasterizer: raster.Rasterizer, background: Background, reporter: Reporter
+    settings: Settings,
+    capture: Capture,
+    split: Split,
+    rasterizer: raster.Rasterizer,
+    background: Background,
+    reporter: Reporter,
 ) -> TrainingResult:
     plan = TrainingPlan(
         steps=settings.iterations,
@@ -165,7 +168,10 @@ def _fit_layers(
     fitted: dict[str, Gaussians] = {}
     for index, layer in enumerate(settings.layers):
         reporter.status("layers", f"{layer.name}: fitting colours")
-        views = [_with_image(capture.views[i], read_png(_enhanced_path(folder, layer, capture.views[i]))) for i in split.train]
+        views = [
+            _with_image(capture.views[i], read_png(_enhanced_path(folder, layer, capture.views[i])))
+            for i in split.train
+        ]
 
         def progress(fraction: float, index: int = index, name: str = layer.name) -> None:
             reporter.progress("layers", (index + fraction) / len(settings.layers), f"{name}: fitting colours")

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from .job import Event
 
-# Share of a run's time that each stage takes, measured on two cores with the embedded demo; only the estimate of the time
-# left depends on it, and that corrects itself as the run goes on.
+# Share of a run's time that each stage takes, measured on two cores with the embedded demo; only the estimate of the
+# time left depends on it, and that corrects itself as the run goes on.
 STAGE_SHARES = {
     "start": 0.03,
     "capture": 0.03,
@@ -35,6 +35,7 @@ class RunProgress:
     stage: str = ""
     message: str = ""
     _fraction: float = 0.0
+    _reached: float = 0.0
     _stage_seconds_left: float | None = None
     _started: float = field(default_factory=time.monotonic)
     _updated: float = field(default_factory=time.monotonic)
@@ -53,14 +54,12 @@ class RunProgress:
 
     @property
     def fraction(self) -> float:
-        """Of the whole run, in [0, 1]."""
-        done = 0.0
-        for name in self.stages:
-            if name == self.stage:
-                done += STAGE_SHARES.get(name, 0.0) * self._fraction
-                break
-            done += STAGE_SHARES.get(name, 0.0)
-        return min(done / self._total, 1.0)
+        """Of the whole run, in [0, 1]; it stands still in a stage that was not expected."""
+        if self.stage in self.stages:
+            before = sum(STAGE_SHARES.get(name, 0.0) for name in self.stages[: self.stages.index(self.stage)])
+            here = STAGE_SHARES.get(self.stage, 0.0) * self._fraction
+            self._reached = max(self._reached, min((before + here) / self._total, 1.0))
+        return self._reached
 
     @property
     def seconds_left(self) -> float | None:

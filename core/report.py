@@ -1,4 +1,4 @@
-"""report.json and report.html of a finished run. Standard library only: written by the process that started the workers."""
+"""report.json and report.html of a finished run. Standard library only: the process that started the workers writes."""
 
 from __future__ import annotations
 
@@ -129,7 +129,8 @@ def _timings(seconds: dict[str, float | None]) -> str:
         for name, value in stages
     )
     rows = "".join(
-        f"<tr><td><span style='color:{colors.get(name, 'inherit')}'>■</span> {name}</td><td>{_number(value, 1)} s</td></tr>"
+        f"<tr><td><span style='color:{colors.get(name, 'inherit')}'>■</span> {name}</td>"
+        f"<td>{_number(value, 1)} s</td></tr>"
         for name, value in [*stages, ("total", total)]
     )
     return f"<div class='bar'>{bar}</div><table><tbody>{rows}</tbody></table>"
@@ -165,7 +166,8 @@ def _curve(curve: list[dict[str, float]]) -> str:
 def _notes(report: dict[str, Any]) -> str:
     items = [f"<li><code>{html.escape(name)}</code> {html.escape(text)}</li>" for name, text in report["notes"].items()]
     items += [
-        f"<li><code>{html.escape(item['name'])}</code> {html.escape(item['message'])}</li>" for item in report["warnings"]
+        f"<li><code>{html.escape(item['name'])}</code> {html.escape(item['message'])}</li>"
+        for item in report["warnings"]
     ]
     facts = {**report["versions"], "device": report["device"], "peak memory": f"{report['peak_memory_mb']} MB"}
     text = " · ".join(f"{html.escape(str(k))} {html.escape(str(v))}" for k, v in facts.items())

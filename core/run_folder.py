@@ -1,4 +1,4 @@
-"""The output folder of a run: staged beside the old result, put in place only when it is complete. Standard library only.
+"""The output folder of a run: staged, and put in place only when it is complete. Standard library only.
 
 A run writes into ``OUT/.partial`` (same file system, so that moving is a rename). `RunFolder.commit` replaces what an
 earlier run left; `RunFolder.abort` removes every trace. A lock on ``OUT/.lock`` keeps two runs apart and vanishes with
@@ -19,7 +19,17 @@ _STAGING = ".partial"
 _RETIRED = ".replaced"
 _LOCK = ".lock"
 # What a run may have written, by the contract of design.md. Nothing else in the folder is touched.
-_OWN_NAMES = ("capture", "enhanced", "renders", "stills", "turntable", "scene.blend", "report.json", "report.html", "run.log")
+_OWN_NAMES = (
+    "capture",
+    "enhanced",
+    "renders",
+    "stills",
+    "turntable",
+    "scene.blend",
+    "report.json",
+    "report.html",
+    "run.log",
+)
 _OWN_PATTERNS = ("splats*.ply", "layer.*.cube")
 
 

@@ -104,8 +104,12 @@ class Settings:
         if self.sh_degree is not None:
             _one_of(self.sh_degree, (0, 1, 2, 3), "--sh-degree")
         _at_least(self.max_size, MIN_SIZE, "--max-size")
-        _check(self.holdout == 0 or self.holdout >= 2, f"{self.holdout} would keep every view for testing", "--holdout",
-               "give 0 for none, or 2 and more")
+        _check(
+            self.holdout == 0 or self.holdout >= 2,
+            f"{self.holdout} would keep every view for testing",
+            "--holdout",
+            "give 0 for none, or 2 and more",
+        )
         _at_least(self.holdout, 0, "--holdout")
         _one_of(self.device, DEVICES, "--device")
         _within(self.seed, 0, 2**31 - 1, "--seed")
@@ -124,8 +128,12 @@ class Settings:
             "use --engine cycles",
         )
         _check(not self.resume, "adding to a finished run is not implemented yet", "--resume", "leave it out")
-        _check(self.enhancer in ("lut", "none"), f"enhancer '{self.enhancer}' is not implemented yet", "--enhancer",
-               "use --enhancer lut or none")
+        _check(
+            self.enhancer in ("lut", "none"),
+            f"enhancer '{self.enhancer}' is not implemented yet",
+            "--enhancer",
+            "use --enhancer lut or none",
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """A JSON-ready dictionary; `from_dict` reads it back."""

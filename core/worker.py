@@ -3,7 +3,7 @@
     {"job": "inspect", "capture": "FOLDER"}              what the folder holds, without reading pixels
     {"job": "run", "settings": {...}, "folder": "DIR"}   the whole pipeline up to Blender, written into DIR
 
-Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (the traceback goes to stderr, that is to the log).
+Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (its traceback goes to stderr, so to the log).
 """
 
 from __future__ import annotations

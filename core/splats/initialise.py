@@ -1,4 +1,4 @@
-"""The first Gaussians of a scene: from sparse points, or from the cameras' frustums when there are too few. numpy, scipy."""
+"""The first Gaussians of a scene: from sparse points, or from the cameras' frustums when there are too few."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class InitialGaussians:
 
 
 def _neighbour_distance(means: NDArray[np.float32], neighbours: int) -> NDArray[np.float64]:
-    """(N,) mean distance to the nearest neighbours, kept away from 0 (points that coincide) by the median's thousandth."""
+    """(N,) mean distance to the nearest neighbours; points that coincide get a thousandth of the median."""
     count = len(means)
     if count < 2:
         return np.full(count, 0.1)

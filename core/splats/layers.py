@@ -1,4 +1,4 @@
-"""Colour layers: the colours of a finished geometry, fitted to the enhanced views. Geometry and opacity stay as they are."""
+"""Colour layers: the colours of a finished geometry, fitted to the enhanced views."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .targets import Background, prepare_targets
 class LayerPlan:
     """How a colour layer is fitted.
 
-    With the geometry frozen the image is linear in the degree-0 colours, so this is a convex problem; the absolute error
-    makes the colour that most views agree on win over the one that a few drifted to.
+    With the geometry frozen the image is linear in the degree-0 colours, so this is a convex problem; the absolute
+    error makes the colour that most views agree on win over the one that a few drifted to.
 
     Attributes:
         epochs: passes over the views.

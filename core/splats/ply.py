@@ -15,11 +15,39 @@ import numpy as np
 from ..errors import InputError
 from .gaussians import Gaussians
 
-_REQUIRED = ("x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "opacity",
-             "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3")
+_REQUIRED = (
+    "x",
+    "y",
+    "z",
+    "f_dc_0",
+    "f_dc_1",
+    "f_dc_2",
+    "opacity",
+    "scale_0",
+    "scale_1",
+    "scale_2",
+    "rot_0",
+    "rot_1",
+    "rot_2",
+    "rot_3",
+)
 _TYPES = {
-    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2", "uint16": "u2",
-    "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
+    "char": "i1",
+    "int8": "i1",
+    "uchar": "u1",
+    "uint8": "u1",
+    "short": "i2",
+    "int16": "i2",
+    "ushort": "u2",
+    "uint16": "u2",
+    "int": "i4",
+    "int32": "i4",
+    "uint": "u4",
+    "uint32": "u4",
+    "float": "f4",
+    "float32": "f4",
+    "double": "f8",
+    "float64": "f8",
 }
 _HEADER_LIMIT = 64 * 1024
 _USE_ANOTHER = "choose a 3D Gaussian splatting .ply (from this software, SuperSplat, Postshot, ...)"
@@ -37,7 +65,7 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> None:
     columns = {name: i for i, name in enumerate(names)}
     table[:, 0:3] = gaussians.means
     table[:, 6:9] = gaussians.sh[:, 0]
-    table[:, 9 : 9 + 3 * rest] = gaussians.sh[:, 1:].transpose(0, 2, 1).reshape(count, -1)
+    table[:, 9 : 9 + 3 * rest] = gaussians.sh[:, 1:].transpose(0, 2, 1).reshape(count, 3 * rest)
     table[:, columns["opacity"]] = gaussians.opacity_logits
     table[:, columns["scale_0"] : columns["scale_0"] + 3] = gaussians.log_scales
     table[:, columns["rot_0"] : columns["rot_0"] + 4] = gaussians.quaternions
@@ -66,8 +94,11 @@ def read_ply(path: str | Path) -> Gaussians:
             available = path.stat().st_size - file.tell()
             if count * dtype.itemsize > available:
                 missing = count - available // dtype.itemsize
-                raise InputError(f"the file is cut short: {missing} of {count} Gaussians are missing",
-                                 where=path, remedy="copy or export it again")
+                raise InputError(
+                    f"the file is cut short: {missing} of {count} Gaussians are missing",
+                    where=path,
+                    remedy="copy or export it again",
+                )
             table = np.fromfile(file, dtype, count)
     except OSError as error:
         raise InputError(
@@ -131,8 +162,11 @@ def _read_header(file, path: Path) -> tuple[int, np.dtype]:
     names = [name for name, _ in fields]
     missing = [name for name in _REQUIRED if name not in names]
     if missing or count < 0 or len(set(names)) != len(names):
-        raise InputError(f"a mesh or point cloud, not Gaussians (no {', '.join(missing[:3]) or 'vertex count'})",
-                         where=path, remedy=_USE_ANOTHER)
+        raise InputError(
+            f"a mesh or point cloud, not Gaussians (no {', '.join(missing[:3]) or 'vertex count'})",
+            where=path,
+            remedy=_USE_ANOTHER,
+        )
     if encoding != "binary_little_endian":
         raise InputError(
             f"encoding '{encoding}' is not supported", where=path, remedy="export it as binary little endian"

@@ -6,6 +6,7 @@ when `due`. The schedule is in fractions of the run, so that it suits a run of a
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,7 +40,7 @@ class CloneSplitPrune:
     Attributes:
         start, stop: the fractions of the run between which Gaussians are added.
         rounds: how often between them.
-        gradient_threshold: mean norm of dL/d(centre) in normalised device units above which a region is not well fitted.
+        gradient_threshold: mean norm of dL/d(centre), in normalised device units, of a region that is not fitted well.
         small: largest standard deviation, in frame units, of a Gaussian that is cloned rather than split.
         split_shrink: standard deviations of the two halves are divided by this.
         min_opacity: a Gaussian below it is removed.
@@ -56,7 +57,7 @@ class CloneSplitPrune:
     def due(self, step: int, steps: int) -> bool:
         """Whether to refine after `step` of `steps`."""
         first, last = round(self.start * steps), round(self.stop * steps)
-        every = max((last - first) // self.rounds, 1)
+        every = max(math.ceil((last - first) / self.rounds), 1)
         return first <= step <= last and (step - first) % every == 0
 
     def budget(self, step: int, steps: int, initial: int, limit: int) -> int:

@@ -80,12 +80,16 @@ def _prepare(
             width, height, camera.fx / factor, camera.fy / factor, camera.cx / factor, camera.cy / factor, pose
         )
         pixels = image if factor == 1 else _block_mean(image, factor)
-        levels[factor] = (wp.array(np.ascontiguousarray(pixels), dtype=wp.uint8, device=rasterizer.device), reduced, None)
+        levels[factor] = (
+            wp.array(np.ascontiguousarray(pixels), dtype=wp.uint8, device=rasterizer.device),
+            reduced,
+            None,
+        )
     return TrainingView(levels)
 
 
 def _block_mean(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """(H // factor, W // factor, 3) mean over blocks of `factor` pixels a side, of encoded values as the loss sees them."""
+    """(H // factor, W // factor, 3) mean of the encoded values, as the loss sees them, over square blocks."""
     height, width = image.shape[0] // factor, image.shape[1] // factor
     blocks = image[: height * factor, : width * factor].reshape(height, factor, width, factor, 3)
     return np.round(blocks.mean(axis=(1, 3), dtype=np.float32)).astype(np.uint8)

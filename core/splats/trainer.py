@@ -105,7 +105,9 @@ class Trainer:
         self._background = background
         self._rng = np.random.default_rng(seed)
         self._frame = SceneFrame.around(views, points)
-        self._targets = prepare_targets(rasterizer, views, self._frame, background, {factor for _, factor in plan.coarse})
+        self._targets = prepare_targets(
+            rasterizer, views, self._frame, background, {factor for _, factor in plan.coarse}
+        )
         self._held_out = prepare_targets(
             rasterizer, held_out[:: max(len(held_out) // plan.curve_views, 1)], self._frame, background, set()
         )

@@ -1,0 +1,110 @@
+"""The first Gaussians and the frame in which a scene is trained."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cvdgs.core.capture.model import PinholeCamera, View
+from cvdgs.core.splats.gaussians import Gaussians
+from cvdgs.core.splats.initialise import InitialGaussians
+from cvdgs.core.splats.scene_frame import SceneFrame
+
+
+def ring_of_views(count=8, radius=3.0, centre=(0.0, 0.0, 0.0), size=64) -> list[View]:
+    """Views on a circle around `centre`, looking at it."""
+    views = []
+    for angle in np.linspace(0, 2 * np.pi, count, endpoint=False):
+        position = np.asarray(centre) + radius * np.array([np.cos(angle), np.sin(angle), 0.3])
+        forward = np.asarray(centre) - position
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        rotation = np.stack([right, np.cross(forward, right), forward])
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = rotation, -rotation @ position
+        image = np.full((size, size, 3), 100, np.uint8)
+        views.append(
+            View(f"{angle:.2f}", Path("x.png"), PinholeCamera(size, size, size, size, size / 2, size / 2), pose, image)
+        )
+    return views
+
+
+NO_POINTS = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+
+
+def test_points_become_gaussians_of_their_colour_and_spacing():
+    grid = np.stack(np.meshgrid(*[np.arange(11.0)] * 3), -1).reshape(-1, 3).astype(np.float32)
+    views = ring_of_views(radius=100.0)
+    frame = SceneFrame.around(views, grid)
+    colors = np.full((len(grid), 3), 51, np.uint8)
+    made = InitialGaussians().make(views, grid, colors, frame, np.random.default_rng(0), 10_000)
+    world = frame.to_world(made)
+    np.testing.assert_allclose(world.means, grid, atol=1e-4)
+    np.testing.assert_allclose(np.exp(world.log_scales), 1.0, rtol=1e-3)
+    np.testing.assert_allclose(made.base_colors, 0.2, atol=1e-6)
+    np.testing.assert_allclose(made.opacities, 0.1, atol=1e-6)
+
+
+def test_without_points_the_frustums_around_the_focus_are_sampled():
+    views = ring_of_views(radius=3.0, centre=(5.0, -2.0, 1.0))
+    frame = SceneFrame.around(views, NO_POINTS[0])
+    made = InitialGaussians().make(views, *NO_POINTS, frame, np.random.default_rng(0), 5000)
+    world = frame.to_world(made)
+    assert len(world) == 5000
+    distance = np.linalg.norm(world.means - [5.0, -2.0, 1.0], axis=1)
+    assert np.median(distance) < 3.0
+    for view in views:
+        depth = world.means @ view.world_to_camera[2, :3] + view.world_to_camera[2, 3]
+        assert (depth > 0).mean() > 0.5
+
+
+def test_more_points_than_allowed_are_thinned():
+    points = np.random.default_rng(1).standard_normal((4000, 3)).astype(np.float32)
+    views = ring_of_views()
+    made = InitialGaussians().make(
+        views, points, np.zeros((4000, 3), np.uint8), SceneFrame.around(views, points), np.random.default_rng(0), 1500
+    )
+    assert len(made) == 1500
+
+
+def test_points_that_coincide_get_a_finite_size():
+    points = np.concatenate([np.zeros((600, 3)), np.random.default_rng(0).standard_normal((600, 3))]).astype(np.float32)
+    views = ring_of_views()
+    made = InitialGaussians().make(
+        views, points, np.zeros((1200, 3), np.uint8), SceneFrame.around(views, points), np.random.default_rng(0), 5000
+    )
+    assert np.isfinite(made.log_scales).all()
+
+
+@given(st.integers(0, 10_000))
+@settings(deadline=None, max_examples=20)
+def test_the_frame_and_back_is_the_identity(seed):
+    rng = np.random.default_rng(seed)
+    frame = SceneFrame(rng.uniform(-50, 50, 3), float(np.exp(rng.uniform(-3, 3))))
+    shapes = ((7, 3), (7, 3), (7, 4), (7,), (7, 1, 3))
+    original = Gaussians(*(rng.standard_normal(shape).astype(np.float32) for shape in shapes))
+    back = frame.to_world(frame.from_world(original))
+    np.testing.assert_allclose(back.means, original.means, atol=1e-4)
+    np.testing.assert_allclose(back.log_scales, original.log_scales, atol=1e-5)
+
+
+def test_a_pose_in_the_frame_sees_the_same_pixels():
+    views = ring_of_views(radius=40.0, centre=(1000.0, 2000.0, -5.0))
+    frame = SceneFrame.around(views, NO_POINTS[0])
+    point = np.array([1003.0, 1998.0, -4.0])
+    for view in views:
+        world = view.world_to_camera @ [*point, 1.0]
+        local = frame.world_to_camera(view.world_to_camera) @ [*frame.points(point[None])[0], 1.0]
+        np.testing.assert_allclose(local[:2] / local[2], world[:2] / world[2], atol=1e-5)
+
+
+def test_cameras_that_share_a_centre_take_their_scale_from_the_points():
+    views = ring_of_views(count=4, radius=0.0001)
+    for view in views:
+        view.world_to_camera[:3, 3] = 0.0
+    points = np.random.default_rng(0).standard_normal((100, 3)).astype(np.float32) * 7
+    frame = SceneFrame.around(views, points)
+    assert frame.scale == pytest.approx(1 / np.median(np.linalg.norm(points, axis=1)), rel=1e-5)

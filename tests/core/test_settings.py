@@ -1,0 +1,70 @@
+"""Settings: what is unusable is refused in one line, and they survive the way to the worker."""
+
+import pytest
+
+from cvdgs.core.errors import InputError
+from cvdgs.core.settings import Layer, Settings
+
+
+def settings(**changes) -> Settings:
+    return Settings(capture="photos", out="result", **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "option"),
+    [
+        ({"layers": (Layer("deutan", 2.0),)}, "--severity"),
+        ({"layers": (Layer("deutan", float("nan")),)}, "--severity"),
+        ({"layers": (Layer("purple", 1.0),)}, "--cvd"),
+        ({"layers": (Layer("deutan", 1.0), Layer("deutan", 1.0))}, "--cvd"),
+        ({"layers": ()}, "--cvd"),
+        ({"simulation": "guess"}, "--simulation"),
+        ({"strength": -0.1}, "--strength"),
+        ({"iterations": 0}, "--iterations"),
+        ({"gaussians": 0}, "--gaussians"),
+        ({"sh_degree": 4}, "--sh-degree"),
+        ({"max_size": 8}, "--max-size"),
+        ({"holdout": 1}, "--holdout"),
+        ({"holdout": -3}, "--holdout"),
+        ({"device": "tpu"}, "--device"),
+        ({"seed": -1}, "--seed"),
+    ],
+)
+def test_unusable_values_name_their_option_in_one_line(changes, option):
+    with pytest.raises(InputError) as caught:
+        settings(**changes)
+    assert option in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"mode": "joint"},
+        {"mode": "post"},
+        {"turntable": 36},
+        {"engine": "eevee"},
+        {"resume": True},
+        {"enhancer": "cgan"},
+    ],
+)
+def test_what_is_not_implemented_yet_is_refused_and_not_ignored(changes):
+    with pytest.raises(InputError, match="not implemented yet"):
+        settings(**changes)
+
+
+@pytest.mark.parametrize(
+    ("severity", "name"), [(1.0, "deutan-1.0"), (0.6, "deutan-0.6"), (0.65, "deutan-0.65"), (0.0, "deutan-0.0")]
+)
+def test_a_layer_is_named_after_type_and_severity(severity, name):
+    assert Layer("deutan", severity).name == name
+
+
+def test_settings_survive_the_way_to_the_worker():
+    original = settings(layers=(Layer("protan", 0.5), Layer("tritan", 1.0)), max_size=320, gaussians=900)
+    assert Settings.from_dict(original.to_dict()) == original
+
+
+def test_unknown_settings_are_refused():
+    with pytest.raises(InputError, match="flavour"):
+        Settings.from_dict({**settings().to_dict(), "flavour": "mint"})
