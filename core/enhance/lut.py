@@ -49,11 +49,13 @@ class ColorLut:
         Returns:
             (H, W, 3) float32 in [0, 1]: image + strength (f(image) - image).
         """
-        pixels = as_float(image)
-        colors = torch.from_numpy(pixels.reshape(-1, 3))
+        colors = torch.from_numpy(as_float(image))
         with torch.no_grad():
-            mapped = (colors + interpolate(self.residual.to(colors.dtype), colors)).clamp(0.0, 1.0)
-            return torch.lerp(colors, mapped, strength).reshape(pixels.shape).numpy()
+            mapped = torch.add(
+                colors, interpolate(self.residual.to(colors.dtype), colors), out=torch.empty_like(colors)
+            )
+            mapped.clamp_(0.0, 1.0)
+            return (mapped if strength == 1.0 else torch.lerp(colors, mapped, strength)).numpy()
 
     def save(self, path: Path) -> None:
         """Write the table as safetensors."""
@@ -101,14 +103,16 @@ class ColorLut:
 
 
 def interpolate(table: Tensor, colors: Tensor) -> Tensor:
-    """Trilinear interpolation of an (N, N, N, 3) table [red, green, blue] at (P, 3) colours in [0, 1]; (P, 3).
+    """Trilinear interpolation of an (N, N, N, 3) table [red, green, blue] at (B, P, 3) colours in [0, 1]; (B, P, 3).
 
-    Differentiable with respect to the table; colours outside [0, 1] take the value of the nearest face.
+    Differentiable with respect to the table; colours outside [0, 1] take the value of the nearest face. torch works on
+    the B rows in parallel.
     """
-    volume = table.permute(3, 0, 1, 2)[None]
-    grid = (colors.flip(-1) * 2.0 - 1.0)[None, None, None]  # grid_sample names the last axis of the volume first
+    # grid_sample's first coordinate runs along the last axis of its volume, so red has to become the last.
+    volume = table.permute(3, 2, 1, 0).expand(len(colors), -1, -1, -1, -1)
+    grid = (colors * 2.0 - 1.0)[:, None, None]
     sampled = torch.nn.functional.grid_sample(volume, grid, padding_mode="border", align_corners=True)
-    return sampled[0, :, 0, 0].T
+    return sampled[:, :, 0, 0].transpose(1, 2)
 
 
 def as_float(image: NDArray) -> NDArray[np.float32]:

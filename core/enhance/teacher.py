@@ -102,7 +102,7 @@ def _objective(
     residual: Tensor, pairs: Tensor, cvd: str, severity: float, model: str, settings: TeacherSettings
 ) -> Tensor:
     """E for (P, 2, 3) pairs of colours."""
-    mapped = pairs + interpolate(residual, pairs.reshape(-1, 3)).view(pairs.shape)
+    mapped = pairs + interpolate(residual, pairs.view(1, -1, 3)).reshape(pairs.shape)
     clipped = mapped.clamp(0.0, 1.0)
     original_lab = srgb_to_lab(_channels_first(pairs))
     linear = srgb_to_linear(_channels_first(clipped))
@@ -113,7 +113,7 @@ def _objective(
     lost = torch.relu(contrast - seen) ** 2 / (contrast + settings.contrast_offset)
     # The second pixels have the same distribution as the first, so one half of them is enough here.
     shift = xyz_to_lab(linear_to_xyz(linear[..., :1])) - original_lab[..., :1]
-    greys = torch.linspace(0.0, 1.0, _GREYS)[:, None].expand(-1, 3)
+    greys = torch.linspace(0.0, 1.0, _GREYS)[None, :, None].expand(-1, -1, 3)
     return (
         (lost * (contrast >= settings.discernible)).mean()
         + settings.naturalness_weight * (shift**2).sum(0).mean()
