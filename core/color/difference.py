@@ -22,5 +22,7 @@ def delta_e_2000(first: Tensor, second: Tensor) -> Tensor:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*Matplotlib.*")  # of no concern to our user
         from colour.difference import delta_E_CIE2000  # late: it takes a second to import
-    labs = [srgb_to_lab(image.detach().double()).movedim(-3, -1).cpu().numpy() for image in (first, second)]
-    return torch.as_tensor(delta_E_CIE2000(*labs))
+    first_lab, second_lab = (
+        srgb_to_lab(image.detach().double()).movedim(-3, -1).cpu().numpy() for image in (first, second)
+    )
+    return torch.as_tensor(delta_E_CIE2000(first_lab, second_lab))

@@ -27,7 +27,7 @@ class WarpingError:
         e_warp: Lai et al. 2018, "Learning blind video temporal consistency": mean squared distance of the colours over
             a view pair's correspondences, averaged over view pairs.
         e_warp_original: the same of the originals.
-        normalized_ratio: `ratio` with each difference divided by the standard deviation of its own view pair, so that
+        normalised_ratio: `ratio` with each difference divided by the standard deviation of its own view pair, so that
             an image set does not gain by losing contrast.
         correspondences: number of pixel correspondences.
         view_pairs: number of view pairs that have any.
@@ -38,7 +38,7 @@ class WarpingError:
     absolute_original: float
     e_warp: float
     e_warp_original: float
-    normalized_ratio: float
+    normalised_ratio: float
     correspondences: int
     view_pairs: int
 
@@ -73,7 +73,7 @@ def relative_warping_error(
         absolute_original=_quotient(sum(s.absolute for s in before), total * channels),
         e_warp=_quotient(sum(s.squared / n for s, n in zip(after, counts, strict=True)), len(used)),
         e_warp_original=_quotient(sum(s.squared / n for s, n in zip(before, counts, strict=True)), len(used)),
-        normalized_ratio=_quotient(
+        normalised_ratio=_quotient(
             sum(_quotient(s.absolute, s.deviation) for s in after),
             sum(_quotient(s.absolute, s.deviation) for s in before),
         ),
