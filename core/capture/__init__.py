@@ -1,0 +1,16 @@
+"""Captures: photographs with known cameras, read from COLMAP, transforms.json or photographs alone."""
+
+from .model import Capture, CaptureSummary, CaptureWarning, PinholeCamera, View
+from .normalised import write_capture
+from .reader import inspect_capture, read_capture
+
+__all__ = [
+    "Capture",
+    "CaptureSummary",
+    "CaptureWarning",
+    "PinholeCamera",
+    "View",
+    "inspect_capture",
+    "read_capture",
+    "write_capture",
+]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class PinholeCamera:
-    """Intrinsics of an undistorted view, in pixels; pixel centres lie at +0.5 (OpenCV axes: x right, y down, z forward)."""
+    """Intrinsics of an undistorted view, in pixels; centres at +0.5 (OpenCV axes: x right, y down, z forward)."""
 
     width: int
     height: int
@@ -80,4 +80,25 @@ class Capture:
     views: tuple[View, ...]
     points: NDArray[np.float32]
     point_colors: NDArray[np.uint8]
+    warnings: tuple[CaptureWarning, ...] = field(default=())
+
+
+@dataclass(frozen=True)
+class CaptureSummary:
+    """What is known of a capture before any pixel is read.
+
+    Attributes:
+        source: the path that was given.
+        format: "colmap", "transforms" or "sfm".
+        views: number of usable photographs.
+        sizes: (width, height, number of photographs) as they are upright, most frequent first.
+        points: number of sparse points.
+        warnings: in the order in which they were noticed.
+    """
+
+    source: Path
+    format: str
+    views: int
+    sizes: tuple[tuple[int, int, int], ...]
+    points: int
     warnings: tuple[CaptureWarning, ...] = field(default=())

@@ -1,0 +1,215 @@
+"""COLMAP models, binary and text, old and with rigs, read through pycolmap."""
+
+from __future__ import annotations
+
+import copy
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .colmap_check import check_binary, check_text
+from .files import is_file, list_images, quote_first, resolve_inside
+from .poses import rigid_pose
+from .source import SourceModel, SourceView
+
+_MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", ".")
+_IMAGE_FOLDERS = ("images", "colmap/images", "input", "rgb")
+# A point that one view alone sees has no depth.
+_MIN_TRACK_LENGTH = 2
+_EXPORT_AGAIN = "copy or export the COLMAP model again"
+
+
+@dataclass(frozen=True)
+class ColmapFolder:
+    """A COLMAP model and the capture it belongs to.
+
+    Attributes:
+        root: the capture folder.
+        model: the folder of the model files.
+        others: further sub-models beside it.
+    """
+
+    root: Path
+    model: Path
+    others: tuple[Path, ...] = ()
+
+
+def find_colmap(folder: Path) -> ColmapFolder | None:
+    """The COLMAP model of the capture in `folder`, which may also be the model's own folder (``scene/sparse/0``)."""
+    for relative in _MODEL_FOLDERS:
+        candidates = _models_in(folder / relative)
+        if candidates:
+            largest = max(candidates, key=_image_count)
+            others = tuple(path for path in candidates if path != largest)
+            root = _capture_root(folder) if relative == "." else folder
+            return ColmapFolder(root, largest, others)
+    return None
+
+
+def read_colmap(found: ColmapFolder) -> SourceModel:
+    """Read a COLMAP model; views without a pose or an image file are left out, and counted in a warning.
+
+    Raises:
+        InputError: a file is missing, cut or damaged, or a name leaves the image folder.
+    """
+    reconstruction = load_reconstruction(found.model)
+    model = SourceModel("colmap", found.model, [])
+    if found.others:
+        names = quote_first(path.name for path in found.others)
+        model.warn(
+            "several-models", f"{found.model}: the largest of {len(found.others) + 1} models is used, not {names}"
+        )
+    add_views(model, reconstruction, _image_folder(found, reconstruction))
+    model.points, model.point_colors = sparse_points(reconstruction)
+    return model
+
+
+def load_reconstruction(folder: Path) -> pycolmap.Reconstruction:
+    """The model in `folder`, binary if it has both forms.
+
+    Raises:
+        InputError: a file is missing, cut or damaged.
+    """
+    suffix = ".bin" if is_file(folder / "images.bin") else ".txt"
+    for name in ("cameras", "images", "points3D"):
+        if not is_file(folder / (name + suffix)):
+            raise InputError(f"{name}{suffix} is missing", where=folder, remedy=_EXPORT_AGAIN)
+    try:
+        reconstruction = pycolmap.Reconstruction()
+        if suffix == ".bin":
+            check_binary(folder)
+            reconstruction.read_binary(str(folder))
+        else:
+            check_text(folder)
+            reconstruction.read_text(str(folder))
+    except (ValueError, IndexError, RuntimeError, MemoryError, OSError, OverflowError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"the COLMAP model is damaged ({reason})", where=folder, remedy=_EXPORT_AGAIN) from None
+    return reconstruction
+
+
+def add_views(model: SourceModel, reconstruction: pycolmap.Reconstruction, image_folder: Path) -> None:
+    """Append the registered images of `reconstruction` whose files exist below `image_folder`."""
+    images = [reconstruction.image(image_id) for image_id in reconstruction.reg_image_ids()]
+    _refuse_repeated_names([image.name for image in images], model.file)
+    # pycolmap gives a new object at every access; one object a camera lets the views share their undistortion.
+    cameras = {camera_id: _checked_camera(camera, model.file) for camera_id, camera in reconstruction.cameras.items()}
+    missing = []
+    reshaped = []
+    for image in images:
+        path = resolve_inside(image_folder, image.name, where=model.file)
+        if not path.exists():
+            missing.append(image.name)
+            continue
+        matrix = np.asarray(image.cam_from_world().matrix(), np.float64)
+        pose, repaired = rigid_pose(matrix, frame=image.name, where=model.file)
+        if repaired:
+            reshaped.append(image.name)
+        model.views.append(SourceView(image.name, path, cameras[image.camera_id], pose))
+    if missing:
+        model.warn(
+            "missing-images",
+            f"{model.file}: {len(missing)} of {len(images)} images are missing in {image_folder} and left out: "
+            f"{quote_first(sorted(missing))}",
+        )
+    if reshaped:
+        model.warn("reorthonormalised", f"{model.file}: rotations made orthonormal: {quote_first(sorted(reshaped))}")
+    registered = {image.name for image in images}
+    unregistered = [name for name in list_images(image_folder) if name not in registered]
+    if unregistered:
+        model.warn(
+            "unregistered",
+            f"{image_folder}: {len(unregistered)} photographs without camera are left out: {quote_first(unregistered)}",
+        )
+
+
+def sparse_points(reconstruction: pycolmap.Reconstruction) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """(P, 3) positions and (P, 3) colours of the points that at least two views see."""
+    points = [p for p in reconstruction.points3D.values() if p.track.length() >= _MIN_TRACK_LENGTH]
+    if not points:
+        return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+    return np.array([p.xyz for p in points], np.float32), np.array([p.color for p in points], np.uint8)
+
+
+def _models_in(folder: Path) -> list[Path]:
+    """`folder` itself if it holds a model, else its numbered sub-models."""
+    if _is_model(folder):
+        return [folder]
+    if not folder.is_dir():
+        return []
+    numbered = sorted((path for path in folder.iterdir() if path.name.isdigit()), key=lambda path: int(path.name))
+    return [path for path in numbered if _is_model(path)]
+
+
+def _is_model(folder: Path) -> bool:
+    return any(is_file(folder / name) for name in ("images.bin", "images.txt", "cameras.bin", "points3D.bin"))
+
+
+def _image_count(folder: Path) -> int:
+    """Number of images in a binary model, whose count stands first; of a text model, its lines."""
+    binary, text = folder / "images.bin", folder / "images.txt"
+    if is_file(binary):
+        with open(binary, "rb") as file:
+            return int.from_bytes(file.read(8), "little")
+    if is_file(text):
+        with open(text, "rb") as file:
+            return sum(not line.startswith(b"#") for line in file) // 2
+    return 0
+
+
+def _capture_root(model: Path) -> Path:
+    """The capture that a model's folder belongs to: the nearest of it and its parents that has an image folder."""
+    absolute = model.resolve()
+    for folder in (absolute, *list(absolute.parents)[:3]):
+        if any((folder / name).is_dir() for name in _IMAGE_FOLDERS):
+            return folder
+    return model
+
+
+def _image_folder(found: ColmapFolder, reconstruction: pycolmap.Reconstruction) -> Path:
+    """The folder that holds most of the registered images."""
+    names = [reconstruction.image(image_id).name for image_id in reconstruction.reg_image_ids()]
+    if not names:
+        raise InputError(
+            "the COLMAP model has no registered image", where=found.model, remedy="run COLMAP's mapper again"
+        )
+    downscaled = sorted(path.name for path in found.root.glob("images_*") if path.is_dir())
+    candidates = [found.root / name for name in (*_IMAGE_FOLDERS, *downscaled, ".")]
+    folders = [folder for folder in candidates if folder.is_dir()]
+    return max(folders, key=lambda folder: sum(is_file(folder / name.replace("\\", "/")) for name in names))
+
+
+def _checked_camera(camera: pycolmap.Camera, where: Path) -> pycolmap.Camera:
+    check_camera(camera, frame=f"camera {camera.camera_id}", where=where)
+    return copy.copy(camera)
+
+
+def check_camera(camera: pycolmap.Camera, *, frame: str, where: Path) -> None:
+    """Refuse intrinsics that describe no perspective or fisheye camera.
+
+    Raises:
+        InputError: not finite, focal length or size not positive, or a full panorama.
+    """
+    remedy = "export the cameras again"
+    if camera.is_spherical():
+        raise InputError(
+            f"{frame} is a full panorama", where=where, remedy="split it into perspective photographs first"
+        )
+    focal = [camera.focal_length_x, camera.focal_length_y]
+    if not np.isfinite(camera.params).all() or min(focal) <= 0.0:
+        raise InputError(f"the focal length or another parameter of {frame} is unusable", where=where, remedy=remedy)
+    if camera.width < 1 or camera.height < 1:
+        raise InputError(f"{frame} has no image size", where=where, remedy=remedy)
+
+
+def _refuse_repeated_names(names: list[str], where: Path) -> None:
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        raise InputError(
+            f"two images have the same name: {quote_first(sorted(repeated))}", where=where, remedy="keep one of them"
+        )

@@ -1,0 +1,126 @@
+"""Files of a capture folder: safe paths, natural order and keys. Standard library only."""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePosixPath
+
+from ..errors import InputError
+
+# What OpenImageIO reads and what cameras, scanners and renderers write.
+IMAGE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm")
+
+_UNSAFE_IN_KEY = re.compile(r"[^A-Za-z0-9._-]+")
+# Names that Windows keeps for devices, with or without an extension.
+_WINDOWS_DEVICE = re.compile(r"^(con|prn|aux|nul|com[1-9]|lpt[1-9])(\.|$)", re.IGNORECASE)
+# Output files add a suffix; file systems stop at 255 bytes.
+_KEY_LENGTH = 120
+
+
+def is_file(path: Path) -> bool:
+    """Whether `path` exists as a regular file; False where it cannot be looked at (a cyclic link, a name too long)."""
+    try:
+        return stat.S_ISREG(path.stat().st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Sort key under which ``2.jpg`` comes before ``10.jpg``; total, because text and numbers never meet."""
+    parts = re.split(r"([0-9]+)", name)
+    return tuple((1, int(part), part) if part.isdigit() else (0, 0, part) for part in parts)
+
+
+def resolve_inside(root: Path, name: str, *, where: str | Path) -> Path:
+    """The path of `name` below `root`, for a name that a camera file gives.
+
+    Args:
+        root: the folder that the name must not leave, not even through a symbolic link.
+        name: a relative path with ``/`` or ``\\``.
+        where: the camera file, for the message.
+
+    Raises:
+        InputError: the name is absolute, leaves `root`, or names something other than a regular file.
+    """
+    portable = name.replace("\\", "/")
+    remedy = "use names relative to the capture folder and keep the images inside it"
+    if not portable.strip() or "\0" in portable:
+        raise InputError(f"the image name {name!r} is unusable", where=where, remedy=remedy)
+    if PurePosixPath(portable).is_absolute() or re.match(r"^[A-Za-z]:", portable):
+        raise InputError(f"the image name {name!r} is an absolute path", where=where, remedy=remedy)
+    path = root / portable
+    try:
+        resolved, inside = path.resolve(), root.resolve()
+    except (OSError, RuntimeError):
+        raise InputError(f"the image name {name!r} leads into a cycle of links", where=where, remedy=remedy) from None
+    if not resolved.is_relative_to(inside):
+        raise InputError(f"the image name {name!r} leaves the capture folder", where=where, remedy=remedy)
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return path
+    except OSError as error:
+        raise InputError(f"the image {name!r} cannot be read ({error.strerror})", where=where, remedy=remedy) from None
+    if not stat.S_ISREG(mode):
+        raise InputError(f"the image name {name!r} is not a regular file", where=where, remedy=remedy)
+    return path
+
+
+def list_images(folder: Path) -> list[str]:
+    """Names, relative to `folder` with ``/`` and in natural order, of the image files in it and below it."""
+    names = []
+    for directory, subfolders, files in os.walk(folder, followlinks=False):
+        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
+        for file in files:
+            path = Path(directory, file)
+            if path.suffix.lower() in IMAGE_EXTENSIONS and not file.startswith(".") and is_file(path):
+                names.append(path.relative_to(folder).as_posix())
+    return sorted(names, key=natural_key)
+
+
+def make_keys(names: Sequence[str]) -> list[str]:
+    """File-system-safe keys for distinct image names, in order: ``images/cam1/0001.jpg`` becomes ``cam1_0001``.
+
+    The folders that all names share are left out, so the key of a key is itself. Keys differ in more than their case.
+    """
+    paths = [PurePosixPath(name.replace("\\", "/")) for name in names]
+    folders = [[part for part in path.parts[:-1] if part != "."] for path in paths]
+    shared = _shared_length(folders)
+    plain = [_safe("_".join([*folder[shared:], path.stem])) for folder, path in zip(folders, paths, strict=True)]
+    occurrences = Counter(key.lower() for key in plain)
+    taken: set[str] = set()
+    keys = []
+    for key, path in zip(plain, paths, strict=True):
+        # Two images that differ in the extension alone stay readable: 0001_jpg, 0001_png.
+        base = f"{key}_{path.suffix[1:]}" if occurrences[key.lower()] > 1 and path.suffix else key
+        key, serial = base, 1
+        while key.lower() in taken:
+            serial += 1
+            key = f"{base}-{serial}"
+        taken.add(key.lower())
+        keys.append(key)
+    return keys
+
+
+def _shared_length(folders: list[list[str]]) -> int:
+    """How many leading parts all `folders` have in common."""
+    return next(
+        (depth for depth, parts in enumerate(zip(*folders, strict=False)) if len(set(parts)) > 1),
+        min(map(len, folders), default=0),
+    )
+
+
+def _safe(text: str) -> str:
+    text = _UNSAFE_IN_KEY.sub("_", text).strip(".")[:_KEY_LENGTH] or "view"
+    return f"_{text}" if _WINDOWS_DEVICE.match(text) else text
+
+
+def quote_first(names: Iterable[str], limit: int = 3) -> str:
+    """The first `limit` names and how many more there are, for a message."""
+    names = list(names)
+    more = f" and {len(names) - limit} more" if len(names) > limit else ""
+    return ", ".join(names[:limit]) + more

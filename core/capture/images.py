@@ -1,0 +1,234 @@
+"""Photographs through OpenImageIO: headers, pixels as display-referred sRGB, and scaling."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+from numpy.typing import NDArray
+
+from ..errors import InputError
+
+# Above every camera on sale (the largest sensors have 151 MP, 14,204 px a side) and what two threads can hold decoded.
+MAX_SIDE = 16_384
+MAX_MEGAPIXELS = 200
+# Below this no training view holds a patch that a loss or a metric could use (SSIM looks at 11 x 11).
+MIN_SIDE = 16
+
+# EXIF orientations 5 to 8 exchange width and height.
+_TRANSPOSING_ORIENTATIONS = frozenset({5, 6, 7, 8})
+_COPY_AGAIN = "copy or export the image again"
+
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """What an image file says about itself.
+
+    Attributes:
+        width, height: in pixels, as stored.
+        orientation: EXIF orientation, 1 (upright) to 8.
+    """
+
+    width: int
+    height: int
+    orientation: int
+
+    @property
+    def upright_size(self) -> tuple[int, int]:
+        """(width, height) after the EXIF orientation is applied."""
+        if self.orientation in _TRANSPOSING_ORIENTATIONS:
+            return self.height, self.width
+        return self.width, self.height
+
+
+def read_header(path: Path) -> ImageHeader:
+    """Read size and orientation without the pixels.
+
+    Raises:
+        InputError: not an image, beyond `MAX_SIDE` or `MAX_MEGAPIXELS`, below `MIN_SIDE`, or CMYK.
+    """
+    file = _open(path)
+    try:
+        spec = file.spec()
+        _check_header(spec, path)
+        orientation = spec.get_int_attribute("Orientation", 1)
+        return ImageHeader(spec.width, spec.height, orientation if 1 <= orientation <= 8 else 1)
+    finally:
+        file.close()
+
+
+def read_pixels(path: Path, *, upright: bool = False) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """Decode an image to display-referred sRGB.
+
+    Integer images are taken as sRGB; floating-point ones (EXR, HDR, float TIFF) as linear with Rec. 709 primaries and
+    encoded and clipped to [0, 1]. Grey becomes RGB. Colours are straight, not premultiplied.
+
+    Args:
+        path: the image file.
+        upright: apply the EXIF orientation.
+
+    Returns:
+        (H, W, 3) uint8 and (H, W) uint8 coverage, or None where there is no alpha channel or it is opaque everywhere.
+
+    Raises:
+        InputError: as `read_header`, or the image is damaged or cut short.
+    """
+    file = _open(path)
+    try:
+        spec = file.spec()
+        _check_header(spec, path)
+        linear = spec.format.basetype in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE)
+        pixels = file.read_image(oiio.FLOAT if linear else oiio.UINT8)
+        # The JPEG and TIFF readers fill what is missing with grey or black, return it, and leave an error behind.
+        error = file.geterror()
+    finally:
+        file.close()
+    if pixels is None or error:
+        reason = error.splitlines()[0] if error else "no pixels could be read"
+        raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
+    pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
+    color, alpha = _split_channels(pixels, spec)
+    if linear:
+        color, alpha = _encode_linear(color, alpha)
+    if alpha is not None and alpha.min() == 255:
+        alpha = None
+    if upright:
+        color = _apply_orientation(color, spec)
+        alpha = None if alpha is None else _apply_orientation(alpha[..., None], spec)[..., 0]
+    return np.ascontiguousarray(color), alpha
+
+
+def write_png(path: Path, image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None) -> None:
+    """Write (H, W, 3) sRGB, and (H, W) coverage if given, as a PNG with straight alpha.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    pixels = image if alpha is None else np.dstack([image, alpha])
+    spec = oiio.ImageSpec(image.shape[1], image.shape[0], pixels.shape[2], oiio.UINT8)
+    spec.attribute("oiio:ColorSpace", "sRGB")
+    spec.attribute("oiio:UnassociatedAlpha", 1)
+    file = oiio.ImageOutput.create("png")
+    written = file.open(str(path), spec) and file.write_image(np.ascontiguousarray(pixels))
+    written = file.close() and written
+    if not written:
+        raise OSError(f"{path}: {file.geterror() or 'the image could not be written'}")
+
+
+def fit_size(width: int, height: int, max_size: int | None) -> tuple[int, int]:
+    """(width, height) with the longer side at most `max_size`; never larger than given."""
+    longer = max(width, height)
+    if max_size is None or longer <= max_size:
+        return width, height
+    return max(1, round(width * max_size / longer)), max(1, round(height * max_size / longer))
+
+
+def downscale(pixels: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    """Resample (H, W, C) to `width` x `height` in one step with an antialiased cubic filter.
+
+    It works on encoded values, not on light: the rasteriser blends encoded colours too, so its mixture of two Gaussians
+    in a pixel is the mixture that the filter made, and published PSNR figures are for photographs scaled this way.
+    """
+    import torch
+
+    if pixels.shape[:2] == (height, width):
+        return pixels
+    planes = torch.from_numpy(pixels).permute(2, 0, 1)[None]
+    scaled = torch.nn.functional.interpolate(planes, size=(height, width), mode="bicubic", antialias=True)
+    return np.ascontiguousarray(scaled[0].permute(1, 2, 0).numpy())
+
+
+def downscale_with_alpha(
+    image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None, width: int, height: int
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """`downscale` for straight colours: what is not covered does not bleed into what is."""
+    if alpha is None or image.shape[:2] == (height, width):
+        return downscale(image, width, height), alpha
+    small_alpha = downscale(alpha[..., None], width, height)[..., 0]
+    covered = alpha[..., None].astype(np.float32) / 255.0
+    premultiplied = downscale_float(image.astype(np.float32) * covered, width, height)
+    coverage = downscale_float(covered, width, height)
+    straight = premultiplied / np.maximum(coverage, 1.0 / 255.0)
+    plain = downscale(image, width, height)
+    colors = np.where(coverage > 1.0 / 255.0, np.clip(np.rint(straight), 0, 255).astype(np.uint8), plain)
+    return colors, small_alpha
+
+
+def downscale_float(pixels: NDArray[np.float32], width: int, height: int) -> NDArray[np.float32]:
+    """`downscale` for (H, W, C) float32, not clipped."""
+    import torch
+
+    planes = torch.from_numpy(np.ascontiguousarray(pixels)).permute(2, 0, 1)[None]
+    scaled = torch.nn.functional.interpolate(planes, size=(height, width), mode="bicubic", antialias=True)
+    return scaled[0].permute(1, 2, 0).numpy()
+
+
+def _open(path: Path) -> oiio.ImageInput:
+    config = oiio.ImageSpec()
+    # Otherwise PNG, TIFF and WebP colours come premultiplied and rounded to 8 bit.
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    file = oiio.ImageInput.open(str(path), config)
+    if file is None:
+        reason = (oiio.geterror() or "unknown format").splitlines()[0]
+        raise InputError(f"the image cannot be opened ({reason})", where=path, remedy=_COPY_AGAIN)
+    return file
+
+
+def _check_header(spec: oiio.ImageSpec, path: Path) -> None:
+    width, height = spec.width, spec.height
+    if max(width, height) > MAX_SIDE or width * height > MAX_MEGAPIXELS * 1_000_000:
+        raise InputError(
+            f"the image is {width} x {height} pixels, the limit is {MAX_SIDE} a side and {MAX_MEGAPIXELS} megapixels",
+            where=path,
+            remedy="export it smaller",
+        )
+    if min(width, height) < MIN_SIDE:
+        raise InputError(
+            f"the image is {width} x {height} pixels, too small to train on (at least {MIN_SIDE} a side)",
+            where=path,
+            remedy="export it larger or remove it from the capture",
+        )
+    if spec.depth > 1 or spec.nchannels < 1:
+        raise InputError("not a flat image", where=path, remedy="export it as PNG, JPEG or TIFF")
+    spaces = [spec.get_string_attribute(name) for name in ("jpeg:ColorSpace", "tiff:ColorSpace", "oiio:ColorSpace")]
+    if any(space.upper() in ("CMYK", "YCCK", "SEPARATED", "COLOR SEPARATED") for space in spaces):
+        raise InputError("the image is CMYK, made for print", where=path, remedy="convert it to RGB (sRGB)")
+
+
+def _split_channels(pixels: NDArray, spec: oiio.ImageSpec) -> tuple[NDArray, NDArray | None]:
+    """(H, W, 3) colour and (H, W) alpha or None; of an EXR with further channels, those named R, G, B and A."""
+    names = [name.upper() for name in spec.channelnames]
+    alpha_index = spec.alpha_channel
+    if all(name in names for name in "RGB"):
+        indices = [names.index(name) for name in "RGB"]
+    else:
+        others = [i for i in range(spec.nchannels) if i != alpha_index]
+        indices = others[:3] if len(others) >= 3 else others[:1] * 3
+    alpha = pixels[..., alpha_index] if 0 <= alpha_index < spec.nchannels and spec.nchannels > 1 else None
+    if indices == [0, 1, 2] and spec.nchannels == 3:
+        return pixels, alpha
+    return np.ascontiguousarray(pixels[..., indices]), None if alpha is None else np.ascontiguousarray(alpha)
+
+
+def _encode_linear(
+    color: NDArray[np.float32], alpha: NDArray[np.float32] | None
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """Linear, premultiplied where there is alpha (the convention of OpenEXR), to straight 8-bit sRGB."""
+    color = np.nan_to_num(color, nan=0.0, posinf=1.0, neginf=0.0)
+    coverage = None
+    if alpha is not None:
+        alpha = np.clip(np.nan_to_num(alpha, nan=0.0), 0.0, 1.0)
+        color = color / np.where(alpha > 0.0, alpha, 1.0)[..., None]
+        coverage = np.rint(alpha * 255.0).astype(np.uint8)
+    buffer = oiio.ImageBuf(np.ascontiguousarray(np.clip(color, 0.0, 1.0), np.float32))
+    encoded = oiio.ImageBufAlgo.colorconvert(buffer, "lin_rec709", "sRGB").get_pixels(oiio.FLOAT)
+    return np.rint(np.clip(encoded, 0.0, 1.0) * 255.0).astype(np.uint8), coverage
+
+
+def _apply_orientation(pixels: NDArray[np.uint8], spec: oiio.ImageSpec) -> NDArray[np.uint8]:
+    buffer = oiio.ImageBuf(np.ascontiguousarray(pixels))
+    buffer.specmod().attribute("Orientation", spec.get_int_attribute("Orientation", 1))
+    upright = oiio.ImageBufAlgo.reorient(buffer)
+    return upright.get_pixels(oiio.UINT8).reshape(upright.spec().height, upright.spec().width, pixels.shape[2])

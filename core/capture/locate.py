@@ -1,0 +1,73 @@
+"""Finds the camera files of a capture and reads them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import InputError
+from .colmap import find_colmap, read_colmap
+from .files import list_images
+from .source import SourceModel
+from .transforms import find_transforms, read_transforms
+
+MIN_VIEWS = 2
+
+
+def read_cameras(path: Path) -> SourceModel | None:
+    """The cameras of a capture, or None for a folder of photographs without any.
+
+    Where there are a COLMAP model and a transforms.json, COLMAP is taken if it has as many views, because it brings
+    points; the two are never mixed, since their world frames differ.
+
+    Args:
+        path: a capture folder, a COLMAP model's folder, or a transforms.json.
+
+    Raises:
+        InputError: nothing is there, or a camera file is damaged.
+    """
+    if not path.exists():
+        raise InputError("no such file or folder", where=path, remedy="check the path of the capture")
+    if path.is_file() and path.suffix.lower() == ".json":
+        return _with_enough_views(read_transforms(path))
+    if not path.is_dir():
+        raise InputError("not a capture", where=path, remedy="give the folder with the photographs")
+    colmap_folder, transforms_file = find_colmap(path), find_transforms(path)
+    colmap = read_colmap(colmap_folder) if colmap_folder else None
+    transforms = read_transforms(transforms_file) if transforms_file else None
+    if colmap and transforms:
+        return _with_enough_views(colmap if len(colmap.views) >= len(transforms.views) else transforms)
+    model = colmap or transforms
+    return _with_enough_views(model) if model else None
+
+
+def photographs_without_cameras(folder: Path, *, sfm: bool) -> list[str]:
+    """Names of the photographs whose cameras are to be estimated.
+
+    Raises:
+        InputError: there are none or too few, or `sfm` is off.
+    """
+    names = list_images(folder)
+    if not names:
+        raise InputError("no photographs and no cameras are there", where=folder, remedy="give a capture folder")
+    if not sfm:
+        raise InputError(
+            f"{len(names)} photographs but no cameras (COLMAP model or transforms.json)",
+            where=folder,
+            remedy="add --sfm to estimate the cameras",
+        )
+    if len(names) < MIN_VIEWS:
+        raise InputError("one photograph only", where=folder, remedy="at least two are needed, better thirty")
+    return names
+
+
+def _with_enough_views(model: SourceModel) -> SourceModel:
+    if len(model.views) >= MIN_VIEWS:
+        return model
+    found = "one view only" if model.views else "no view"
+    missing = [warning.message for warning in model.warnings if warning.name == "missing-images"]
+    detail = f"; {missing[0]}" if missing else ""
+    raise InputError(
+        f"{found} with a camera and an image{detail}",
+        where=model.file,
+        remedy="a reconstruction needs at least two; put the images beside their camera file",
+    )

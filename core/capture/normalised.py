@@ -1,0 +1,61 @@
+"""The normalised form of a capture: pinhole transforms.json, PNG images and PLY points, which any program can read."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from .images import write_png
+from .model import Capture, View
+from .points import write_point_cloud
+from .poses import OPENGL_TO_OPENCV, invert_rigid
+
+POINTS_FILE = "points.ply"
+IMAGES_FOLDER = "images"
+CAMERA_FILE = "transforms.json"
+
+
+def write_capture(capture: Capture, folder: str | Path) -> None:
+    """Write a capture so that `read_capture` gives the same cameras, pixels and points.
+
+    ``transforms.json`` follows nerfstudio's convention (camera-to-world, OpenGL axes, intrinsics in every frame); it is
+    written last, so a folder that has it is complete.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    folder = Path(folder)
+    (folder / IMAGES_FOLDER).mkdir(parents=True, exist_ok=True)
+    for view in capture.views:
+        write_png(folder / _image_name(view), view.image, view.alpha)
+    document: dict[str, Any] = {"camera_model": "PINHOLE", "frames": [_frame(view) for view in capture.views]}
+    if len(capture.points):
+        write_point_cloud(folder / POINTS_FILE, capture.points, capture.point_colors)
+        document["ply_file_path"] = POINTS_FILE
+    temporary = folder / f"{CAMERA_FILE}.partial"
+    try:
+        temporary.write_text(json.dumps(document, indent=1, allow_nan=False), encoding="utf-8")
+        os.replace(temporary, folder / CAMERA_FILE)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _image_name(view: View) -> str:
+    return f"{IMAGES_FOLDER}/{view.key}.png"
+
+
+def _frame(view: View) -> dict[str, Any]:
+    camera = view.camera
+    camera_to_world = invert_rigid(view.world_to_camera) @ OPENGL_TO_OPENCV
+    return {
+        "file_path": _image_name(view),
+        "w": camera.width,
+        "h": camera.height,
+        "fl_x": camera.fx,
+        "fl_y": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+        "transform_matrix": camera_to_world.tolist(),
+    }

@@ -1,0 +1,212 @@
+"""Camera files ``transforms.json`` of nerfstudio, instant-ngp, BlenderNeRF and the NeRF synthetic scenes.
+
+Poses are camera-to-world with OpenGL axes. ``applied_transform`` and ``applied_scale`` of nerfstudio say what was done
+to poses and points alike when the file was written; both are in one frame already, so they are not applied again.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from ..errors import InputError
+from .colmap import check_camera
+from .files import IMAGE_EXTENSIONS, quote_first, resolve_inside
+from .images import read_header
+from .points import read_point_cloud
+from .poses import OPENGL_TO_OPENCV, invert_rigid, rigid_pose
+from .source import SourceModel, SourceView
+
+# One file is read; the splits of the NeRF synthetic layout overlap in purpose with our own held-out views.
+_FILE_NAMES = ("transforms.json", "transforms_train.json", "transforms_test.json", "transforms_val.json")
+_MAX_BYTES = 256 * 1024 * 1024
+_EXPORT_AGAIN = "copy or export the file again"
+
+_PERSPECTIVE = frozenset(
+    {"", "PERSPECTIVE", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"}
+)
+_FISHEYE = frozenset({"FISHEYE", "OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"})
+_BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_KANNALA_BRANDT = ("k1", "k2", "k3", "k4")
+
+
+def find_transforms(folder: Path) -> Path | None:
+    """The camera file of the capture in `folder`, if it has one."""
+    return next((folder / name for name in _FILE_NAMES if (folder / name).exists()), None)
+
+
+def read_transforms(file: Path) -> SourceModel:
+    """Read a camera file; frames without an image file are left out, and counted in a warning.
+
+    ``k4``, ``k5`` and ``k6`` are the denominator of OpenCV's rational model.
+
+    Raises:
+        InputError: not JSON, cut, without frames, or with unusable poses, intrinsics or names.
+    """
+    document = _load(file)
+    frames = document.get("frames")
+    if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
+        raise InputError("the file has no list of frames", where=file, remedy="give a transforms.json with cameras")
+    return _Reader(file, document).read(frames)
+
+
+class _Reader:
+    """Reads the frames of one file."""
+
+    def __init__(self, file: Path, document: dict[str, Any]) -> None:
+        self._file = file
+        self._document = document
+        self._cameras: dict[tuple, pycolmap.Camera] = {}
+
+    def read(self, frames: list[dict[str, Any]]) -> SourceModel:
+        model = SourceModel("transforms", self._file, [])
+        missing, reshaped = [], []
+        for index, frame in enumerate(frames):
+            name = frame.get("file_path")
+            if not isinstance(name, str) or not name:
+                raise InputError(f"frame {index} has no file_path", where=self._file, remedy=_EXPORT_AGAIN)
+            matrix, repaired = self._pose(frame, name)
+            path = self._image(name)
+            if path is None:
+                missing.append(name)
+                continue
+            if repaired:
+                reshaped.append(name)
+            camera, size_known = self._camera(frame, name, path)
+            model.views.append(SourceView(name, path, camera, matrix, size_known))
+        self._refuse_repeated(model)
+        if missing:
+            model.warn(
+                "missing-images",
+                f"{self._file}: {len(missing)} of {len(frames)} images are missing, left out: {quote_first(missing)}",
+            )
+        if reshaped:
+            model.warn("reorthonormalised", f"{self._file}: rotations made orthonormal: {quote_first(reshaped)}")
+        self._add_points(model)
+        return model
+
+    def _refuse_repeated(self, model: SourceModel) -> None:
+        counts = Counter(view.path.resolve() for view in model.views)
+        repeated = [view.name for view in model.views if counts[view.path.resolve()] > 1]
+        if repeated:
+            raise InputError(
+                f"two frames have the same image: {quote_first(sorted(set(repeated)))}",
+                where=self._file,
+                remedy="keep one of them",
+            )
+
+    def _image(self, name: str) -> Path | None:
+        """The image file of a frame; the NeRF synthetic layout leaves out the extension."""
+        for extension in ("", *IMAGE_EXTENSIONS, *(extension.upper() for extension in IMAGE_EXTENSIONS)):
+            path = resolve_inside(self._file.parent, name + extension, where=self._file)
+            if path.exists():
+                return path
+        return None
+
+    def _pose(self, frame: dict[str, Any], name: str) -> tuple[np.ndarray, bool]:
+        try:
+            matrix = np.array(frame["transform_matrix"], np.float64)
+        except (KeyError, TypeError, ValueError):
+            raise InputError(
+                f"the transform_matrix of {name} is missing or not numbers", where=self._file, remedy=_EXPORT_AGAIN
+            ) from None
+        camera_to_world, repaired = rigid_pose(matrix, frame=name, where=self._file)
+        return invert_rigid(camera_to_world @ OPENGL_TO_OPENCV), repaired
+
+    def _number(self, frame: dict[str, Any], key: str, default: float | None = None) -> float | None:
+        """`key` of the frame, else of the file, else `default`."""
+        value = frame.get(key, self._document.get(key))
+        if value is None:
+            return default
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError(f"{key} is {value!r}, not a number", where=self._file, remedy=_EXPORT_AGAIN)
+        return float(value)
+
+    def _camera(self, frame: dict[str, Any], name: str, path: Path) -> tuple[pycolmap.Camera, bool]:
+        """Intrinsics of a frame, shared by frames that state the same, and whether the file states the image size."""
+        width, height = self._number(frame, "w"), self._number(frame, "h")
+        size_known = width is not None and height is not None
+        if not size_known:
+            width, height = read_header(path).upright_size
+        focal_x, focal_y = self._focal_lengths(frame, name, width, height)
+        center = (self._number(frame, "cx", width / 2), self._number(frame, "cy", height / 2))
+        model, distortion = self._distortion(frame)
+        description = (model, int(width), int(height), (focal_x, focal_y, *center, *distortion))
+        if description not in self._cameras:
+            camera = pycolmap.Camera(model=model, width=description[1], height=description[2], params=description[3])
+            check_camera(camera, frame=f"the camera of {name}", where=self._file)
+            self._cameras[description] = camera
+        return self._cameras[description], size_known
+
+    def _focal_lengths(self, frame: dict[str, Any], name: str, width: float, height: float) -> tuple[float, float]:
+        """In pixels; from ``fl_x`` and ``fl_y``, else from the fields of view. One of them alone stands for both."""
+        focal_x = self._number(frame, "fl_x") or _focal_from_angle(self._number(frame, "camera_angle_x"), width)
+        focal_y = self._number(frame, "fl_y") or _focal_from_angle(self._number(frame, "camera_angle_y"), height)
+        focal_x, focal_y = focal_x or focal_y, focal_y or focal_x
+        if focal_x is None or focal_y is None:
+            raise InputError(
+                f"{name} has no focal length", where=self._file, remedy="add fl_x or camera_angle_x to the file"
+            )
+        return focal_x, focal_y
+
+    def _distortion(self, frame: dict[str, Any]) -> tuple[str, tuple[float, ...]]:
+        """COLMAP's name of the camera model and its distortion parameters."""
+        name = frame.get("camera_model", self._document.get("camera_model", ""))
+        name = name.upper() if isinstance(name, str) else repr(name)
+        if frame.get("is_fisheye", self._document.get("is_fisheye")):
+            name = "OPENCV_FISHEYE"
+        if name in _FISHEYE:
+            return "OPENCV_FISHEYE", tuple(self._number(frame, key, 0.0) for key in _KANNALA_BRANDT)
+        if name not in _PERSPECTIVE:
+            raise InputError(
+                f"the camera_model {name} is not supported",
+                where=self._file,
+                remedy="undistort the photographs, or export with OPENCV or OPENCV_FISHEYE",
+            )
+        distortion = tuple(self._number(frame, key, 0.0) for key in _BROWN)
+        if not any(distortion):
+            return "PINHOLE", ()
+        if not any(distortion[4:]):
+            return "OPENCV", distortion[:4]
+        return "FULL_OPENCV", distortion
+
+    def _add_points(self, model: SourceModel) -> None:
+        name = self._document.get("ply_file_path")
+        if name is None:
+            return
+        if not isinstance(name, str):
+            raise InputError("ply_file_path is not a name", where=self._file, remedy=_EXPORT_AGAIN)
+        path = resolve_inside(self._file.parent, name, where=self._file)
+        if not path.exists():
+            model.warn("missing-points", f"{self._file}: the points {name} are missing")
+            return
+        model.points, model.point_colors = read_point_cloud(path)
+
+
+def _focal_from_angle(angle: float | None, size: float) -> float | None:
+    """Focal length in pixels of a field of view in radians across `size` pixels."""
+    return size / (2.0 * math.tan(angle / 2.0)) if angle is not None and 0.0 < angle < math.pi else None
+
+
+def _load(file: Path) -> dict[str, Any]:
+    try:
+        if file.stat().st_size > _MAX_BYTES:
+            raise InputError("the file is too large for a camera file", where=file, remedy=_EXPORT_AGAIN)
+        document = json.loads(file.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise InputError(
+            f"not valid JSON (line {error.lineno}: {error.msg})", where=file, remedy=_EXPORT_AGAIN
+        ) from None
+    except (UnicodeDecodeError, RecursionError, ValueError):
+        raise InputError("not valid JSON", where=file, remedy=_EXPORT_AGAIN) from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", where=file, remedy="check its permissions") from None
+    if not isinstance(document, dict):
+        raise InputError("the file has no list of frames", where=file, remedy="give a transforms.json with cameras")
+    return document

@@ -1,0 +1,165 @@
+"""Undistortion: a pinhole for a distorted camera, and the map from its pixels to the photograph's."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from pathlib import Path
+from threading import Lock
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .model import PinholeCamera
+
+# Beyond 60 degrees off the axis a pinhole image stretches more than it shows; fisheye photographs are cut there.
+_MAX_TANGENT = np.tan(np.radians(60.0))
+# Rays within 0.06 degrees of the image plane, or behind it, count as infinitely far out.
+_MIN_COSINE = 1e-3
+_BORDER_SAMPLES = 200
+# A pixel of the photograph must come back to itself through unprojection and projection, in pixels.
+_ROUND_TRIP = 0.1
+# Parts of the image, from each side, that may lie where a polynomial distortion folds over.
+_INSETS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3)
+_MAPS_KEPT = 4
+
+
+def choose_pinhole(camera: pycolmap.Camera, *, where: str | Path) -> PinholeCamera:
+    """A pinhole of the same size whose image the photograph fills to the border.
+
+    It is the largest window of the photograph's aspect in the rectangle inscribed into the undistorted border; the
+    ratio of the focal lengths stays, the principal point stays where the window allows it.
+
+    Raises:
+        InputError: the distortion cannot be inverted anywhere near the border.
+    """
+    width, height = camera.width, camera.height
+    if camera.is_undistorted():
+        return PinholeCamera(
+            width,
+            height,
+            camera.focal_length_x,
+            camera.focal_length_y,
+            camera.principal_point_x,
+            camera.principal_point_y,
+        )
+    left, right, top, bottom = _inscribed_rectangle(camera, where)
+    ratio = camera.focal_length_y / camera.focal_length_x
+    focal_x = max(width / (right - left), height / (bottom - top) / ratio)
+    focal_y = focal_x * ratio
+    window_x, window_y = width / focal_x, height / focal_y
+    start_x = np.clip(-camera.principal_point_x / focal_x, left, right - window_x)
+    start_y = np.clip(-camera.principal_point_y / focal_y, top, bottom - window_y)
+    return PinholeCamera(width, height, focal_x, focal_y, float(-start_x * focal_x), float(-start_y * focal_y))
+
+
+def source_pixels(camera: pycolmap.Camera, pinhole: PinholeCamera) -> NDArray[np.float32]:
+    """(H, W, 2) positions in the photograph, as fractions of its width and height, of the pinhole's pixel centres."""
+    x = (np.arange(pinhole.width) + 0.5 - pinhole.cx) / pinhole.fx
+    y = (np.arange(pinhole.height) + 0.5 - pinhole.cy) / pinhole.fy
+    positions = np.empty((pinhole.height, pinhole.width, 2), np.float32)
+    rays = np.ones((pinhole.width, 3))
+    rays[:, 0] = x
+    for row, ray_y in enumerate(y):
+        rays[:, 1] = ray_y
+        positions[row] = camera.img_from_cam(rays) / (camera.width, camera.height)
+    return positions
+
+
+class Undistorter:
+    """Resamples photographs to pinhole images, with a map computed once for a camera and a size. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._maps: OrderedDict[tuple[int, int, int], tuple[pycolmap.Camera, PinholeCamera, NDArray | None]] = (
+            OrderedDict()
+        )
+        self._lock = Lock()
+
+    def apply(
+        self, camera: pycolmap.Camera, image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None, *, where: str | Path
+    ) -> tuple[PinholeCamera, NDArray[np.uint8], NDArray[np.uint8] | None]:
+        """Undistort `image`, a possibly smaller version of what `camera` took.
+
+        Returns:
+            The pinhole camera at the image's size, the image, and the coverage or None where it is complete.
+        """
+        height, width = image.shape[:2]
+        pinhole, positions = self._map(camera, width, height, where)
+        if positions is None:
+            return pinhole, image, alpha
+        image, alpha = _remap(image, alpha, positions)
+        return pinhole, image, alpha
+
+    def _map(
+        self, camera: pycolmap.Camera, width: int, height: int, where: str | Path
+    ) -> tuple[PinholeCamera, NDArray[np.float32] | None]:
+        key = (id(camera), width, height)
+        with self._lock:
+            if key in self._maps:
+                self._maps.move_to_end(key)
+                return self._maps[key][1:]
+            pinhole = choose_pinhole(camera, where=where).scaled(width, height)
+            positions = None if camera.is_undistorted() else source_pixels(camera, pinhole)
+            # The camera is kept with its map, so that its id cannot be given to another.
+            self._maps[key] = (camera, pinhole, positions)
+            if len(self._maps) > _MAPS_KEPT:
+                self._maps.popitem(last=False)
+            return pinhole, positions
+
+
+def _inscribed_rectangle(camera: pycolmap.Camera, where: str | Path) -> tuple[float, float, float, float]:
+    """(left, right, top, bottom) on the plane at depth 1 of a rectangle that the photograph covers."""
+    for inset in _INSETS:
+        border = _border(camera.width, camera.height, inset)
+        rays = camera.cam_ray_from_img(border)
+        if not np.isfinite(rays).all():
+            continue
+        ahead = rays[:, 2] > _MIN_COSINE
+        back = camera.img_from_cam(rays[ahead])
+        if ahead.any() and not np.abs(back - border[ahead]).max() < _ROUND_TRIP:
+            continue
+        # What a fisheye sees sideways or behind lies outside every window.
+        depth = np.where(ahead, rays[:, 2], _MIN_COSINE)
+        tangents = rays[:, :2] / depth[:, None]
+        left, right, top, bottom = np.split(tangents, 4)
+        limits = (left[:, 0].max(), right[:, 0].min(), top[:, 1].max(), bottom[:, 1].min())
+        clipped = np.clip(limits, -_MAX_TANGENT, _MAX_TANGENT)
+        if clipped[0] < clipped[1] and clipped[2] < clipped[3]:
+            return tuple(clipped)
+    raise InputError(
+        "the lens distortion cannot be undone",
+        where=where,
+        remedy="calibrate the camera again or undistort the photographs",
+    )
+
+
+def _border(width: int, height: int, inset: float) -> NDArray[np.float64]:
+    """Pixels along the left, right, top and bottom border, (4 * samples, 2)."""
+    x0, x1, y0, y1 = width * inset, width * (1.0 - inset), height * inset, height * (1.0 - inset)
+    along_x, along_y = np.linspace(x0, x1, _BORDER_SAMPLES), np.linspace(y0, y1, _BORDER_SAMPLES)
+    sides = [
+        np.column_stack([np.full_like(along_y, x0), along_y]),
+        np.column_stack([np.full_like(along_y, x1), along_y]),
+        np.column_stack([along_x, np.full_like(along_x, y0)]),
+        np.column_stack([along_x, np.full_like(along_x, y1)]),
+    ]
+    return np.concatenate(sides)
+
+
+def _remap(
+    image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None, positions: NDArray[np.float32]
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """Sample with a cubic kernel at (H, W, 2) fractional positions; what lies outside is marked not covered."""
+    import torch
+
+    coverage = np.full(image.shape[:2], 255, np.uint8) if alpha is None else alpha
+    layers = np.dstack([image, coverage])
+    planes = torch.from_numpy(layers).permute(2, 0, 1)[None].float()
+    grid = torch.from_numpy(np.nan_to_num(positions, nan=-1.0) * 2.0 - 1.0)[None]
+    sampled = torch.nn.functional.grid_sample(planes, grid, "bicubic", padding_mode="border", align_corners=False)
+    pixels = sampled[0].permute(1, 2, 0).round_().clamp_(0.0, 255.0).byte().numpy()
+    half_pixel = 0.5 / np.array([image.shape[1], image.shape[0]], np.float32)
+    inside = ((positions >= -half_pixel) & (positions <= 1.0 + half_pixel)).all(axis=2)
+    coverage = np.where(inside, pixels[..., 3], 0).astype(np.uint8)
+    return np.ascontiguousarray(pixels[..., :3]), None if coverage.min() == 255 else coverage

@@ -1,0 +1,140 @@
+"""Reads, scales and undistorts the photographs of a capture, a few at a time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+from ..errors import InputError
+from ..events import Reporter
+from .files import make_keys, natural_key
+from .images import MIN_SIDE, ImageHeader, downscale_with_alpha, fit_size, read_header, read_pixels
+from .model import View
+from .source import SourceModel, SourceView
+from .undistort import Undistorter
+
+STAGE = "capture"
+# One decoder a core; decoded photographs are what costs memory.
+_DECODERS = 2
+# Above this size one photograph is decoded at a time.
+_LARGE_PIXELS = 50_000_000
+# A camera file and a downscaled photograph round their sizes differently, by this many pixels.
+_ROUNDING = 1.5
+
+
+@dataclass(frozen=True)
+class ViewPlan:
+    """How one photograph becomes a view.
+
+    Attributes:
+        upright: whether the EXIF orientation is applied.
+        width, height: of the view.
+    """
+
+    key: str
+    source: SourceView
+    header: ImageHeader
+    upright: bool
+    width: int
+    height: int
+
+    @property
+    def photograph_size(self) -> tuple[int, int]:
+        """(width, height) of the photograph as it is used."""
+        return self.header.upright_size if self.upright else (self.header.width, self.header.height)
+
+
+def plan_views(model: SourceModel, max_size: int | None) -> list[ViewPlan]:
+    """Decide orientation, size and key of every view, in natural order of the names; reads image headers alone.
+
+    Raises:
+        InputError: an image's size is beyond the limits or does not fit its camera.
+    """
+    sources = sorted(model.views, key=lambda view: natural_key(view.name))
+    keys = make_keys([view.name for view in sources])
+    plans = [_plan_view(key, view, max_size) for key, view in zip(keys, sources, strict=True)]
+    rotated = sum(plan.upright and plan.header.orientation != 1 for plan in plans)
+    if rotated:
+        model.warn("exif-rotated", f"{model.file}: {rotated} photographs are turned upright as their EXIF data says")
+    sizes = Counter(plan.photograph_size for plan in plans)
+    if len(sizes) > 1:
+        listed = ", ".join(f"{width} x {height} ({count})" for (width, height), count in sizes.most_common(3))
+        model.warn("mixed-sizes", f"{model.file}: photographs of {len(sizes)} sizes: {listed}")
+    return plans
+
+
+def read_views(plans: Sequence[ViewPlan], reporter: Reporter) -> list[View]:
+    """Read the views in order; at most two photographs are held at their full size.
+
+    Raises:
+        InputError: a photograph is damaged or its distortion cannot be undone.
+    """
+    largest = max(plan.header.width * plan.header.height for plan in plans)
+    workers = 1 if largest > _LARGE_PIXELS else _DECODERS
+    undistorter = Undistorter()
+    views: list[View] = []
+    with ThreadPoolExecutor(workers, thread_name_prefix="capture") as pool:
+        try:
+            for view in pool.map(lambda plan: _read_view(plan, undistorter), plans):
+                views.append(view)
+                reporter.progress(STAGE, len(views) / len(plans), f"photograph {len(views)} of {len(plans)}")
+        except BaseException:
+            # Cancelled or damaged: do not decode the rest first.
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return views
+
+
+def _plan_view(key: str, view: SourceView, max_size: int | None) -> ViewPlan:
+    header = read_header(view.path)
+    upright = _needs_turning(view, header)
+    width, height = fit_size(*(header.upright_size if upright else (header.width, header.height)), max_size)
+    if min(width, height) < MIN_SIDE:
+        raise InputError(
+            f"the image would be {width} x {height} pixels after scaling, at least {MIN_SIDE} a side are needed",
+            where=view.path,
+            remedy="give a larger --max-size",
+        )
+    return ViewPlan(key, view, header, upright, width, height)
+
+
+def _needs_turning(view: SourceView, header: ImageHeader) -> bool:
+    """Whether the EXIF orientation has to be applied for the photograph to be what its camera describes.
+
+    Raises:
+        InputError: the photograph fits its camera neither as stored nor turned.
+    """
+    if not view.size_known:
+        return True
+    expected = (view.camera.width, view.camera.height)
+    stored = (header.width, header.height)
+    # Exact sizes first: a nearly square photograph fits both ways within the rounding.
+    if expected == stored:
+        return False
+    if expected == header.upright_size:
+        return True
+    if _same_aspect(expected, stored):
+        return False
+    if _same_aspect(expected, header.upright_size):
+        return True
+    raise InputError(
+        f"the image is {stored[0]} x {stored[1]} pixels but its camera is for {expected[0]} x {expected[1]}",
+        where=view.path,
+        remedy="use the images that the cameras were made with, or the same ones scaled uniformly",
+    )
+
+
+def _same_aspect(camera: tuple[int, int], image: tuple[int, int]) -> bool:
+    """Whether `image` is `camera` scaled uniformly, up to rounding."""
+    (width, height), (image_width, image_height) = camera, image
+    cross_error = abs(width * image_height - height * image_width)
+    return cross_error <= _ROUNDING * max(width, height)
+
+
+def _read_view(plan: ViewPlan, undistorter: Undistorter) -> View:
+    image, alpha = read_pixels(plan.source.path, upright=plan.upright)
+    image, alpha = downscale_with_alpha(image, alpha, plan.width, plan.height)
+    camera, image, alpha = undistorter.apply(plan.source.camera, image, alpha, where=plan.source.path)
+    return View(plan.key, plan.source.path, camera, plan.source.world_to_camera, image, alpha)
