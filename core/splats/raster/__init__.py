@@ -1,0 +1,20 @@
+"""A differentiable rasteriser of 3D Gaussians on Warp, with its loss and optimiser: native code, no compiler needed."""
+
+from .adam import Adam, LearningRates
+from .camera import RasterCamera
+from .frame import Frame, Loss
+from .parameters import Gradients, ParameterSet
+from .rasterizer import Rasterizer
+from .runner import load
+
+__all__ = [
+    "Adam",
+    "Frame",
+    "Gradients",
+    "LearningRates",
+    "Loss",
+    "ParameterSet",
+    "RasterCamera",
+    "Rasterizer",
+    "load",
+]

@@ -1,0 +1,95 @@
+"""Adam for Gaussians: all parameter groups in one pass, moving only what took part in the step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .kernels_cpu import Stage
+from .parameters import FIELDS, Gradients, ParameterSet
+from .rasterizer import Rasterizer
+
+# Bias corrections are tabulated; at the end of the table beta2^t has left float32 for the usual beta2 = 0.999.
+_TABLE_STEPS = 20_000
+
+
+@dataclass(frozen=True)
+class LearningRates:
+    """Step sizes per parameter group; `sh0` for the degree-0 colour, `sh_rest` for the higher degrees."""
+
+    means: float
+    log_scales: float
+    quaternions: float
+    opacity_logits: float
+    sh0: float
+    sh_rest: float = 0.0
+
+
+class Adam:
+    """Adam with bias correction (Kingma and Ba 2015) and a step count per Gaussian.
+
+    A Gaussian that was not drawn, or whose gradient is not finite, is left alone: neither its parameters nor its
+    moments change, as though the step had not been. Its bias correction therefore counts its own steps, so that what
+    densification adds late is corrected like what was there from the start. Where every Gaussian is drawn in every step
+    this is Adam as usual.
+    """
+
+    def __init__(
+        self, params: ParameterSet, betas: tuple[float, float] = (0.9, 0.999), eps: float = 1e-15
+    ) -> None:
+        self.betas = betas
+        self.eps = eps
+        device = params.device
+        self._first = ParameterSet.zeros(len(params), params.sh_count, device)
+        self._second = ParameterSet.zeros(len(params), params.sh_count, device)
+        self._steps = wp.zeros(len(params), dtype=wp.int32, device=device)
+        exponents = np.arange(1, _TABLE_STEPS)
+        bias = np.ones((_TABLE_STEPS, 2), np.float64)
+        bias[1:, 0] = 1.0 / (1.0 - betas[0] ** exponents)
+        bias[1:, 1] = 1.0 / np.sqrt(1.0 - betas[1] ** exponents)
+        self._bias = wp.array(bias.astype(np.float32), dtype=wp.float32, device=device)
+
+    def step(
+        self, rasterizer: Rasterizer, params: ParameterSet, gradients: Gradients, learning_rates: LearningRates
+    ) -> None:
+        """Moves `params` in place. With colour gradients alone, only `sh[:, 0]` moves."""
+        runner = rasterizer.runner
+        state = runner.state
+        for name in FIELDS:
+            runner.bind(name, getattr(params, name))
+            runner.bind(f"m_{name}", getattr(self._first, name))
+            runner.bind(f"v_{name}", getattr(self._second, name))
+            runner.bind(f"grad_{name}", getattr(gradients, name))
+        runner.bind("touched", gradients.touched)
+        runner.bind("adam_steps", self._steps)
+        runner.bind("adam_bias", self._bias)
+        state.gaussians, state.sh_count = len(params), params.sh_count
+        state.colors_only = int(gradients.colors_only)
+        state.adam_table_size = _TABLE_STEPS
+        state.beta1, state.beta2 = self.betas
+        state.epsilon = self.eps
+        for group in fields(LearningRates):
+            setattr(state, f"rate_{group.name}", getattr(learning_rates, group.name))
+        runner.run(Stage.ADAM, len(params) >= 1024)
+
+    def select(self, index: NDArray[np.integer], fresh: NDArray[np.bool_]) -> None:
+        """After Gaussians were added, removed or reordered.
+
+        Args:
+            index: (M,) for each Gaussian now, which it was before.
+            fresh: (M,) bool, those that start with zero moments and a step count of zero.
+        """
+        device = self._steps.device
+        fresh = np.asarray(fresh, bool)
+
+        def chosen(array: wp.array) -> wp.array:
+            values = array.numpy()[index]
+            values[fresh] = 0
+            return wp.array(values, dtype=array.dtype, device=device)
+
+        self._first = ParameterSet(*(chosen(getattr(self._first, name)) for name in FIELDS))
+        self._second = ParameterSet(*(chosen(getattr(self._second, name)) for name in FIELDS))
+        self._steps = chosen(self._steps)

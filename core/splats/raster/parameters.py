@@ -1,0 +1,84 @@
+"""The parameters of N Gaussians on a device, and arrays of the same shapes for gradients and optimiser moments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ..gaussians import Gaussians
+
+FIELDS = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """N Gaussians as float32 arrays on one device, parametrised as `Gaussians`.
+
+    Attributes:
+        means: (N, 3) wp.array.
+        log_scales: (N, 3) wp.array.
+        quaternions: (N, 4) wp.array, wxyz.
+        opacity_logits: (N,) wp.array.
+        sh: (N, K, 3) wp.array, K in {1, 4, 9, 16}.
+    """
+
+    means: wp.array
+    log_scales: wp.array
+    quaternions: wp.array
+    opacity_logits: wp.array
+    sh: wp.array
+
+    def __len__(self) -> int:
+        return self.means.shape[0]
+
+    @property
+    def device(self) -> wp.Device:
+        return self.means.device
+
+    @property
+    def sh_count(self) -> int:
+        """K, the number of spherical harmonics a colour channel has."""
+        return self.sh.shape[1]
+
+    @classmethod
+    def from_gaussians(cls, gaussians: Gaussians, device: str = "cpu") -> ParameterSet:
+        """Copies `gaussians` to `device`."""
+        if gaussians.sh.shape[1] not in (1, 4, 9, 16):
+            raise ValueError(f"sh has {gaussians.sh.shape[1]} coefficients a channel; 1, 4, 9 or 16 are possible")
+        copies = (np.array(getattr(gaussians, name), np.float32, order="C") for name in FIELDS)
+        return cls(*(wp.array(copy, dtype=wp.float32, device=device) for copy in copies))
+
+    @classmethod
+    def zeros(cls, count: int, sh_count: int, device: str | wp.Device = "cpu") -> ParameterSet:
+        """`count` Gaussians of zeros, as gradients and moments start."""
+        shapes = ((count, 3), (count, 3), (count, 4), (count,), (count, sh_count, 3))
+        return cls(*(wp.zeros(shape, dtype=wp.float32, device=device) for shape in shapes))
+
+    def numpy(self) -> dict[str, NDArray[np.float32]]:
+        """The arrays by field name: views of this memory on the CPU, copies on CUDA."""
+        return {name: getattr(self, name).numpy() for name in FIELDS}
+
+    def to_gaussians(self) -> Gaussians:
+        """A copy as plain arrays."""
+        return Gaussians(**{name: value.copy() for name, value in self.numpy().items()})
+
+
+@dataclass(frozen=True)
+class Gradients(ParameterSet):
+    """dL/dparameter for every field of `ParameterSet`; zero for Gaussians that were not drawn.
+
+    Attributes:
+        screen: (N,) wp.array, length of dL/d(mean on the screen) with the screen measured as in 3DGS, pixels times
+            (W / 2, H / 2): what densification thresholds are stated in.
+        screen_abs: (N,) wp.array, the same from sums of absolute values over the pixels (Ye et al. 2024, AbsGS).
+        touched: (N,) uint8 wp.array, 1 where the Gaussian was drawn and its gradient is finite: what Adam moves.
+        colors_only: whether only `sh[:, 0]` was computed; the other arrays then hold nothing of use.
+    """
+
+    screen: wp.array
+    screen_abs: wp.array
+    touched: wp.array
+    colors_only: bool = False

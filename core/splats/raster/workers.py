@@ -1,0 +1,50 @@
+"""Threads that run native kernels side by side. Warp launches CPU kernels serially but releases the GIL meanwhile."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import weakref
+from collections.abc import Callable, Sequence
+
+Task = Callable[[], None]
+
+
+def _serve(tasks: queue.SimpleQueue[Task | None], results: queue.SimpleQueue[BaseException | None]) -> None:
+    while (task := tasks.get()) is not None:
+        try:
+            task()
+        except BaseException as error:  # it is raised again where the stage was started
+            results.put(error)
+        else:
+            results.put(None)
+
+
+def _stop(queues: Sequence[queue.SimpleQueue[Task | None]]) -> None:
+    for tasks in queues:
+        tasks.put(None)
+
+
+class WorkerPool:
+    """`threads` workers, the calling thread being one of them; waiting costs no processor time."""
+
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
+        self._tasks: list[queue.SimpleQueue[Task | None]] = [queue.SimpleQueue() for _ in range(threads - 1)]
+        self._results: queue.SimpleQueue[BaseException | None] = queue.SimpleQueue()
+        for tasks in self._tasks:
+            threading.Thread(target=_serve, args=(tasks, self._results), daemon=True, name="raster").start()
+        weakref.finalize(self, _stop, self._tasks)
+
+    def run(self, tasks: Sequence[Task]) -> None:
+        """Runs at most `threads` tasks at the same time, the first one here, and returns when all have ended."""
+        first, *others = tasks
+        for inbox, task in zip(self._tasks, others, strict=False):
+            inbox.put(task)
+        try:
+            first()
+        finally:
+            errors = [self._results.get() for _ in others]
+        for error in errors:
+            if error is not None:
+                raise error
