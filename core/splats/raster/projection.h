@@ -303,7 +303,7 @@ RASTER_FN void project_gradient(State& s, const int* index, const Real* moments,
     Real grad_view[3];
     grad_view[0] = g.j00 * (grad_x - select(g.clamped_x, zero, grad_j02 * iz));
     grad_view[1] = g.j11 * (grad_y - select(g.clamped_y, zero, grad_j12 * iz));
-    grad_view[2] = moments[3] - iz * (grad_x * g.j00 * (g.view[0] * iz) + grad_y * g.j11 * (g.view[1] * iz) +
+    grad_view[2] = moments[3] - iz * (grad_x * g.j00 * g.view[0] + grad_y * g.j11 * g.view[1] +
                                       grad_j00 * g.j00 + grad_j11 * g.j11 +
                                       select(g.clamped_x, splat(1.0f), splat(2.0f)) * grad_j02 * g.j02 +
                                       select(g.clamped_y, splat(1.0f), splat(2.0f)) * grad_j12 * g.j12);
