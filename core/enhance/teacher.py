@@ -13,7 +13,8 @@ The contrast term is one-sided on purpose: contrast beyond the original's is nev
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -88,14 +89,26 @@ def fit_lut(
     batches = torch.from_numpy(samples).view(settings.steps, settings.pairs, 2, 3)
     residual = torch.zeros(*(settings.nodes,) * 3, 3, requires_grad=True)
     optimizer = torch.optim.Adam([residual], lr=settings.learning_rate)
-    for step, batch in enumerate(batches):
-        loss = _objective(residual, batch.float() / 255.0, cvd, severity, model, settings)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        reporter.progress(stage, (step + 1) / settings.steps, f"loss {loss.item():.3f}")
+    with _one_thread():
+        for step, batch in enumerate(batches):
+            loss = _objective(residual, batch.float() / 255.0, cvd, severity, model, settings)
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            reporter.progress(stage, (step + 1) / settings.steps, f"loss {loss.item():.3f}")
     description = {"cvd": cvd, "severity": repr(float(severity)), "simulation": model}
     return ColorLut(residual.detach(), description)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Keep torch on one thread: for tensors this small a second is no gain, and beside a busy process a tenfold loss."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _objective(
