@@ -1,0 +1,107 @@
+"""Pinhole cameras to Blender's and back, exact to float32.
+
+A camera of a capture has its own image size and possibly fx != fy. Blender keeps both with the scene (resolution, pixel
+aspect), so the camera object carries them as custom properties and `use_camera` puts them in force.
+
+Blender's camera looks along -Z with Y up, which is OpenGL's convention. With sensor fit HORIZONTAL and pixel aspect
+a = aspect_x / aspect_y (from Blender's view plane computation)::
+
+    fx = lens / sensor_width * width         cx = width / 2 - shift_x * width
+    fy = fx * a                              cy = height / 2 + shift_y * width * a
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import mathutils
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from .intrinsics import Intrinsics
+
+SENSOR_WIDTH = 36.0  # mm, of the full-frame format that artists' lens numbers refer to
+
+_WIDTH, _HEIGHT = "cvdgs_width", "cvdgs_height"  # custom properties of the camera data, in pixels
+_ASPECT_X, _ASPECT_Y = "cvdgs_pixel_aspect_x", "cvdgs_pixel_aspect_y"
+
+_ASPECT_LIMIT = 200.0  # Blender's largest pixel aspect
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Nearest and farthest visible distance in scene units."""
+
+    start: float
+    end: float
+
+
+def add_camera(
+    name: str, camera: Intrinsics, camera_to_world: NDArray[np.float64], clip: Clip, collection: bpy.types.Collection
+) -> bpy.types.Object:
+    """Add a camera object.
+
+    Args:
+        name: of the object and its data.
+        camera: intrinsics in pixels.
+        camera_to_world: (4, 4) rigid, OpenGL axes, in the space of the object's parent.
+        clip: visible range.
+        collection: where the object is linked.
+
+    Raises:
+        InputError: Blender cannot express the pixel aspect.
+    """
+    aspect_x, aspect_y = max(camera.fy / camera.fx, 1.0), max(camera.fx / camera.fy, 1.0)
+    if max(aspect_x, aspect_y) > _ASPECT_LIMIT:
+        raise InputError(
+            f"focal lengths {camera.fx:g} and {camera.fy:g} differ too much", where=name, remedy="check the cameras"
+        )
+    data = bpy.data.cameras.new(name)
+    data.sensor_fit = "HORIZONTAL"
+    data.sensor_width = SENSOR_WIDTH
+    data.lens = camera.fx * SENSOR_WIDTH / camera.width
+    data.shift_x = (camera.width / 2.0 - camera.cx) / camera.width
+    data.shift_y = (camera.cy - camera.height / 2.0) / (camera.width * aspect_x / aspect_y)
+    data.clip_start, data.clip_end = clip.start, clip.end
+    data[_WIDTH], data[_HEIGHT] = camera.width, camera.height
+    data[_ASPECT_X], data[_ASPECT_Y] = aspect_x, aspect_y
+    camera_object = bpy.data.objects.new(name, data)
+    camera_object.rotation_mode = "QUATERNION"
+    camera_object.matrix_basis = mathutils.Matrix(np.asarray(camera_to_world, np.float64).tolist())
+    collection.objects.link(camera_object)
+    return camera_object
+
+
+def camera_intrinsics(camera_object: bpy.types.Object) -> Intrinsics:
+    """The intrinsics of a camera made by `add_camera`, from its current lens, sensor and shift."""
+    data = camera_object.data
+    width, height = data[_WIDTH], data[_HEIGHT]
+    aspect = data[_ASPECT_X] / data[_ASPECT_Y]
+    fx = data.lens / data.sensor_width * width
+    return Intrinsics(
+        width, height, fx, fx * aspect, width / 2.0 - data.shift_x * width, height / 2.0 + data.shift_y * width * aspect
+    )
+
+
+def camera_to_world(camera_object: bpy.types.Object) -> NDArray[np.float64]:
+    """(4, 4) OpenGL camera-to-world matrix in the space of the object's parent: the capture's world."""
+    return np.array(camera_object.matrix_basis, np.float64)
+
+
+def is_capture_camera(candidate: bpy.types.Object) -> bool:
+    """Whether `candidate` was made by `add_camera`."""
+    return candidate.type == "CAMERA" and _WIDTH in candidate.data
+
+
+def use_camera(scene: bpy.types.Scene, camera_object: bpy.types.Object) -> None:
+    """Make a capture's camera the active one of `scene`, with its image size and pixel aspect.
+
+    Everything that shows or renders a capture's view goes through here: Blender keeps these with the scene.
+    """
+    data, render = camera_object.data, scene.render
+    scene.camera = camera_object
+    render.resolution_x, render.resolution_y = data[_WIDTH], data[_HEIGHT]
+    render.resolution_percentage = 100
+    render.pixel_aspect_x, render.pixel_aspect_y = data[_ASPECT_X], data[_ASPECT_Y]

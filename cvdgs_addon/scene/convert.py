@@ -1,0 +1,207 @@
+"""A finished run becomes a Blender scene: `load_run` into an open file, `convert` as a job of its own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...core.errors import InputError
+from ...core.events import Reporter
+from .cameras import Clip, add_camera, use_camera
+from .finished_run import PARTIAL_FOLDER, FinishedRun, RunView, read_run
+from .placement import add_empty, camera_distance, placement
+from .render_settings import Display, decode_srgb, set_background, set_cycles, set_display
+from .splat_nodes import ORIGINAL, Input
+from .splats import add_gaussians, core_bounds, set_input, show_layer
+from .stills import render_layer_still
+
+STAGE = "blender"
+BLEND_FILE = "scene.blend"
+STILLS_FOLDER = "stills"
+
+# Visible range of the cameras, in distances to the subject: generous, yet well inside float32.
+_CLIP_START, _CLIP_END = 0.005, 500.0
+# Display size of the capture's Empty, and of cameras, in distances to the subject.
+_EMPTY_SIZE, _CAMERA_SIZE = 0.2, 0.06
+
+
+@dataclass(frozen=True)
+class ConversionOptions:
+    """How a run becomes a scene.
+
+    Attributes:
+        display: how colours get onto the screen; see `Display`.
+        background: sRGB behind the Gaussians; None takes what they were trained over.
+        view: key of the view that stills show; None takes the first.
+        stills: whether to render a still of every layer.
+        place: whether to set the capture upright and to a sensible size (see `placement`).
+    """
+
+    display: Display = Display.PHOTO
+    background: tuple[float, float, float] | None = None
+    view: str | None = None
+    stills: bool = True
+    place: bool = True
+
+
+@dataclass(frozen=True)
+class LoadedRun:
+    """The objects that `load_run` made."""
+
+    splats: bpy.types.Object
+    cameras: dict[str, bpy.types.Object]  # by view key
+    empty: bpy.types.Object
+
+
+@dataclass(frozen=True)
+class ConversionResult:
+    """What `convert` wrote; paths are relative to the run folder, with forward slashes."""
+
+    blend: str
+    stills: list[str]
+    view: str
+    layers: list[str]
+    gaussians: int
+    display: str
+    blender: str = field(default_factory=lambda: bpy.app.version_string)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+def convert(
+    run_folder: str | Path, *, reporter: Reporter, options: ConversionOptions = ConversionOptions()
+) -> ConversionResult:
+    """Write ``scene.blend`` and ``stills/<layer>.png`` into a finished run's folder.
+
+    Replaces the file that is open in this Blender: meant for a process of its own (`worker`); inside an artist's
+    session use `load_run`. Files appear under their names only when they are complete.
+
+    Raises:
+        InputError: the run cannot be read, the view does not exist, or the folder cannot be written.
+    """
+    clock = _Clock()
+    reporter.status(STAGE, "reading the run")
+    run = read_run(run_folder)
+    view = run.view(options.view) if options.view is not None else run.views[0]
+    clock.lap("read")
+    partial = run.folder / PARTIAL_FOLDER
+    try:
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir()
+        try:
+            return _convert_in(partial, run, view, options, reporter, clock)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+    except (OSError, RuntimeError) as error:  # bpy reports a full disk as a RuntimeError
+        raise InputError(f"scene and stills cannot be written ({_first_line(error)})", where=run.folder,
+                         remedy="free space or check the permissions") from error  # fmt: skip
+
+
+def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOptions = ConversionOptions()) -> LoadedRun:
+    """Add cameras and Gaussians of `run` to `scene`; render settings stay as they are.
+
+    About a second for a million Gaussians. The first layer is shown.
+
+    Raises:
+        InputError: the run's Gaussians or cameras cannot be used.
+    """
+    center, _ = core_bounds(run.gaussians.means)
+    matrix = placement(run.views, center) if options.place else np.eye(4)
+    scale = float(abs(matrix[:3, 0] @ matrix[:3, 0]) ** 0.5)
+    distance = camera_distance(run.views, center)
+    clip = Clip(_CLIP_START * distance * scale, _CLIP_END * distance * scale)
+    top = _add_collection(run.folder.resolve().name or "Capture", scene.collection)
+    empty = add_empty(matrix, _EMPTY_SIZE * distance, top)
+    camera_collection = _add_collection("Cameras", top)
+    cameras = {}
+    for view in run.views:
+        camera = add_camera(view.key, view.camera, view.camera_to_world, clip, camera_collection)
+        camera.data.display_size = _CAMERA_SIZE * distance
+        camera.parent = empty
+        cameras[view.key] = camera
+    splats = add_gaussians(run.gaussians, run.layers, top)
+    splats.parent = empty
+    set_input(splats, Input.SCENE_LINEAR, options.display is Display.SCENE_LINEAR)
+    return LoadedRun(splats, cameras, empty)
+
+
+def _convert_in(
+    partial: Path, run: FinishedRun, view: RunView, options: ConversionOptions, reporter: Reporter, clock: _Clock
+) -> ConversionResult:
+    """Make everything in the folder `partial`, then move it into place."""
+    reporter.status(STAGE, f"placing {len(run.gaussians)} Gaussians")
+    scene = _new_scene(run, options)
+    loaded = load_run(run, scene, options)
+    camera = loaded.cameras[view.key]
+    clock.lap("build")
+
+    layers = [ORIGINAL, *run.layers]
+    stills = layers if options.stills else []
+    for index, layer in enumerate(stills):
+        reporter.progress(STAGE, (index + 0.5) / (len(stills) + 1), f"rendering {layer}")
+        render_layer_still(scene, loaded.splats, layer, camera, partial / STILLS_FOLDER / f"{layer}.png")
+    clock.lap("stills")
+
+    reporter.progress(STAGE, (len(stills) + 0.5) / (len(stills) + 1), f"saving {BLEND_FILE}")
+    use_camera(scene, camera)
+    show_layer(loaded.splats, layers[1] if run.layers else ORIGINAL)
+    _look_through_camera(scene)
+    bpy.ops.wm.save_as_mainfile(filepath=str(partial / BLEND_FILE), compress=True, relative_remap=False)
+    written = [f"{STILLS_FOLDER}/{layer}.png" for layer in stills]
+    for name in (*written, BLEND_FILE):  # the scene vouches for the rest: last
+        (run.folder / name).parent.mkdir(exist_ok=True)
+        os.replace(partial / name, run.folder / name)
+    clock.lap("save")
+    reporter.progress(STAGE, 1.0, f"{BLEND_FILE} written")
+    return ConversionResult(BLEND_FILE, written, view.key, layers, len(run.gaussians), options.display.value,
+                            seconds=clock.laps)  # fmt: skip
+
+
+def _new_scene(run: FinishedRun, options: ConversionOptions) -> bpy.types.Scene:
+    """An empty file whose scene renders Gaussians as they were trained."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    scene = bpy.context.scene
+    set_cycles(scene)
+    set_display(scene, options.display)
+    background = np.array(options.background if options.background is not None else run.background)
+    set_background(scene, background if options.display is Display.PHOTO else decode_srgb(background))
+    return scene
+
+
+def _add_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Collection:
+    collection = bpy.data.collections.new(name)
+    parent.children.link(collection)
+    return collection
+
+
+def _look_through_camera(scene: bpy.types.Scene) -> None:
+    """Let the file open with the Gaussians' colours in every 3D view, seen through the active camera."""
+    for screen in bpy.data.screens:
+        for area in screen.areas:
+            for space in area.spaces:
+                if space.type == "VIEW_3D":
+                    space.shading.type = "MATERIAL"
+                    space.region_3d.view_perspective = "CAMERA"
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
+
+
+class _Clock:
+    """Seconds of each step."""
+
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._last = time.monotonic()
+
+    def lap(self, name: str) -> None:
+        """The time since the last lap was spent on `name`."""
+        now = time.monotonic()
+        self.laps[name] = round(now - self._last, 2)
+        self._last = now

@@ -1,0 +1,137 @@
+"""A thin writer for node trees, so that node groups read as formulae; the same nodes in Blender 4.5 and 5.x."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import bpy
+
+Value: TypeAlias = bpy.types.NodeSocket | bool | float | Sequence[float] | str | bpy.types.ID
+"""What feeds an input: another node's output, or a constant."""
+
+
+class NodeWriter:
+    """Adds linked nodes to `tree`. Every method returns an output socket, which feeds the next call.
+
+    Sockets are found among the *enabled* ones: nodes with a data type carry a hidden socket for every other type.
+    """
+
+    def __init__(self, tree: bpy.types.NodeTree) -> None:
+        self.tree = tree
+
+    def node(self, kind: str, *inputs: Value | None, **properties: Any) -> bpy.types.Node:
+        """A node of type `kind` with `properties` set and its first inputs fed; None leaves an input at its default."""
+        node = self.tree.nodes.new(kind)
+        for name, value in properties.items():
+            setattr(node, name, value)
+        enabled = [socket for socket in node.inputs if socket.enabled]
+        for socket, value in zip(enabled, inputs, strict=False):
+            if value is not None:
+                self.feed(socket, value)
+        return node
+
+    def feed(self, socket: bpy.types.NodeSocket, value: Value) -> None:
+        """Link an output to `socket`, or set its constant."""
+        if isinstance(value, bpy.types.NodeSocket):
+            self.tree.links.new(value, socket)
+        else:
+            socket.default_value = value
+
+    def output(self, kind: str, *inputs: Value | None, name: str = "", **properties: Any) -> bpy.types.NodeSocket:
+        """The first enabled output of a new node, or the one whose name or identifier is `name`."""
+        node = self.node(kind, *inputs, **properties)
+        found = (socket for socket in node.outputs if socket.enabled)
+        return next(socket for socket in found if name in ("", socket.name, socket.identifier))
+
+    def math(self, operation: str, *values: Value) -> bpy.types.NodeSocket:
+        """A scalar operation, e.g. ``math("MULTIPLY", a, 2.0)``."""
+        return self.output("ShaderNodeMath", *values, operation=operation)
+
+    def sum(self, *values: Value) -> bpy.types.NodeSocket:
+        """Sum of two or more scalars."""
+        total = values[0]
+        for value in values[1:]:
+            total = self.math("ADD", total, value)
+        return total
+
+    def vector_math(self, operation: str, *values: Value) -> bpy.types.NodeSocket:
+        """A vector operation; a scalar result (dot product, length) comes back as such."""
+        return self.output("ShaderNodeVectorMath", *values, operation=operation)
+
+    def separate(self, vector: Value) -> tuple[bpy.types.NodeSocket, ...]:
+        """The x, y and z of a vector."""
+        return tuple(self.node("ShaderNodeSeparateXYZ", vector).outputs)
+
+    def combine(self, x: Value, y: Value, z: Value) -> bpy.types.NodeSocket:
+        """A vector of three scalars."""
+        return self.output("ShaderNodeCombineXYZ", x, y, z)
+
+    def compare(self, operation: str, a: Value, b: Value) -> bpy.types.NodeSocket:
+        """Boolean comparison of two scalars."""
+        return self.output("FunctionNodeCompare", a, b, data_type="FLOAT", operation=operation)
+
+    def both(self, a: Value, b: Value) -> bpy.types.NodeSocket:
+        """Logical and."""
+        return self.output("FunctionNodeBooleanMath", a, b, operation="AND")
+
+    def switch(self, kind: str, condition: Value, false: Value, true: Value) -> bpy.types.NodeSocket:
+        """`true` where `condition` holds, else `false`; `kind` is the socket type ("MATRIX", "VECTOR", ...)."""
+        return self.output("GeometryNodeSwitch", condition, false, true, input_type=kind)
+
+    def mix(self, kind: str, factor: Value, a: Value, b: Value) -> bpy.types.NodeSocket:
+        """Linear interpolation; `kind` is "FLOAT", "VECTOR" or "RGBA"."""
+        return self.output("ShaderNodeMix", factor, a, b, data_type=kind, clamp_factor=True)
+
+    def multiply_matrices(self, *matrices: Value) -> bpy.types.NodeSocket:
+        """Product of two or more 4x4 matrices, applied to a point from the right."""
+        product = matrices[0]
+        for matrix in matrices[1:]:
+            product = self.output("FunctionNodeMatrixMultiply", product, matrix)
+        return product
+
+    def matrix(self, *columns: Sequence[Value]) -> bpy.types.NodeSocket:
+        """An affine 4x4 matrix of its x, y, z and translation columns, three scalars each."""
+        last_row = (0.0, 0.0, 0.0, 1.0)
+        entries = [entry for column, last in zip(columns, last_row, strict=True) for entry in (*column, last)]
+        return self.output("FunctionNodeCombineMatrix", *entries)
+
+    def attribute(self, kind: str, name: Value) -> bpy.types.Node:
+        """A named attribute; its outputs are the value and whether it exists."""
+        return self.node("GeometryNodeInputNamedAttribute", name, data_type=kind)
+
+    def arrange(self, spacing: float = 180.0) -> None:
+        """Place the nodes in columns by their distance from the inputs, so that a person can read the tree."""
+        sources: dict[str, list[str]] = {}
+        for link in self.tree.links:
+            sources.setdefault(link.to_node.name, []).append(link.from_node.name)
+        column: dict[str, int] = {}
+        height: dict[int, int] = {}
+        for node in self.tree.nodes:  # nodes are made after what feeds them
+            place = 1 + max((column[source] for source in sources.get(node.name, ())), default=-1)
+            column[node.name] = place
+            height[place] = height.get(place, 0) + 1
+            node.location = (place * spacing, -height[place] * spacing)
+
+
+def new_group(kind: str, name: str) -> bpy.types.NodeTree:
+    """An empty node group of tree type `kind`."""
+    return bpy.data.node_groups.new(name, kind)
+
+
+def add_input(
+    tree: bpy.types.NodeTree, name: str, kind: str, description: str, **properties: Any
+) -> bpy.types.NodeTreeInterfaceSocket:
+    """A documented input of a node group; `properties` are those of the socket, e.g. ``max_value=1.0``."""
+    socket = tree.interface.new_socket(name, description=description, in_out="INPUT", socket_type=kind)
+    for key, value in properties.items():
+        setattr(socket, key, value)
+    return socket
+
+
+def input_identifier(tree: bpy.types.NodeTree, name: str) -> str:
+    """The identifier under which a modifier stores the value of the input called `name`."""
+    for item in tree.interface.items_tree:
+        if item.item_type == "SOCKET" and item.in_out == "INPUT" and item.name == name:
+            return item.identifier
+    raise KeyError(f"node group '{tree.name}' has no input '{name}'")

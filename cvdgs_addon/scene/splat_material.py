@@ -1,0 +1,72 @@
+"""The materials that evaluate a Gaussian on its hull (see `splat_nodes`), in Cycles and EEVEE."""
+
+from __future__ import annotations
+
+import bpy
+
+from .nodes import NodeWriter, Value
+from .splat_nodes import ALPHA_MIN, Attribute
+
+DISC_NAME = "CVD Gaussian Disc"
+ELLIPSOID_NAME = "CVD Gaussian Ellipsoid"
+
+ALPHA_MAX = 0.999  # of the rasteriser: no Gaussian hides what is behind it entirely
+
+
+def build_disc_material() -> bpy.types.Material:
+    """Evaluates the Gaussian where the ray meets the plane of its centre."""
+    material = _new_material(DISC_NAME)
+    write = NodeWriter(material.node_tree)
+    point = write.output("ShaderNodeTexCoord", name="Object")
+    squared_radius = write.vector_math("DOT_PRODUCT", point, point)
+    _finish(write, _alpha(write, squared_radius))
+    return material
+
+
+def build_ellipsoid_material() -> bpy.types.Material:
+    """Evaluates the Gaussian at its maximum along the ray, once for each hull: where the ray enters."""
+    material = _new_material(ELLIPSOID_NAME)
+    write = NodeWriter(material.node_tree)
+    point = write.output("ShaderNodeTexCoord", name="Object")
+    geometry = write.node("ShaderNodeNewGeometry")
+    ray = write.output("ShaderNodeVectorTransform", geometry.outputs["Incoming"],
+                       vector_type="VECTOR", convert_from="WORLD", convert_to="OBJECT")  # fmt: skip
+    # Squared distance of the ray from the centre: |p|^2 - (p.d)^2 / |d|^2.
+    along = write.vector_math("DOT_PRODUCT", point, ray)
+    foot = write.math("DIVIDE", write.math("MULTIPLY", along, along), write.vector_math("DOT_PRODUCT", ray, ray))
+    squared_radius = write.math("SUBTRACT", write.vector_math("DOT_PRODUCT", point, point), foot)
+    entering = write.math("SUBTRACT", 1.0, geometry.outputs["Backfacing"])
+    _finish(write, write.math("MULTIPLY", entering, _alpha(write, squared_radius)))
+    return material
+
+
+def _new_material(name: str) -> bpy.types.Material:
+    material = bpy.data.materials.new(name)
+    if bpy.app.version < (5, 0):
+        material.use_nodes = True
+    material.node_tree.nodes.clear()
+    material.surface_render_method = "BLENDED"  # EEVEE: sorted and mixed, not dithered
+    return material
+
+
+def _alpha(write: NodeWriter, squared_radius: Value) -> Value:
+    """o exp(-r^2 / 2) with r in standard deviations, from the squared radius in units of the hull's.
+
+    The hull's radius is where it falls to `ALPHA_MIN`, so it is o (ALPHA_MIN / o)^(squared radius).
+    """
+    opacity = _instance_attribute(write, Attribute.OPACITY, "Fac")
+    falloff = write.math("POWER", write.math("DIVIDE", ALPHA_MIN, opacity), squared_radius)
+    alpha = write.math("MINIMUM", write.math("MULTIPLY", opacity, falloff), ALPHA_MAX)
+    return write.math("MULTIPLY", alpha, write.math("LESS_THAN", squared_radius, 1.0))
+
+
+def _instance_attribute(write: NodeWriter, name: str, output: str) -> Value:
+    return write.output("ShaderNodeAttribute", name=output, attribute_type="INSTANCER", attribute_name=name)
+
+
+def _finish(write: NodeWriter, alpha: Value) -> None:
+    """Emission of the drawn colour, mixed over what is behind by `alpha`."""
+    emission = write.output("ShaderNodeEmission", _instance_attribute(write, Attribute.DRAWN_COLOR, "Color"))
+    mixed = write.output("ShaderNodeMixShader", alpha, write.output("ShaderNodeBsdfTransparent"), emission)
+    write.node("ShaderNodeOutputMaterial", mixed)
+    write.arrange()

@@ -1,0 +1,79 @@
+"""An independent oracle: elliptical weighted average splatting in float64 numpy, every pixel against every Gaussian."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cvdgs.core.capture.model import PinholeCamera
+from cvdgs.core.splats.gaussians import Gaussians
+
+DILATION = 0.3
+ALPHA_MIN = 1.0 / 255.0
+ALPHA_MAX = 0.999
+FIELD_MARGIN = 1.3
+
+
+def rotation_matrices(quaternions: NDArray) -> NDArray[np.float64]:
+    """(N, 3, 3) of (N, 4) wxyz."""
+    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).astype(np.float64).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def render(
+    gaussians: Gaussians,
+    colors: NDArray,
+    camera: PinholeCamera,
+    world_to_camera: NDArray,
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    dilation: float = DILATION,
+) -> NDArray[np.float64]:
+    """(H, W, 3) image in the space of `colors`, blended front to back by the depth of the centres.
+
+    Args:
+        world_to_camera: (4, 4), OpenCV axes.
+    """
+    rotation, translation = world_to_camera[:3, :3], world_to_camera[:3, 3]
+    centers = gaussians.means.astype(np.float64) @ rotation.T + translation
+    order = np.argsort(centers[:, 2])
+    order = order[centers[order, 2] > 0.01]
+    x, y, z = centers[order].T
+    limit_x = FIELD_MARGIN * camera.width / (2 * camera.fx)
+    limit_y = FIELD_MARGIN * camera.height / (2 * camera.fy)
+    jacobian = np.zeros((len(order), 2, 3))
+    jacobian[:, 0, 0] = camera.fx / z
+    jacobian[:, 0, 2] = -camera.fx * np.clip(x / z, -limit_x, limit_x) / z
+    jacobian[:, 1, 1] = camera.fy / z
+    jacobian[:, 1, 2] = -camera.fy * np.clip(y / z, -limit_y, limit_y) / z
+    axes = (
+        rotation_matrices(gaussians.quaternions[order])
+        * np.exp(gaussians.log_scales[order].astype(np.float64))[:, None]
+    )
+    projected = jacobian @ rotation @ axes
+    covariance = projected @ projected.transpose(0, 2, 1) + dilation * np.eye(2)
+    precision = np.linalg.inv(covariance)
+    means = np.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], axis=1)
+    opacities = gaussians.opacities[order].astype(np.float64)
+
+    columns, rows = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    pixels = np.stack([columns, rows], axis=-1)
+    image = np.zeros((camera.height, camera.width, 3))
+    transmittance = np.ones((camera.height, camera.width))
+    for i in range(len(order)):
+        offset = pixels - means[i]
+        power = -0.5 * np.einsum("hwi,ij,hwj->hw", offset, precision[i], offset)
+        alpha = np.minimum(opacities[i] * np.exp(power), ALPHA_MAX)
+        alpha[alpha < ALPHA_MIN] = 0.0
+        image += (transmittance * alpha)[..., None] * colors[order[i]]
+        transmittance *= 1.0 - alpha
+    return image + transmittance[..., None] * np.asarray(background)
+
+
+def psnr(a: NDArray, b: NDArray) -> float:
+    """Peak signal-to-noise ratio in dB of images in [0, 1]."""
+    return float(-10.0 * np.log10(np.mean((np.asarray(a, np.float64) - b) ** 2) + 1e-20))
