@@ -37,9 +37,7 @@ class Adam:
     this is Adam as usual.
     """
 
-    def __init__(
-        self, params: ParameterSet, betas: tuple[float, float] = (0.9, 0.999), eps: float = 1e-15
-    ) -> None:
+    def __init__(self, params: ParameterSet, betas: tuple[float, float] = (0.9, 0.999), eps: float = 1e-15) -> None:
         self.betas = betas
         self.eps = eps
         device = params.device

@@ -13,7 +13,7 @@ from ..gaussians import Gaussians
 FIELDS = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ParameterSet:
     """N Gaussians as float32 arrays on one device, parametrised as `Gaussians`.
 
@@ -66,7 +66,7 @@ class ParameterSet:
         return Gaussians(**{name: value.copy() for name, value in self.numpy().items()})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Gradients(ParameterSet):
     """dL/dparameter for every field of `ParameterSet`; zero for Gaussians that were not drawn.
 

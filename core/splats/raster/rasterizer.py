@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
@@ -132,7 +134,7 @@ class Rasterizer:
         self._require_current(frame)
         state = self.runner.state
         params = frame.parameters
-        gradients = self._bind_gradients(len(params), params.sh_count, colors_only)
+        gradients = replace(self._bind_gradients(len(params), params.sh_count), colors_only=colors_only)
         self.runner.bind("grad_color", frame.grad_color if grad_color is None else grad_color)
         state.with_depth = int(not (grad_depth is None and grad_alpha is None))
         if state.with_depth:
@@ -186,7 +188,7 @@ class Rasterizer:
         self.runner.reserve("tile_start", state.tiles + 1, wp.int32)
         return images
 
-    def _bind_gradients(self, count: int, sh_count: int, colors_only: bool) -> Gradients:
+    def _bind_gradients(self, count: int, sh_count: int) -> Gradients:
         if self._gradients is None or self._gradients.sh.shape[:2] != (count, sh_count):
             zeros = ParameterSet.zeros(count, sh_count, self.device)
             self._gradients = Gradients(
@@ -213,4 +215,3 @@ class Rasterizer:
     def _require_current(self, frame: Frame) -> None:
         if frame.number != self._number:
             raise ValueError("the frame is not the rasteriser's latest: its arrays have been written over")
-
