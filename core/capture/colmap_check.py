@@ -153,7 +153,8 @@ def check_text(folder: Path) -> None:
         numbered = list(enumerate(text.split("\n"), start=1))
         count = check(path, [(number, line.strip()) for number, line in numbered if not line.startswith("#")])
         promised = re.search(r"^# Number of \w+: (\d+)", text, re.MULTILINE)
-        if promised and int(promised[1]) != count:
+        # Whoever writes the count ends every line; without it, a last line without an end may be somebody's editor.
+        if promised and (int(promised[1]) != count or not text.endswith("\n")):
             raise InputError(
                 f"the file is cut short or damaged ({count} of {promised[1]} entries are there)",
                 where=path,

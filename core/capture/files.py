@@ -32,7 +32,7 @@ def is_file(path: Path) -> bool:
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
     """Sort key under which ``2.jpg`` comes before ``10.jpg``; total, because text and numbers never meet."""
     parts = re.split(r"([0-9]+)", name)
-    return tuple((1, int(part), part) if part.isdigit() else (0, 0, part) for part in parts)
+    return tuple((1, int(part), part) if index % 2 else (0, 0, part) for index, part in enumerate(parts))
 
 
 def resolve_inside(root: Path, name: str, *, where: str | Path) -> Path:
@@ -96,7 +96,7 @@ def make_keys(names: Sequence[str]) -> list[str]:
     keys = []
     for key, path in zip(plain, paths, strict=True):
         # Two images that differ in the extension alone stay readable: 0001_jpg, 0001_png.
-        base = f"{key}_{path.suffix[1:]}" if occurrences[key.lower()] > 1 and path.suffix else key
+        base = _safe(f"{key}_{path.suffix[1:]}") if occurrences[key.lower()] > 1 and path.suffix else key
         key, serial = base, 1
         while key.lower() in taken:
             serial += 1

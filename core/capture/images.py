@@ -17,8 +17,17 @@ MAX_MEGAPIXELS = 200
 # Below this no training view holds a patch that a loss or a metric could use (SSIM looks at 11 x 11).
 MIN_SIDE = 16
 
-# EXIF orientations 5 to 8 exchange width and height.
-_TRANSPOSING_ORIENTATIONS = frozenset({5, 6, 7, 8})
+# EXIF 2.32, tag 274: what turns the stored image upright - flip the rows, flip the columns, then transpose.
+_ORIENTATION_STEPS = {
+    1: (False, False, False),
+    2: (False, True, False),
+    3: (True, True, False),
+    4: (True, False, False),
+    5: (False, False, True),
+    6: (True, False, True),
+    7: (True, True, True),
+    8: (False, True, True),
+}
 _COPY_AGAIN = "copy or export the image again"
 
 
@@ -38,9 +47,8 @@ class ImageHeader:
     @property
     def upright_size(self) -> tuple[int, int]:
         """(width, height) after the EXIF orientation is applied."""
-        if self.orientation in _TRANSPOSING_ORIENTATIONS:
-            return self.height, self.width
-        return self.width, self.height
+        transposed = _ORIENTATION_STEPS[self.orientation][2]
+        return (self.height, self.width) if transposed else (self.width, self.height)
 
 
 def read_header(path: Path) -> ImageHeader:
@@ -53,8 +61,7 @@ def read_header(path: Path) -> ImageHeader:
     try:
         spec = file.spec()
         _check_header(spec, path)
-        orientation = spec.get_int_attribute("Orientation", 1)
-        return ImageHeader(spec.width, spec.height, orientation if 1 <= orientation <= 8 else 1)
+        return ImageHeader(spec.width, spec.height, _orientation(spec))
     finally:
         file.close()
 
@@ -95,8 +102,8 @@ def read_pixels(path: Path, *, upright: bool = False) -> tuple[NDArray[np.uint8]
     if alpha is not None and alpha.min() == 255:
         alpha = None
     if upright:
-        color = _apply_orientation(color, spec)
-        alpha = None if alpha is None else _apply_orientation(alpha[..., None], spec)[..., 0]
+        color = _apply_orientation(color, _orientation(spec))
+        alpha = None if alpha is None else _apply_orientation(alpha, _orientation(spec))
     return np.ascontiguousarray(color), alpha
 
 
@@ -197,6 +204,11 @@ def _check_header(spec: oiio.ImageSpec, path: Path) -> None:
         raise InputError("the image is CMYK, made for print", where=path, remedy="convert it to RGB (sRGB)")
 
 
+def _orientation(spec: oiio.ImageSpec) -> int:
+    orientation = spec.get_int_attribute("Orientation", 1)
+    return orientation if orientation in _ORIENTATION_STEPS else 1
+
+
 def _split_channels(pixels: NDArray, spec: oiio.ImageSpec) -> tuple[NDArray, NDArray | None]:
     """(H, W, 3) colour and (H, W) alpha or None; of an EXR with further channels, those named R, G, B and A."""
     names = [name.upper() for name in spec.channelnames]
@@ -219,7 +231,7 @@ def _encode_linear(
     color = np.nan_to_num(color, nan=0.0, posinf=1.0, neginf=0.0)
     coverage = None
     if alpha is not None:
-        alpha = np.clip(np.nan_to_num(alpha, nan=0.0), 0.0, 1.0)
+        alpha = np.clip(np.nan_to_num(np.asarray(alpha), nan=0.0), 0.0, 1.0)
         color = color / np.where(alpha > 0.0, alpha, 1.0)[..., None]
         coverage = np.rint(alpha * 255.0).astype(np.uint8)
     buffer = oiio.ImageBuf(np.ascontiguousarray(np.clip(color, 0.0, 1.0), np.float32))
@@ -227,8 +239,11 @@ def _encode_linear(
     return np.rint(np.clip(encoded, 0.0, 1.0) * 255.0).astype(np.uint8), coverage
 
 
-def _apply_orientation(pixels: NDArray[np.uint8], spec: oiio.ImageSpec) -> NDArray[np.uint8]:
-    buffer = oiio.ImageBuf(np.ascontiguousarray(pixels))
-    buffer.specmod().attribute("Orientation", spec.get_int_attribute("Orientation", 1))
-    upright = oiio.ImageBufAlgo.reorient(buffer)
-    return upright.get_pixels(oiio.UINT8).reshape(upright.spec().height, upright.spec().width, pixels.shape[2])
+def _apply_orientation(pixels: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
+    """Turn (H, W, ...) upright. (OpenImageIO's reorient exchanges orientations 5 and 7.)"""
+    flip_rows, flip_columns, transpose = _ORIENTATION_STEPS[orientation]
+    if flip_rows:
+        pixels = pixels[::-1]
+    if flip_columns:
+        pixels = pixels[:, ::-1]
+    return np.ascontiguousarray(pixels.swapaxes(0, 1) if transpose else pixels)

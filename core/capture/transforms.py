@@ -26,6 +26,7 @@ from .source import SourceModel, SourceView
 # One file is read; the splits of the NeRF synthetic layout overlap in purpose with our own held-out views.
 _FILE_NAMES = ("transforms.json", "transforms_train.json", "transforms_test.json", "transforms_val.json")
 _MAX_BYTES = 256 * 1024 * 1024
+_MAX_STATED_SIDE = 1_000_000
 _EXPORT_AGAIN = "copy or export the file again"
 
 _PERSPECTIVE = frozenset(
@@ -119,21 +120,30 @@ class _Reader:
         camera_to_world, repaired = rigid_pose(matrix, frame=name, where=self._file)
         return invert_rigid(camera_to_world @ OPENGL_TO_OPENCV), repaired
 
-    def _number(self, frame: dict[str, Any], key: str, default: float | None = None) -> float | None:
+    def _number(self, frame: dict[str, Any], key: str, default: float) -> float:
         """`key` of the frame, else of the file, else `default`."""
+        value = self._optional(frame, key)
+        return default if value is None else value
+
+    def _optional(self, frame: dict[str, Any], key: str) -> float | None:
+        """`key` of the frame, else of the file, else None."""
         value = frame.get(key, self._document.get(key))
         if value is None:
-            return default
+            return None
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise InputError(f"{key} is {value!r}, not a number", where=self._file, remedy=_EXPORT_AGAIN)
         return float(value)
 
     def _camera(self, frame: dict[str, Any], name: str, path: Path) -> tuple[pycolmap.Camera, bool]:
         """Intrinsics of a frame, shared by frames that state the same, and whether the file states the image size."""
-        width, height = self._number(frame, "w"), self._number(frame, "h")
+        width, height = self._optional(frame, "w"), self._optional(frame, "h")
         size_known = width is not None and height is not None
-        if not size_known:
+        if width is None or height is None:
             width, height = read_header(path).upright_size
+        if not (1.0 <= width <= _MAX_STATED_SIDE and 1.0 <= height <= _MAX_STATED_SIDE):
+            raise InputError(
+                f"the image size {width:g} x {height:g} is unusable", where=self._file, remedy=_EXPORT_AGAIN
+            )
         focal_x, focal_y = self._focal_lengths(frame, name, width, height)
         center = (self._number(frame, "cx", width / 2), self._number(frame, "cy", height / 2))
         model, distortion = self._distortion(frame)
@@ -146,8 +156,8 @@ class _Reader:
 
     def _focal_lengths(self, frame: dict[str, Any], name: str, width: float, height: float) -> tuple[float, float]:
         """In pixels; from ``fl_x`` and ``fl_y``, else from the fields of view. One of them alone stands for both."""
-        focal_x = self._number(frame, "fl_x") or _focal_from_angle(self._number(frame, "camera_angle_x"), width)
-        focal_y = self._number(frame, "fl_y") or _focal_from_angle(self._number(frame, "camera_angle_y"), height)
+        focal_x = self._optional(frame, "fl_x") or _focal_from_angle(self._optional(frame, "camera_angle_x"), width)
+        focal_y = self._optional(frame, "fl_y") or _focal_from_angle(self._optional(frame, "camera_angle_y"), height)
         focal_x, focal_y = focal_x or focal_y, focal_y or focal_x
         if focal_x is None or focal_y is None:
             raise InputError(

@@ -20,9 +20,22 @@ _MIN_COSINE = 1e-3
 _BORDER_SAMPLES = 200
 # A pixel of the photograph must come back to itself through unprojection and projection, in pixels.
 _ROUND_TRIP = 0.1
-# Parts of the image, from each side, that may lie where a polynomial distortion folds over.
-_INSETS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3)
+# Parts of the image, from each side, that may lie where a polynomial folds over or a fisheye looks behind itself.
+_INSETS = tuple(np.arange(0.0, 0.42, 0.02))
+_NO_DISTORTION = 0.01
 _MAPS_KEPT = 4
+
+
+def is_pinhole(camera: pycolmap.Camera) -> bool:
+    """Whether the photograph is a pinhole image already, to a hundredth of a pixel along the border.
+
+    Measured, because pycolmap calls a fisheye without further distortion undistorted as well.
+    """
+    nominal = _nominal_pinhole(camera)
+    border = _border(camera.width, camera.height, 0.0)
+    rays = np.ones((len(border), 3))
+    rays[:, :2] = (border - (nominal.cx, nominal.cy)) / (nominal.fx, nominal.fy)
+    return bool(np.abs(_project(camera, rays) - border).max() < _NO_DISTORTION)
 
 
 def choose_pinhole(camera: pycolmap.Camera, *, where: str | Path) -> PinholeCamera:
@@ -35,15 +48,8 @@ def choose_pinhole(camera: pycolmap.Camera, *, where: str | Path) -> PinholeCame
         InputError: the distortion cannot be inverted anywhere near the border.
     """
     width, height = camera.width, camera.height
-    if camera.is_undistorted():
-        return PinholeCamera(
-            width,
-            height,
-            camera.focal_length_x,
-            camera.focal_length_y,
-            camera.principal_point_x,
-            camera.principal_point_y,
-        )
+    if is_pinhole(camera):
+        return _nominal_pinhole(camera)
     left, right, top, bottom = _inscribed_rectangle(camera, where)
     ratio = camera.focal_length_y / camera.focal_length_x
     focal_x = max(width / (right - left), height / (bottom - top) / ratio)
@@ -63,7 +69,7 @@ def source_pixels(camera: pycolmap.Camera, pinhole: PinholeCamera) -> NDArray[np
     rays[:, 0] = x
     for row, ray_y in enumerate(y):
         rays[:, 1] = ray_y
-        positions[row] = camera.img_from_cam(rays) / (camera.width, camera.height)
+        positions[row] = _project(camera, rays) / (camera.width, camera.height)
     return positions
 
 
@@ -100,7 +106,7 @@ class Undistorter:
                 self._maps.move_to_end(key)
                 return self._maps[key][1:]
             pinhole = choose_pinhole(camera, where=where).scaled(width, height)
-            positions = None if camera.is_undistorted() else source_pixels(camera, pinhole)
+            positions = None if is_pinhole(camera) else source_pixels(camera, pinhole)
             # The camera is kept with its map, so that its id cannot be given to another.
             self._maps[key] = (camera, pinhole, positions)
             if len(self._maps) > _MAPS_KEPT:
@@ -108,15 +114,32 @@ class Undistorter:
             return pinhole, positions
 
 
+def _project(camera: pycolmap.Camera, rays: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 2) pixels of (N, 3) rays; NaN for those behind the camera."""
+    return np.asarray(camera.img_from_cam(rays))
+
+
+def _nominal_pinhole(camera: pycolmap.Camera) -> PinholeCamera:
+    """The camera without its distortion."""
+    return PinholeCamera(
+        camera.width,
+        camera.height,
+        camera.focal_length_x,
+        camera.focal_length_y,
+        camera.principal_point_x,
+        camera.principal_point_y,
+    )
+
+
 def _inscribed_rectangle(camera: pycolmap.Camera, where: str | Path) -> tuple[float, float, float, float]:
     """(left, right, top, bottom) on the plane at depth 1 of a rectangle that the photograph covers."""
     for inset in _INSETS:
         border = _border(camera.width, camera.height, inset)
-        rays = camera.cam_ray_from_img(border)
+        rays = np.asarray(camera.cam_ray_from_img(border))
         if not np.isfinite(rays).all():
             continue
         ahead = rays[:, 2] > _MIN_COSINE
-        back = camera.img_from_cam(rays[ahead])
+        back = _project(camera, rays[ahead])
         if ahead.any() and not np.abs(back - border[ahead]).max() < _ROUND_TRIP:
             continue
         # What a fisheye sees sideways or behind lies outside every window.

@@ -1,0 +1,212 @@
+"""COLMAP models in every layout."""
+
+from __future__ import annotations
+
+import shutil
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cvdgs.core.capture import Capture, inspect_capture, read_capture
+from cvdgs.core.errors import InputError
+
+from .make_captures import PlanePoints, pinhole, reconstruction, save, save_images, shots, write_colmap
+
+
+def warnings_of(capture: Capture) -> list[str]:
+    return [warning.name for warning in capture.warnings]
+
+
+@pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])
+@pytest.mark.parametrize("old", [False, True], ids=["with-rigs", "without-rigs"])
+@pytest.mark.parametrize("model_folder", ["sparse/0", "sparse", "colmap/sparse/0", "."])
+def test_every_layout_gives_the_same_capture(tmp_path: Path, text: bool, old: bool, model_folder: str) -> None:
+    photographs = shots(3)
+    capture = read_capture(
+        write_colmap(tmp_path, photographs, model_folder=model_folder, text=text, old=old), max_size=None
+    )
+    assert capture.format == "colmap"
+    assert [view.key for view in capture.views] == ["0001", "0002", "0003"]
+    for view, shot in zip(capture.views, photographs, strict=True):
+        np.testing.assert_allclose(view.world_to_camera, shot.world_to_camera, atol=1e-12)
+        assert (view.camera.fx, view.camera.fy, view.camera.cx, view.camera.cy) == (80.0, 80.0, 48.0, 36.0)
+        np.testing.assert_array_equal(view.image, shot.render())
+    order = np.lexsort(capture.points.T)
+    expected = PlanePoints()
+    np.testing.assert_allclose(capture.points[order], expected.positions[np.lexsort(expected.positions.T)], atol=1e-6)
+    np.testing.assert_array_equal(capture.point_colors[order], expected.colors[np.lexsort(expected.positions.T)])
+    assert warnings_of(capture) == ["few-views"]
+
+
+def test_points_lie_where_the_views_show_their_colours(tmp_path: Path) -> None:
+    capture = read_capture(write_colmap(tmp_path, shots(3)), max_size=None)
+    view = capture.views[1]
+    local = capture.points @ view.world_to_camera[:3, :3].T + view.world_to_camera[:3, 3]
+    u = view.camera.fx * local[:, 0] / local[:, 2] + view.camera.cx
+    v = view.camera.fy * local[:, 1] / local[:, 2] + view.camera.cy
+    seen = (u > 1) & (v > 1) & (u < view.camera.width - 1) & (v < view.camera.height - 1)
+    assert seen.sum() > 10
+    colors = view.image[v[seen].astype(int), u[seen].astype(int)].astype(int)
+    assert np.abs(colors - capture.point_colors[seen]).mean() < 3.0
+
+
+def test_the_models_own_folder_is_accepted(tmp_path: Path) -> None:
+    write_colmap(tmp_path, shots(3))
+    assert len(read_capture(tmp_path / "sparse" / "0", max_size=None).views) == 3
+
+
+def test_binary_is_preferred_to_text(tmp_path: Path) -> None:
+    write_colmap(tmp_path, shots(3))
+    (tmp_path / "sparse" / "0" / "cameras.txt").write_text("1 PINHOLE 96 72 999 999 48 36\n")
+    assert read_capture(tmp_path, max_size=None).views[0].camera.fx == 80.0
+
+
+def test_subfolders_and_several_cameras(tmp_path: Path) -> None:
+    left, right = pinhole(camera_id=1), pinhole(72, 96, focal=60.0, camera_id=2)
+    photographs = shots(2, left, "cam1/{:04d}.png") + shots(2, right, "cam2/{:04d}.png")
+    capture = read_capture(write_colmap(tmp_path, photographs), max_size=None)
+    assert [view.key for view in capture.views] == ["cam1_0001", "cam1_0002", "cam2_0001", "cam2_0002"]
+    assert [(view.camera.width, view.camera.fx) for view in capture.views] == [(96, 80.0)] * 2 + [(72, 60.0)] * 2
+    assert "mixed-sizes" in warnings_of(capture)
+
+
+def test_views_are_in_natural_order(tmp_path: Path) -> None:
+    photographs = shots(11, pattern="p{}.png")
+    capture = read_capture(write_colmap(tmp_path, photographs), max_size=32)
+    assert [view.key for view in capture.views] == [f"p{i}" for i in range(1, 12)]
+
+
+def test_images_beside_the_model_are_found(tmp_path: Path) -> None:
+    capture = read_capture(write_colmap(tmp_path, shots(3), image_folder="input"), max_size=None)
+    assert capture.views[0].source == tmp_path / "input" / "0001.png"
+
+
+def test_downscaled_images_rescale_the_camera(tmp_path: Path) -> None:
+    small = [shot.__class__(shot.name, pinhole(48, 36, 40.0), shot.world_to_camera) for shot in shots(3)]
+    write_colmap(tmp_path, shots(3), images=False)
+    save_images(tmp_path / "images_2", small)
+    camera = read_capture(tmp_path, max_size=None).views[0].camera
+    assert (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy) == (48, 36, 40.0, 40.0, 24.0, 18.0)
+
+
+def test_largest_of_several_models_is_used(tmp_path: Path) -> None:
+    write_colmap(tmp_path, shots(2), model_folder="sparse/0", images=False)
+    write_colmap(tmp_path, shots(4), model_folder="sparse/1")
+    capture = read_capture(tmp_path, max_size=None)
+    assert len(capture.views) == 4
+    assert "several-models" in warnings_of(capture)
+
+
+def test_missing_images_are_left_out_and_listed(tmp_path: Path) -> None:
+    write_colmap(tmp_path, shots(4))
+    (tmp_path / "images" / "0002.png").unlink()
+    capture = read_capture(tmp_path, max_size=None)
+    assert [view.key for view in capture.views] == ["0001", "0003", "0004"]
+    (message,) = [warning.message for warning in capture.warnings if warning.name == "missing-images"]
+    assert "1 of 4" in message
+    assert "0002.png" in message
+
+
+def test_photographs_without_a_camera_are_counted(tmp_path: Path) -> None:
+    write_colmap(tmp_path, shots(3))
+    save(tmp_path / "images" / "extra.png", np.zeros((72, 96, 3), np.uint8))
+    (message,) = [w.message for w in read_capture(tmp_path, max_size=None).warnings if w.name == "unregistered"]
+    assert "extra.png" in message
+
+
+@pytest.mark.parametrize("keep", [0, 1])
+def test_fewer_than_two_images_are_refused(tmp_path: Path, keep: int) -> None:
+    write_colmap(tmp_path, shots(3))
+    for path in sorted((tmp_path / "images").iterdir())[keep:]:
+        path.unlink()
+    with pytest.raises(InputError, match="at least two"):
+        read_capture(tmp_path, max_size=None)
+
+
+@pytest.mark.parametrize("name", ["cameras", "images", "points3D", "rigs", "frames"])
+@pytest.mark.parametrize("part", [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_cut_binary_file_is_refused_by_name(tmp_path: Path, name: str, part: float) -> None:
+    write_colmap(tmp_path, shots(3))
+    file = tmp_path / "sparse" / "0" / f"{name}.bin"
+    data = file.read_bytes()
+    file.write_bytes(data[: int(len(data) * part)])
+    with pytest.raises(InputError, match=f"{name}.bin: the file is cut short"):
+        inspect_capture(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["cameras", "images", "points3D", "rigs", "frames"])
+def test_count_beyond_the_file_is_refused_at_once(tmp_path: Path, name: str) -> None:
+    write_colmap(tmp_path, shots(3))
+    file = tmp_path / "sparse" / "0" / f"{name}.bin"
+    file.write_bytes(struct.pack("<Q", 2**62) + file.read_bytes()[8:])
+    with pytest.raises(InputError, match="cut short"):
+        inspect_capture(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
+@pytest.mark.parametrize("part", [0.3, 0.6, 0.97])
+def test_cut_text_file_is_refused(tmp_path: Path, name: str, part: float) -> None:
+    write_colmap(tmp_path, shots(3), text=True)
+    file = tmp_path / "sparse" / "0" / f"{name}.txt"
+    text = file.read_text()
+    header = text.rindex("\n#") if "\n#" in text else 0
+    file.write_text(text[: header + int((len(text) - header) * part)])
+    with pytest.raises(InputError, match=r"cut short|damaged"):
+        inspect_capture(tmp_path)
+
+
+def test_missing_model_file_is_named(tmp_path: Path) -> None:
+    write_colmap(tmp_path, shots(3))
+    (tmp_path / "sparse" / "0" / "cameras.bin").unlink()
+    with pytest.raises(InputError, match=r"cameras.bin is missing"):
+        inspect_capture(tmp_path)
+
+
+def test_image_of_an_absent_camera_is_refused(tmp_path: Path) -> None:
+    write_colmap(tmp_path, shots(3), text=True, old=True)
+    cameras = tmp_path / "sparse" / "0" / "cameras.txt"
+    cameras.write_text(cameras.read_text().replace("\n1 PINHOLE", "\n7 PINHOLE"))
+    with pytest.raises(InputError, match="damaged"):
+        inspect_capture(tmp_path)
+
+
+def test_two_images_of_one_name_are_refused(tmp_path: Path) -> None:
+    write_colmap(tmp_path, [*shots(3), shots(1)[0]])
+    with pytest.raises(InputError, match=r"same name: 0001\.png"):
+        inspect_capture(tmp_path)
+
+
+def test_full_panorama_is_refused(tmp_path: Path) -> None:
+    write_colmap(tmp_path, shots(3), text=True)
+    (tmp_path / "sparse" / "0" / "cameras.txt").write_text("1 EQUIRECTANGULAR 96 72 96 72\n")
+    with pytest.raises(InputError, match="panorama"):
+        inspect_capture(tmp_path)
+
+
+@pytest.mark.parametrize("focal", ["nan", "0", "-80", "inf"])
+def test_unusable_focal_length_is_refused(tmp_path: Path, focal: str) -> None:
+    write_colmap(tmp_path, shots(3), text=True)
+    (tmp_path / "sparse" / "0" / "cameras.txt").write_text(f"1 SIMPLE_PINHOLE 96 72 {focal} 48 36\n")
+    with pytest.raises(InputError, match=r"focal length|VerifyParams"):
+        inspect_capture(tmp_path)
+
+
+def test_model_without_registered_images_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "sparse").mkdir()
+    reconstruction([]).write_binary(str(tmp_path / "sparse"))
+    save_images(tmp_path / "images", shots(2))
+    with pytest.raises(InputError, match="no registered image"):
+        inspect_capture(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["../0001.png", "/etc/hostname", "sub/../../x.png", "C:\\x.png"])
+def test_name_that_leaves_the_folder_is_refused(tmp_path: Path, name: str) -> None:
+    photographs = shots(3)
+    write_colmap(tmp_path, photographs, images=True)
+    photographs[1].name = name
+    shutil.rmtree(tmp_path / "sparse")
+    write_colmap(tmp_path, photographs, images=False)
+    with pytest.raises(InputError, match=r"leaves the capture folder|absolute path"):
+        inspect_capture(tmp_path)

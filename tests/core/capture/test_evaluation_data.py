@@ -1,0 +1,155 @@
+"""Real captures, where the evaluation data is there: two descriptions of one capture agree."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+
+from cvdgs.core.capture import Capture, inspect_capture, read_capture
+from cvdgs.core.capture.undistort import choose_pinhole, source_pixels
+from cvdgs.core.errors import InputError
+from cvdgs.core.events import Reporter
+
+DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the evaluation data is not there")
+
+
+def similarity(source: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """`source` points moved onto `target` by the best similarity (Umeyama 1991, through pycolmap)."""
+    transform = pycolmap.estimate_sim3d(source, target)
+    return np.array([transform * point for point in source])
+
+
+def centers(capture: Capture) -> np.ndarray:
+    return np.array([view.center for view in capture.views])
+
+
+def test_fox_is_the_same_from_colmap_and_from_transforms() -> None:
+    colmap = read_capture(DATA / "fox", max_size=120)
+    transforms = read_capture(DATA / "fox" / "transforms.json", max_size=120)
+    assert (colmap.format, transforms.format) == ("colmap", "transforms")
+    assert len(colmap.views) == len(transforms.views) == 50
+    assert colmap.points.shape == (10_288, 3)
+    moved = similarity(centers(transforms), centers(colmap))
+    extent = np.ptp(centers(colmap), axis=0).max()
+    assert np.abs(moved - centers(colmap)).max() < 1e-4 * extent
+    for first, second in zip(colmap.views, transforms.views, strict=True):
+        assert first.key == second.key
+        np.testing.assert_array_equal(first.image, second.image)
+
+
+def test_kermit_with_a_camera_for_every_image_is_the_same_from_both(tmp_path: Path) -> None:
+    shutil.copytree(DATA / "kermit" / "sparse_from_bundle", tmp_path / "sparse")
+    shutil.copytree(DATA / "kermit" / "images", tmp_path / "images")
+    colmap = read_capture(tmp_path, max_size=160)
+    transforms = read_capture(DATA / "kermit" / "transforms_from_bundle.json", max_size=160)
+    assert [view.key for view in colmap.views] == [view.key for view in transforms.views]
+    assert len({view.camera.fx for view in colmap.views}) == 9
+    for first, second in zip(colmap.views, transforms.views, strict=True):
+        assert first.camera.fx == pytest.approx(second.camera.fx, rel=1e-9)
+        np.testing.assert_allclose(first.world_to_camera, second.world_to_camera, atol=1e-6)
+        assert np.abs(first.image.astype(int) - second.image).max() <= 1
+    assert {"few-views", "unregistered"} <= {warning.name for warning in colmap.warnings}
+
+
+@pytest.mark.parametrize("name", ["fox", "kermit"])
+def test_observed_features_project_onto_the_points_through_the_views(name: str) -> None:
+    """COLMAP's own features, carried from the photographs into the views, meet the projected points."""
+    capture = read_capture(DATA / name, max_size=None)
+    model = pycolmap.Reconstruction(str(DATA / name / "sparse" / "0"))
+    views = {view.source.name: view for view in capture.views}
+    errors = []
+    for image in list(model.images.values())[::7]:
+        view, camera = views[image.name], image.camera
+        seen = [p for p in image.points2D if p.has_point3D()][::5]
+        pixels = np.array([p.xy for p in seen])
+        points = np.array([model.point3D(p.point3D_id).xyz for p in seen])
+        local = points @ view.world_to_camera[:3, :3].T + view.world_to_camera[:3, 3]
+        projected = local[:, :2] / local[:, 2:] * (view.camera.fx, view.camera.fy) + (view.camera.cx, view.camera.cy)
+        rays = camera.cam_from_img(pixels)
+        observed = rays * (view.camera.fx, view.camera.fy) + (view.camera.cx, view.camera.cy)
+        errors.append(np.linalg.norm(projected - observed, axis=1))
+    assert np.mean(np.concatenate(errors)) < 0.9  # the models' own mean reprojection errors are 0.73 and 0.64
+
+
+@pytest.mark.parametrize("model", ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "OPENCV", "OPENCV_FISHEYE"])
+@pytest.mark.parametrize("form", ["binary", "text"])
+def test_one_scene_under_several_camera_models_projects_its_points_alike(tmp_path: Path, model: str, form: str) -> None:
+    from cvdgs.core.capture.colmap import load_reconstruction
+
+    kept = ".bin" if form == "binary" else ".txt"
+    for path in (DATA / "colmap" / model).iterdir():
+        if path.suffix == kept:
+            shutil.copy(path, tmp_path / path.name)
+    reconstruction = load_reconstruction(tmp_path)
+    camera = next(iter(reconstruction.cameras.values()))
+    chosen = choose_pinhole(camera, where=tmp_path)
+    places = source_pixels(camera, chosen) * (camera.width, camera.height)
+    assert places.min() > -0.5
+    assert (places.max(axis=(0, 1)) < (camera.width + 0.5, camera.height + 0.5)).all()
+    image = reconstruction.image(next(iter(reconstruction.reg_image_ids())))
+    for point in list(reconstruction.points3D.values())[::50]:
+        local = image.cam_from_world() * point.xyz
+        expected = image.project_point(point.xyz)
+        if expected is None or local[2] <= 0:
+            continue
+        u = chosen.fx * local[0] / local[2] + chosen.cx
+        v = chosen.fy * local[1] / local[2] + chosen.cy
+        column, row = int(u), int(v)
+        if 0 <= column < chosen.width - 1 and 0 <= row < chosen.height - 1:
+            step = places[row + 1, column + 1] - places[row, column]
+            place = places[row, column] + step * (u - column - 0.5, v - row - 0.5)
+            np.testing.assert_allclose(place, expected, atol=0.05)
+
+
+def test_absent_photographs_of_a_downloaded_camera_file_are_listed(tmp_path: Path) -> None:
+    shutil.copy(DATA / "transforms" / "instant_ngp_fox_67frames_17_images_absent.json", tmp_path / "transforms.json")
+    shutil.copytree(DATA / "fox" / "images", tmp_path / "images")
+    summary = inspect_capture(tmp_path)
+    assert summary.views == 50
+    assert summary.sizes == ((720, 1280, 50),)
+    (message,) = [warning.message for warning in summary.warnings if warning.name == "missing-images"]
+    assert "17 of 67" in message
+
+
+def test_model_with_subfolders_and_no_photographs_is_refused() -> None:
+    folder = DATA / "colmap" / "sceaux_sbcv_mit" / "colmap_example_model_txt_missing_cams_and_subfolders"
+    with pytest.raises(InputError, match="9 of 9 images are missing"):
+        inspect_capture(folder)
+
+
+@pytest.mark.slow
+def test_fifty_photographs_are_read_within_five_seconds() -> None:
+    started = time.monotonic()
+    capture = read_capture(DATA / "fox", max_size=480)
+    assert time.monotonic() - started < 5.0
+    assert {view.image.shape for view in capture.views} == {(480, 270, 3)}
+
+
+@pytest.mark.slow
+def test_sfm_finds_the_cameras_of_kermit(tmp_path: Path) -> None:
+    class Recorder(Reporter):
+        def __init__(self) -> None:
+            self.fractions: list[float] = []
+
+        def progress(self, stage: str, fraction: float, message: str = "") -> None:
+            if stage == "sfm":
+                self.fractions.append(fraction)
+
+    shutil.copytree(DATA / "kermit" / "images", tmp_path / "kermit")
+    recorder = Recorder()
+    estimated = read_capture(tmp_path / "kermit", max_size=160, sfm=True, reporter=recorder)
+    reference = read_capture(DATA / "kermit", max_size=160)
+    assert [view.key for view in estimated.views] == [view.key for view in reference.views]
+    moved = similarity(centers(estimated), centers(reference))
+    extent = np.ptp(centers(reference), axis=0).max()
+    assert np.linalg.norm(moved - centers(reference), axis=1).max() < 0.05 * extent
+    assert len(estimated.points) > 300
+    assert recorder.fractions
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["kermit"]
+    assert all(path.suffix == ".jpg" for path in (tmp_path / "kermit").iterdir())

@@ -1,0 +1,274 @@
+"""Photographs: formats, bit depths, transparency, orientation, sizes and damage."""
+
+from __future__ import annotations
+
+import io
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageOps
+
+from cvdgs.core.capture import inspect_capture, read_capture
+from cvdgs.core.capture.images import MAX_SIDE, downscale_with_alpha, fit_size, read_header, read_pixels
+from cvdgs.core.errors import InputError
+
+from .make_captures import frames, intrinsics, pinhole, save, shots, write_colmap, write_transforms
+
+PICTURE = shots(1)[0].render()
+
+
+def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
+    """IEC 61966-2-1."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+
+
+@pytest.mark.parametrize("extension", ["png", "tif", "bmp", "tga"])
+def test_lossless_formats_come_back_exactly(tmp_path: Path, extension: str) -> None:
+    image, alpha = read_pixels(save(tmp_path / f"x.{extension}", PICTURE))
+    np.testing.assert_array_equal(image, PICTURE)
+    assert alpha is None
+
+
+@pytest.mark.parametrize("extension", ["jpg", "webp"])
+def test_lossy_formats_agree_with_an_independent_decoder(tmp_path: Path, extension: str) -> None:
+    path = save(tmp_path / f"x.{extension}", PICTURE)
+    reference = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    assert np.abs(read_pixels(path)[0] - reference).max() <= 2
+
+
+@pytest.mark.parametrize("extension", ["png", "tif"])
+def test_sixteen_bits_are_rounded_to_eight(tmp_path: Path, extension: str) -> None:
+    noise = np.random.default_rng(0).integers(-128, 128, PICTURE.shape)
+    wide = np.clip(PICTURE.astype(int) * 257 + noise, 0, 65535).astype(np.uint16)
+    image, _ = read_pixels(save(tmp_path / f"x.{extension}", wide))
+    assert np.abs(image.astype(int) - np.rint(wide / 257.0)).max() <= 1
+
+
+def test_exr_is_encoded_from_linear_and_clipped(tmp_path: Path) -> None:
+    linear = srgb_to_linear(PICTURE / 255.0).astype(np.float32)
+    linear[0, 0] = (7.0, -1.0, np.nan)
+    image, alpha = read_pixels(save(tmp_path / "x.exr", linear))
+    np.testing.assert_array_equal(image[0, 0], [255, 0, 0])
+    assert np.abs(image.astype(int) - PICTURE)[1:].max() <= 1
+    assert alpha is None
+
+
+def test_premultiplied_alpha_of_exr_becomes_straight(tmp_path: Path) -> None:
+    coverage = np.full((72, 96, 1), 0.5, np.float32)
+    coverage[:, :10] = 0.0
+    linear = srgb_to_linear(PICTURE / 255.0).astype(np.float32) * coverage
+    image, alpha = read_pixels(save(tmp_path / "x.exr", np.dstack([linear, coverage])))
+    assert alpha is not None
+    assert set(np.unique(alpha[:, 10:])) == {128}
+    assert (alpha[:, :10] == 0).all()
+    assert np.abs(image.astype(int) - PICTURE)[:, 10:].max() <= 1
+
+
+@pytest.mark.parametrize("extension", ["png", "tif"])
+def test_straight_alpha_is_kept(tmp_path: Path, extension: str) -> None:
+    alpha = np.random.default_rng(0).integers(0, 256, (72, 96, 1)).astype(np.uint8)
+    image, read = read_pixels(save(tmp_path / f"x.{extension}", np.dstack([PICTURE, alpha])))
+    np.testing.assert_array_equal(image, PICTURE)
+    np.testing.assert_array_equal(read, alpha[..., 0])
+
+
+def test_opaque_alpha_is_none(tmp_path: Path) -> None:
+    opaque = np.dstack([PICTURE, np.full((72, 96, 1), 255, np.uint8)])
+    assert read_pixels(save(tmp_path / "x.png", opaque))[1] is None
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+def test_grey_becomes_rgb(tmp_path: Path, channels: int) -> None:
+    grey = np.ascontiguousarray(PICTURE[..., :channels])
+    path = tmp_path / "x.png"
+    Image.fromarray(grey if channels == 2 else grey[..., 0], "LA" if channels == 2 else "L").save(path)
+    image, alpha = read_pixels(path)
+    np.testing.assert_array_equal(image, np.repeat(grey[..., :1], 3, axis=2))
+    assert (alpha is None) == (channels == 1)
+
+
+def test_palette_becomes_rgb(tmp_path: Path) -> None:
+    picture = Image.fromarray(PICTURE).quantize(64)
+    picture.save(tmp_path / "x.png")
+    np.testing.assert_array_equal(read_pixels(tmp_path / "x.png")[0], np.asarray(picture.convert("RGB")))
+
+
+@pytest.mark.parametrize("extension", ["jpg", "tif"])
+def test_cmyk_is_refused(tmp_path: Path, extension: str) -> None:
+    Image.fromarray(PICTURE).convert("CMYK").save(tmp_path / f"x.{extension}")
+    with pytest.raises(InputError, match=r"CMYK.*convert it to RGB"):
+        read_header(tmp_path / f"x.{extension}")
+
+
+# --- orientation
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_orientation_agrees_with_an_independent_reader(tmp_path: Path, orientation: int) -> None:
+    path = save(tmp_path / "x.jpg", PICTURE, Orientation=orientation)
+    picture = Image.open(path)
+    assert picture.getexif().get(0x0112) == orientation
+    reference = np.asarray(ImageOps.exif_transpose(picture)).astype(int)
+    image, _ = read_pixels(path, upright=True)
+    assert image.shape == reference.shape
+    assert read_header(path).upright_size == (image.shape[1], image.shape[0])
+    assert np.abs(image - reference).max() <= 2
+
+
+def test_camera_of_the_turned_size_turns_the_photograph(tmp_path: Path) -> None:
+    photographs = shots(2, pinhole(72, 96))
+    root = write_colmap(tmp_path, photographs, images=False)
+    for shot in photographs:
+        shot.name = shot.name.replace(".png", ".jpg")
+    root = write_colmap(tmp_path, photographs, images=False)
+    # Stored lying on its side, as a phone does: orientation 6 means "turn clockwise to see it upright".
+    for shot in photographs:
+        save(root / "images" / shot.name, np.ascontiguousarray(np.rot90(shot.render())), Orientation=6)
+    capture = read_capture(root, max_size=None)
+    assert np.abs(capture.views[0].image.astype(int) - photographs[0].render()).mean() < 2.0
+    assert "exif-rotated" in [warning.name for warning in capture.warnings]
+
+
+def test_camera_of_the_stored_size_leaves_the_photograph(tmp_path: Path) -> None:
+    photographs = shots(2, pattern="{}.jpg")
+    root = write_colmap(tmp_path, photographs, images=False)
+    for shot in photographs:
+        save(root / "images" / shot.name, shot.render(), Orientation=6)
+    capture = read_capture(root, max_size=None)
+    assert np.abs(capture.views[0].image.astype(int) - photographs[0].render()).mean() < 2.0
+    assert "exif-rotated" not in [warning.name for warning in capture.warnings]
+
+
+def test_without_a_stated_size_the_orientation_is_applied(tmp_path: Path) -> None:
+    photographs = shots(2, pinhole(72, 96), pattern="{}.jpg")
+    write_transforms(tmp_path, photographs, {"fl_x": 80.0, "frames": frames(photographs)}, images=False)
+    for shot in photographs:
+        save(tmp_path / "images" / shot.name, np.ascontiguousarray(np.rot90(shot.render())), Orientation=6)
+    view = read_capture(tmp_path, max_size=None).views[0]
+    assert (view.camera.width, view.camera.height, view.camera.cx) == (72, 96, 36.0)
+    assert np.abs(view.image.astype(int) - photographs[0].render()).mean() < 2.0
+
+
+# --- sizes
+
+
+@pytest.mark.parametrize(
+    ("size", "limit", "expected"),
+    [
+        ((720, 1280), 480, (270, 480)),
+        ((96, 72), 96, (96, 72)),
+        ((96, 72), 400, (96, 72)),
+        ((96, 72), None, (96, 72)),
+        ((1001, 333), 500, (500, 166)),
+    ],
+)
+def test_longer_side_is_limited_and_never_enlarged(
+    size: tuple[int, int], limit: int | None, expected: tuple[int, int]
+) -> None:
+    assert fit_size(*size, limit) == expected
+
+
+def test_scaled_camera_sees_the_scaled_photograph(tmp_path: Path) -> None:
+    capture = read_capture(write_colmap(tmp_path, shots(2, pinhole(192, 144, 160.0))), max_size=50)
+    camera = capture.views[0].camera
+    assert (camera.width, camera.height) == (50, 38)
+    assert camera.fx == pytest.approx(160.0 * 50 / 192)
+    assert camera.fy == pytest.approx(160.0 * 38 / 144)
+    assert (camera.cx, camera.cy) == (25.0, 19.0)
+
+
+def test_downscaling_keeps_the_mean(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (480, 640, 3)).astype(np.uint8)
+    small, _ = downscale_with_alpha(noise, None, 64, 48)
+    assert small.mean() == pytest.approx(noise.mean(), abs=0.3)
+    assert small.std() < 20.0  # 73 before: a filter that skips pixels would keep it
+
+
+def test_uncovered_colours_do_not_bleed_into_covered_ones() -> None:
+    image = np.zeros((64, 64, 3), np.uint8)
+    image[:, 32:] = 200
+    alpha = np.zeros((64, 64), np.uint8)
+    alpha[:, 33:] = 255
+    small, coverage = downscale_with_alpha(image, alpha, 16, 16)
+    assert coverage is not None
+    assert (small[coverage > 0] == 200).all()
+    assert (coverage[:, :7] == 0).all()
+    assert (coverage[:, 10:] == 255).all()
+
+
+@pytest.mark.parametrize("size", [(1, 1), (500, 8)])
+def test_tiny_image_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
+    root = write_transforms(tmp_path, shots(2), {"fl_x": 80.0, "frames": frames(shots(2))})
+    save(root / "images" / "0002.png", np.zeros((size[1], size[0], 3), np.uint8))
+    with pytest.raises(InputError, match=r"0002.png: the image is .* too small"):
+        inspect_capture(root)
+
+
+def test_image_that_would_be_tiny_is_refused(tmp_path: Path) -> None:
+    root = write_colmap(tmp_path, shots(2, pinhole(400, 40)))
+    with pytest.raises(InputError, match="larger --max-size"):
+        read_capture(root, max_size=100)
+
+
+@pytest.mark.parametrize("size", [(20_000, 20_000), (20_000, 32), (2**31 - 1, 2**31 - 1)])
+def test_giant_header_is_refused_before_any_pixel_is_read(tmp_path: Path, size: tuple[int, int]) -> None:
+    root = write_transforms(tmp_path, shots(2), {"fl_x": 80.0, "frames": frames(shots(2))})
+    header = b"IHDR" + size[0].to_bytes(4, "big") + size[1].to_bytes(4, "big") + b"\x08\x02\x00\x00\x00"
+    data = zlib.compress(b"\0")
+    chunks = [(13, header), (len(data), b"IDAT" + data), (0, b"IEND")]
+    png = b"\x89PNG\r\n\x1a\n"
+    for length, chunk in chunks:
+        png += length.to_bytes(4, "big") + chunk + zlib.crc32(chunk).to_bytes(4, "big")
+    (root / "images" / "0002.png").write_bytes(png)
+    with pytest.raises(InputError, match=rf"0002.png.*({MAX_SIDE}|cannot be opened)"):
+        inspect_capture(root)
+
+
+def test_image_that_does_not_fit_its_camera_is_refused(tmp_path: Path) -> None:
+    root = write_colmap(tmp_path, shots(2))
+    save(root / "images" / "0002.png", np.zeros((72, 72, 3), np.uint8))
+    with pytest.raises(InputError, match=r"0002.png: the image is 72 x 72 pixels but its camera is for 96 x 72"):
+        inspect_capture(root)
+
+
+# --- damage
+
+
+@pytest.mark.parametrize("extension", ["jpg", "png", "tif", "webp", "exr", "bmp"])
+@pytest.mark.parametrize("part", [0.0, 0.02, 0.5, 0.95])
+def test_cut_image_is_refused(tmp_path: Path, extension: str, part: float) -> None:
+    picture = PICTURE if extension != "exr" else (PICTURE / 255.0).astype(np.float32)
+    path = save(tmp_path / f"x.{extension}", picture)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * part)])
+    with pytest.raises(InputError, match=r"damaged or cut short|cannot be opened"):
+        read_pixels(path)
+
+
+@pytest.mark.parametrize("part", [0.3, 0.6, 0.9, 0.99])
+def test_cut_progressive_jpeg_is_refused(tmp_path: Path, part: float) -> None:
+    stream = io.BytesIO()
+    Image.fromarray(PICTURE).save(stream, "JPEG", progressive=True, quality=95)
+    path = tmp_path / "x.jpg"
+    path.write_bytes(stream.getvalue()[: int(len(stream.getvalue()) * part)])
+    with pytest.raises(InputError, match=r"damaged or cut short|cannot be opened"):
+        read_pixels(path)
+
+
+def test_text_named_as_an_image_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.jpg").write_text("not an image " * 50)
+    with pytest.raises(InputError, match="cannot be opened"):
+        read_header(tmp_path / "x.jpg")
+
+
+def test_damaged_photograph_stops_the_capture_with_its_name(tmp_path: Path) -> None:
+    photographs = shots(4, pattern="{}.jpg")
+    document = {**intrinsics(pinhole()), "frames": frames(photographs)}
+    root = write_transforms(tmp_path, photographs, document)
+    path = root / "images" / "3.jpg"
+    path.write_bytes(path.read_bytes()[:-200])
+    assert inspect_capture(root).views == 4
+    with pytest.raises(InputError, match=r"3.jpg: the image is damaged"):
+        read_capture(root, max_size=None)

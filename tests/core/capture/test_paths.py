@@ -1,0 +1,181 @@
+"""Names that a camera file gives, keys, and folders that are no capture."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cvdgs.core.capture import inspect_capture, read_capture
+from cvdgs.core.capture.files import make_keys, natural_key, resolve_inside
+from cvdgs.core.errors import InputError
+
+from .make_captures import frames, intrinsics, pinhole, save, save_images, shots, write_transforms
+
+
+def refused(path: Path) -> str:
+    """The message with which `path` is refused, after checking that it is one line."""
+    with pytest.raises(InputError) as error:
+        inspect_capture(path)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def capture_with_name(root: Path, name: str) -> Path:
+    """A capture whose second frame has the given name."""
+    listed = frames(shots(3))
+    listed[1]["file_path"] = name
+    return write_transforms(root, shots(3), {**intrinsics(pinhole()), "frames": listed})
+
+
+@pytest.mark.parametrize(
+    "name", ["../secret.png", "images/../../secret.png", "..\\secret.png", "images/../../../../../../etc/passwd"]
+)
+def test_name_that_climbs_out_is_refused(tmp_path: Path, name: str) -> None:
+    save(tmp_path / "secret.png", np.zeros((72, 96, 3), np.uint8))
+    assert "leaves the capture folder" in refused(capture_with_name(tmp_path / "capture", name))
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "C:\\secret.png", "C:secret.png", "\\\\server\\share\\x.png"])
+def test_absolute_name_is_refused(tmp_path: Path, name: str) -> None:
+    assert "absolute path" in refused(capture_with_name(tmp_path, name))
+
+
+def test_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
+    outside = save(tmp_path / "secret.png", np.zeros((72, 96, 3), np.uint8))
+    root = capture_with_name(tmp_path / "capture", "images/link.png")
+    (root / "images" / "link.png").symlink_to(outside)
+    assert "leaves the capture folder" in refused(root)
+
+
+def test_link_within_the_folder_is_followed(tmp_path: Path) -> None:
+    root = capture_with_name(tmp_path, "images/link.png")
+    (root / "images" / "link.png").symlink_to(root / "images" / "0002.png")
+    assert len(read_capture(root, max_size=None).views) == 3
+
+
+def test_cycle_of_links_is_refused(tmp_path: Path) -> None:
+    root = capture_with_name(tmp_path, "images/a.png")
+    (root / "images" / "a.png").symlink_to(root / "images" / "b.png")
+    (root / "images" / "b.png").symlink_to(root / "images" / "a.png")
+    assert "images/a.png" in refused(root)
+
+
+def test_fifo_and_folder_are_refused(tmp_path: Path) -> None:
+    root = capture_with_name(tmp_path, "images/pipe.png")
+    os.mkfifo(root / "images" / "pipe.png")
+    assert "not a regular file" in refused(root)
+    (root / "images" / "pipe.png").unlink()
+    (root / "images" / "pipe.png").mkdir()
+    assert "not a regular file" in refused(root)
+
+
+@pytest.mark.parametrize("name", ["", "   ", "a\0b.png"])
+def test_unusable_name_is_refused(tmp_path: Path, name: str) -> None:
+    refused(capture_with_name(tmp_path, name))
+
+
+def test_newline_in_a_name_stays_in_one_line(tmp_path: Path) -> None:
+    root = write_transforms(tmp_path, shots(3, pattern="a\n{}.png"))
+    assert [view.key for view in read_capture(root, max_size=None).views] == ["a_1", "a_2", "a_3"]
+    save(root / "images" / "a\n2.png", np.zeros((4, 4, 3), np.uint8))
+    assert "a\\n2.png" in refused(root)
+
+
+def test_name_with_backslashes_is_a_path(tmp_path: Path) -> None:
+    assert inspect_capture(capture_with_name(tmp_path, "images\\0002.png")).views == 3
+
+
+def test_name_too_long_for_the_file_system_is_refused(tmp_path: Path) -> None:
+    refused(capture_with_name(tmp_path, "x" * 5000))
+
+
+@given(st.text(max_size=40))
+def test_no_name_resolves_to_a_path_outside(name: str) -> None:
+    root = Path(__file__).parent
+    try:
+        path = resolve_inside(root, name, where="file")
+    except InputError:
+        return
+    assert path.resolve().is_relative_to(root.resolve())
+
+
+# --- keys
+
+
+@given(st.lists(st.text(min_size=1, max_size=30), unique=True, max_size=20))
+def test_keys_are_safe_and_unique_without_regard_to_case(names: list[str]) -> None:
+    keys = make_keys(names)
+    assert len({key.lower() for key in keys}) == len(names)
+    assert all(re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]*", key) for key in keys)
+    assert all(len(key) <= 140 for key in keys)
+
+
+@given(st.lists(st.text(min_size=1, max_size=30), unique=True, max_size=20))
+def test_key_of_a_key_is_itself(names: list[str]) -> None:
+    keys = make_keys(names)
+    assert make_keys([f"images/{key}.png" for key in keys]) == keys
+
+
+@pytest.mark.parametrize(
+    ("names", "keys"),
+    [
+        (["images/cam1/0001.jpg", "images/cam2/0001.jpg"], ["cam1_0001", "cam2_0001"]),
+        (["./train/r_0", "./train/r_1"], ["r_0", "r_1"]),
+        (["a.jpg", "a.png", "A.tif"], ["a_jpg", "a_png", "A_tif"]),
+        (["con.png", "x y/z.png"], ["_con", "x_y_z"]),
+        ([".png"], ["png"]),
+    ],
+)
+def test_keys_are_readable(names: list[str], keys: list[str]) -> None:
+    assert make_keys(names) == keys
+
+
+@given(st.lists(st.text()))
+def test_natural_order_does_not_depend_on_the_order_given(names: list[str]) -> None:
+    backwards = names[::-1]
+    assert sorted(names, key=natural_key) == sorted(backwards, key=natural_key)
+
+
+def test_numbers_are_ordered_by_value() -> None:
+    assert sorted(["10.jpg", "2.jpg", "a.jpg", "1.jpg"], key=natural_key) == ["1.jpg", "2.jpg", "10.jpg", "a.jpg"]
+
+
+# --- what is no capture
+
+
+def test_missing_folder_is_named(tmp_path: Path) -> None:
+    assert "no such file or folder" in refused(tmp_path / "absent")
+
+
+def test_empty_folder_says_what_to_give(tmp_path: Path) -> None:
+    assert "no photographs" in refused(tmp_path)
+
+
+def test_another_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "x.mp4").write_text("")
+    assert "not a capture" in refused(tmp_path / "x.mp4")
+
+
+def test_fifo_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.json")
+    assert "not a capture" in refused(tmp_path / "pipe.json")
+
+
+def test_photographs_without_cameras_name_the_option(tmp_path: Path) -> None:
+    save_images(tmp_path / "images", shots(3))
+    message = refused(tmp_path)
+    assert "3 photographs but no cameras" in message
+    assert "--sfm" in message
+    assert inspect_capture(tmp_path, sfm=True).format == "sfm"
+
+
+def test_one_photograph_is_too_few_for_sfm(tmp_path: Path) -> None:
+    save_images(tmp_path, shots(1))
+    with pytest.raises(InputError, match="one photograph only"):
+        inspect_capture(tmp_path, sfm=True)

@@ -1,0 +1,273 @@
+"""Camera files of the NeRF family."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cvdgs.core.capture import Capture, inspect_capture, read_capture
+from cvdgs.core.capture.points import write_point_cloud
+from cvdgs.core.errors import InputError
+
+from .make_captures import (
+    Shot,
+    frames,
+    intrinsics,
+    opengl_camera_to_world,
+    pinhole,
+    save_images,
+    shots,
+    with_model,
+    write_colmap,
+    write_transforms,
+)
+
+
+def warnings_of(capture: Capture) -> list[str]:
+    return [warning.name for warning in capture.warnings]
+
+
+def assert_same_views(capture: Capture, photographs: list[Shot]) -> None:
+    for view, shot in zip(capture.views, photographs, strict=True):
+        np.testing.assert_allclose(view.world_to_camera, shot.world_to_camera, atol=1e-9)
+        np.testing.assert_array_equal(view.image, shot.render())
+        camera = view.camera
+        np.testing.assert_allclose([camera.fx, camera.fy, camera.cx, camera.cy], shot.camera.params, rtol=1e-12)
+
+
+def test_intrinsics_for_the_whole_file(tmp_path: Path) -> None:
+    photographs = shots(3)
+    capture = read_capture(write_transforms(tmp_path, photographs), max_size=None)
+    assert capture.format == "transforms"
+    assert_same_views(capture, photographs)
+    assert warnings_of(capture) == ["few-views", "no-points"]
+
+
+def test_the_file_itself_is_accepted(tmp_path: Path) -> None:
+    write_transforms(tmp_path, shots(3), name="other.json")
+    assert len(read_capture(tmp_path / "other.json", max_size=None).views) == 3
+
+
+def test_intrinsics_in_every_frame(tmp_path: Path) -> None:
+    photographs = shots(2, pinhole(focal=80.0)) + shots(4, pinhole(72, 96, focal=61.5))[2:]
+    listed = [{**frame, **intrinsics(s.camera)} for frame, s in zip(frames(photographs), photographs, strict=True)]
+    assert_same_views(
+        read_capture(write_transforms(tmp_path, photographs, {"frames": listed}), max_size=None), photographs
+    )
+
+
+def test_focal_lengths_that_differ(tmp_path: Path) -> None:
+    camera = pinhole()
+    camera.params = [80.0, 104.0, 48.0, 36.0]
+    photographs = shots(2, camera)
+    assert_same_views(read_capture(write_transforms(tmp_path, photographs), max_size=None), photographs)
+
+
+def test_field_of_view_alone_takes_the_size_from_the_image(tmp_path: Path) -> None:
+    photographs = shots(2)
+    document = {"camera_angle_x": 2 * math.atan(48 / 80), "frames": frames(photographs)}
+    assert_same_views(read_capture(write_transforms(tmp_path, photographs, document), max_size=None), photographs)
+
+
+def test_names_without_extension_and_split_files(tmp_path: Path) -> None:
+    photographs = shots(2, pattern="r_{}.png")
+    listed = frames(photographs, "./train/")
+    for frame in listed:
+        frame["file_path"] = frame["file_path"].removesuffix(".png")
+    document = {"camera_angle_x": 2 * math.atan(48 / 80), "frames": listed}
+    write_transforms(tmp_path, photographs, document, name="transforms_train.json", images=False)
+    write_transforms(tmp_path, photographs, {"frames": []}, name="transforms_test.json", images=False)
+    save_images(tmp_path / "train", photographs)
+    capture = read_capture(tmp_path, max_size=None)
+    assert_same_views(capture, photographs)
+    assert [view.key for view in capture.views] == ["r_1", "r_2"]
+
+
+@pytest.mark.parametrize(
+    ("keys", "model", "distortion"),
+    [
+        ({"k1": 0.06, "k2": -0.08, "p1": -0.004, "p2": 0.003}, "OPENCV", [0.06, -0.08, -0.004, 0.003]),
+        ({"camera_model": "OPENCV", "k1": 0.06, "k3": 0.02}, "FULL_OPENCV", [0.06, 0, 0, 0, 0.02, 0, 0, 0]),
+        (
+            {"camera_model": "OPENCV_FISHEYE", "k1": 0.05, "k2": -0.02, "k3": 0.01, "k4": 0.001},
+            "OPENCV_FISHEYE",
+            [0.05, -0.02, 0.01, 0.001],
+        ),
+        ({"is_fisheye": True, "k1": 0.05}, "OPENCV_FISHEYE", [0.05, 0, 0, 0]),
+        ({"camera_model": "SIMPLE_RADIAL", "k1": -0.1}, "SIMPLE_RADIAL", [-0.1]),
+    ],
+)
+def test_distortion_is_that_of_the_colmap_model(
+    tmp_path: Path, keys: dict[str, Any], model: str, distortion: list[float]
+) -> None:
+    photographs = shots(2, with_model(model, distortion))
+    document = {**intrinsics(pinhole()), **keys, "frames": frames(photographs)}
+    write_transforms(tmp_path / "transforms", photographs, document)
+    write_colmap(tmp_path / "colmap", photographs)
+    ours = read_capture(tmp_path / "transforms", max_size=64)
+    reference = read_capture(tmp_path / "colmap", max_size=64)
+    for view, expected in zip(ours.views, reference.views, strict=True):
+        assert view.camera.fx == pytest.approx(expected.camera.fx, rel=1e-9)
+        assert np.abs(view.image.astype(int) - expected.image).max() <= 1
+
+
+def test_unknown_camera_model_is_refused(tmp_path: Path) -> None:
+    photographs = shots(2)
+    document = {**intrinsics(pinhole()), "camera_model": "FISHEYE624", "frames": frames(photographs)}
+    with pytest.raises(InputError, match="FISHEYE624 is not supported"):
+        inspect_capture(write_transforms(tmp_path, photographs, document))
+
+
+def test_points_are_in_the_frame_of_the_poses_whatever_was_applied(tmp_path: Path) -> None:
+    photographs = shots(2)
+    points = np.array([[0.0, 0.0, 4.0], [np.nan, 0.0, 4.0], [0.5, 0.25, 4.0]], np.float32)
+    colors = np.array([[1, 2, 3], [4, 5, 6], [7, 8, 9]], np.uint8)
+    document = {
+        **intrinsics(pinhole()),
+        "applied_transform": [[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0]],
+        "applied_scale": 0.5,
+        "ply_file_path": "sparse_pc.ply",
+        "frames": frames(photographs),
+    }
+    write_transforms(tmp_path, photographs, document)
+    write_point_cloud(tmp_path / "sparse_pc.ply", points, colors)
+    capture = read_capture(tmp_path, max_size=None)
+    np.testing.assert_array_equal(capture.points, points[[0, 2]])
+    np.testing.assert_array_equal(capture.point_colors, colors[[0, 2]])
+    assert "unusable-points" in warnings_of(capture)
+
+
+def test_cut_points_are_refused(tmp_path: Path) -> None:
+    document = {**intrinsics(pinhole()), "ply_file_path": "p.ply", "frames": frames(shots(2))}
+    write_transforms(tmp_path, shots(2), document)
+    write_point_cloud(tmp_path / "p.ply", np.zeros((50, 3), np.float32), np.zeros((50, 3), np.uint8))
+    (tmp_path / "p.ply").write_bytes((tmp_path / "p.ply").read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"p.ply: the points cannot be read"):
+        inspect_capture(tmp_path)
+
+
+def test_missing_images_are_left_out_and_listed(tmp_path: Path) -> None:
+    write_transforms(tmp_path, shots(4))
+    (tmp_path / "images" / "0003.png").unlink()
+    capture = read_capture(tmp_path, max_size=None)
+    assert len(capture.views) == 3
+    (message,) = [warning.message for warning in capture.warnings if warning.name == "missing-images"]
+    assert "1 of 4" in message
+    assert "images/0003.png" in message
+
+
+def test_colmap_beside_is_preferred_for_its_points(tmp_path: Path) -> None:
+    write_transforms(tmp_path, shots(3))
+    write_colmap(tmp_path, shots(3), images=False)
+    capture = read_capture(tmp_path, max_size=None)
+    assert capture.format == "colmap"
+    assert len(capture.points) == 30
+
+
+def test_colmap_beside_with_fewer_views_is_not_mixed_in(tmp_path: Path) -> None:
+    write_transforms(tmp_path, shots(4))
+    write_colmap(tmp_path, shots(3), images=False)
+    capture = read_capture(tmp_path, max_size=None)
+    assert (capture.format, len(capture.views), len(capture.points)) == ("transforms", 4, 0)
+
+
+# --- poses
+
+
+def changed_pose(root: Path, change: Any) -> Path:
+    """A capture of three frames of which the second pose went through `change`."""
+    photographs = shots(3)
+    listed = frames(photographs)
+    matrix = np.array(listed[1]["transform_matrix"])
+    listed[1]["transform_matrix"] = change(matrix).tolist()
+    return write_transforms(root, photographs, {**intrinsics(photographs[0].camera), "frames": listed})
+
+
+def test_uniform_scale_in_the_axes_is_divided_out(tmp_path: Path) -> None:
+    capture = read_capture(changed_pose(tmp_path, lambda m: m @ np.diag([3.0, 3.0, 3.0, 1.0])), max_size=None)
+    np.testing.assert_allclose(capture.views[1].world_to_camera, shots(3)[1].world_to_camera, atol=1e-9)
+    assert "reorthonormalised" not in warnings_of(capture)
+
+
+def test_slightly_skewed_rotation_is_repaired_and_named(tmp_path: Path) -> None:
+    def skew(matrix: np.ndarray) -> np.ndarray:
+        matrix[0, 1] += 0.003
+        return matrix
+
+    capture = read_capture(changed_pose(tmp_path, skew), max_size=None)
+    rotation = capture.views[1].world_to_camera[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    (message,) = [warning.message for warning in capture.warnings if warning.name == "reorthonormalised"]
+    assert "images/0002.png" in message
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda m: m @ np.diag([1.0, 1.2, 1.0, 1.0]), "not orthonormal"),
+        (lambda m: m @ np.diag([-1.0, 1.0, 1.0, 1.0]), "reflection"),
+        (lambda m: m * np.diag([0.0, 0.0, 0.0, 1.0]), "not orthonormal"),
+        (lambda m: np.where(np.arange(16).reshape(4, 4) == 7, np.nan, m), "NaN"),
+        (lambda m: m[:2], "shape"),
+        (lambda m: m + np.eye(4)[3][:, None] * 0.5, "last row"),
+    ],
+)
+def test_unusable_pose_is_refused_and_its_frame_named(tmp_path: Path, change: Any, problem: str) -> None:
+    with pytest.raises(InputError, match=f"images/0002.png.*{problem}|{problem}.*images/0002.png"):
+        inspect_capture(changed_pose(tmp_path, change))
+
+
+# --- damage
+
+
+@pytest.mark.parametrize("part", [0.0, 0.2, 0.7, 0.99])
+def test_cut_file_is_refused(tmp_path: Path, part: float) -> None:
+    file = write_transforms(tmp_path, shots(3)) / "transforms.json"
+    text = file.read_text()
+    file.write_text(text[: int(len(text) * part)])
+    with pytest.raises(InputError, match=r"transforms.json: not valid JSON"):
+        inspect_capture(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("document", "problem"),
+    [
+        ([], "no list of frames"),
+        ({"fl_x": 1.0}, "no list of frames"),
+        ({"frames": []}, "no list of frames"),
+        ({"frames": [1]}, "no list of frames"),
+        ({"frames": [{"transform_matrix": []}]}, "no file_path"),
+        ({"frames": [{"file_path": "images/0001.png"}]}, "transform_matrix"),
+        ({"frames": [{"file_path": "images/0001.png", "transform_matrix": "x"}]}, "transform_matrix"),
+        ({"frames": frames(shots(2))}, "no focal length"),
+        ({"fl_x": "wide", "frames": frames(shots(2))}, "fl_x is 'wide'"),
+        ({"fl_x": -80.0, "frames": frames(shots(2))}, "focal length"),
+        ({"fl_x": 80.0, "w": 1e300, "h": 72, "frames": frames(shots(2))}, "size"),
+        ({"fl_x": 80.0, "frames": frames(shots(2)) * 2}, "same image"),
+        ({"fl_x": 80.0, "frames": frames(shots(1))}, "one view only"),
+        ({"fl_x": 80.0, "ply_file_path": 3, "frames": frames(shots(2))}, "ply_file_path"),
+        ({"fl_x": 80.0, "ply_file_path": "../p.ply", "frames": frames(shots(2))}, "leaves the capture folder"),
+    ],
+)
+def test_unusable_file_is_refused_in_one_line(tmp_path: Path, document: Any, problem: str) -> None:
+    write_transforms(tmp_path, shots(2))
+    (tmp_path / "transforms.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=problem) as refused:
+        inspect_capture(tmp_path)
+    assert "\n" not in str(refused.value)
+
+
+def test_pose_with_axes_of_opengl_looks_along_minus_z(tmp_path: Path) -> None:
+    """An independent statement of the convention: the camera at the origin that looks along world -z, y up."""
+    listed = [
+        {"file_path": f"images/{shot.name}", "transform_matrix": pose}
+        for shot, pose in zip(shots(2), [np.eye(4).tolist(), opengl_camera_to_world(np.eye(4))], strict=True)
+    ]
+    write_transforms(tmp_path, shots(2), {**intrinsics(pinhole()), "frames": listed})
+    view = read_capture(tmp_path, max_size=None).views[0]
+    np.testing.assert_allclose(view.world_to_camera @ [0.0, 1.0, -5.0, 1.0], [0.0, -1.0, 5.0, 1.0], atol=1e-12)
