@@ -139,9 +139,10 @@ def _surface(depth: NDArray, alpha: NDArray, settings: CorrespondenceSettings) -
     Inverse depth, because it is what bilinear interpolation gets right on a plane; NaN, because it spreads to every
     position that is interpolated from an untrusted pixel.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        disparity = np.where((alpha > settings.min_alpha) & (depth > 0.0), 1.0 / np.asarray(depth, np.float64), np.nan)
-        disparity[~np.isfinite(disparity)] = np.nan
+    trusted = (alpha > settings.min_alpha) & (depth > 0.0) & np.isfinite(depth)
+    disparity = np.full(trusted.shape, np.nan)
+    disparity[trusted] = 1.0 / depth[trusted].astype(np.float64)
+    with np.errstate(invalid="ignore"):
         edge = np.zeros(disparity.shape, bool)
         for axis in (0, 1):
             bend = np.abs(np.diff(disparity, n=2, axis=axis))

@@ -102,7 +102,7 @@ def fit_lut(
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """Keep torch on one thread: for tensors this small a second is no gain, and beside a busy process a tenfold loss."""
+    """Keep torch on one thread: for tensors this small two are no faster, and next to a busy process much slower."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,9 +19,7 @@ from cvdgs.core.enhance.teacher import TeacherSettings, fit_lut
 from cvdgs.core.errors import InputError
 from cvdgs.core.events import Reporter
 
-_spec = importlib.util.spec_from_file_location("textiles", Path(__file__).with_name("textiles.py"))
-textiles = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(textiles)
+from . import textiles
 
 LEAN = TeacherSettings(pairs=2000)  # a third of the pairs: the same result for images this small, sooner
 BRIEF = TeacherSettings(steps=60, pairs=1500)  # enough to see the direction of a fit

@@ -1,0 +1,157 @@
+"""Correspondences are exact on analytic scenes and never join different surfaces."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import map_coordinates
+
+from cvdgs.core.consistency import CorrespondenceSettings, find_correspondences, view_pairs
+from cvdgs.core.consistency.correspondence import sample_bilinear
+
+from . import scenes
+
+SLANTED = scenes.Plane((0.3, 0.2, 1.0), 0.0)
+BACK = scenes.Plane((0.0, 0.1, 1.0), 1.5)
+FRONT = scenes.Plane((0.0, 0.0, 1.0), -0.5, half_width=0.35, tint=0.2)
+VIEWS = [scenes.camera_at((x, -0.3, -4.0 + 0.2 * x)) for x in (-1.0, -0.6, 0.9)]
+
+
+def test_a_slanted_plane_corresponds_exactly_wherever_both_views_see_it() -> None:
+    _, depths, alphas, _ = scenes.render_all(VIEWS, [SLANTED])
+    for found in find_correspondences(depths, alphas, VIEWS, [(0, 1), (0, 2), (2, 0)]):
+        points = scenes.world_points(VIEWS[found.first], depths[found.first]).reshape(-1, 3)
+        expected = scenes.project(VIEWS[found.second], points)
+        np.testing.assert_allclose(found.second_positions, expected[found.first_pixels], atol=2e-3)
+        camera = VIEWS[found.second].camera
+        visible = ((expected >= 0.5) & (expected <= [camera.width - 0.5, camera.height - 0.5])).all(1)
+        assert set(found.first_pixels) == set(np.flatnonzero(visible))
+        assert len(found) > 1000
+
+
+def test_hidden_points_and_depth_edges_are_left_out() -> None:
+    _, depths, alphas, seen = scenes.render_all(VIEWS, [BACK, FRONT])
+    for found in find_correspondences(depths, alphas, VIEWS, [(0, 2), (2, 0)]):
+        first, second = VIEWS[found.first], VIEWS[found.second]
+        points = scenes.world_points(first, depths[found.first]).reshape(-1, 3)[found.first_pixels]
+        # Independent of any depth map: what stands between the point and the second camera?
+        center = -second.world_to_camera[:3, :3].T @ second.world_to_camera[:3, 3]
+        fraction = (FRONT.offset - center[2]) / (points[:, 2] - center[2])
+        crossing = center + fraction[:, None] * (points - center)
+        hidden = (fraction < 0.999) & (np.abs(crossing[:, 0]) < FRONT.half_width)
+        assert not hidden.any()
+        assert {0, 1} == set(seen[found.first].reshape(-1)[found.first_pixels])
+        # Some of the background is hidden in the other view, so this could have failed.
+        background = scenes.world_points(first, depths[found.first])[seen[found.first] == 0]
+        through = center + ((FRONT.offset - center[2]) / (background[:, 2] - center[2]))[:, None] * (
+            background - center
+        )
+        assert (np.abs(through[:, 0]) < FRONT.half_width).sum() > 100
+
+
+def test_correspondences_keep_their_distance_from_depth_edges_in_both_views() -> None:
+    _, depths, alphas, seen = scenes.render_all(VIEWS, [BACK, FRONT])
+    (found,) = find_correspondences(depths, alphas, VIEWS, [(0, 1)])
+    edge_columns = np.flatnonzero(np.diff(seen[0][30]) != 0)  # the pixel left of each edge in row 30
+    assert len(edge_columns) == 2
+    in_row = found.first_pixels[found.first_pixels // 96 == 30] % 96
+    for edge in edge_columns:
+        assert not set(range(edge - 1, edge + 3)) & set(in_row)
+    assert np.abs(in_row[:, None] - edge_columns[None]).min() <= 4  # and no further than it takes
+
+
+def test_uncovered_pixels_have_no_correspondence() -> None:
+    _, depths, alphas, _ = scenes.render_all(VIEWS, [SLANTED])
+    alphas[0][:, :40] = 0.89
+    alphas[1][:, 50:] = 0.5
+    (found,) = find_correspondences(depths, alphas, VIEWS, [(0, 1)])
+    assert len(found) > 200
+    assert (found.first_pixels % 96).min() >= 40
+    assert found.second_positions[:, 0].max() <= 49.5
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, np.inf, -1.0])
+def test_meaningless_depths_are_left_out(value: float) -> None:
+    _, depths, alphas, _ = scenes.render_all(VIEWS, [SLANTED])
+    depths[0][:, :40] = value
+    depths[1][:, 60:] = value
+    (found,) = find_correspondences(depths, alphas, VIEWS, [(0, 1)])
+    assert len(found) > 200
+    assert (found.first_pixels % 96).min() >= 40
+    assert found.second_positions[:, 0].max() <= 60
+
+
+def test_a_wrong_depth_in_either_view_breaks_the_correspondence() -> None:
+    _, depths, alphas, _ = scenes.render_all(VIEWS, [SLANTED])
+    (exact,) = find_correspondences(depths, alphas, VIEWS, [(0, 1)])
+    (wrong,) = find_correspondences([depths[0], depths[1] * 1.1, depths[2]], alphas, VIEWS, [(0, 1)])
+    assert len(exact) > 1000
+    assert len(wrong) == 0
+
+
+def test_a_point_that_returns_more_than_a_pixel_away_is_left_out_even_at_nearly_the_same_depth() -> None:
+    views = [scenes.camera_at((x, 0.0, -4.0), width=240, height=180) for x in (-1.5, 1.5)]
+    views = [replace(view, camera=replace(view.camera, fx=300.0, fy=300.0)) for view in views]
+    _, depths, alphas, _ = scenes.render_all(views, [SLANTED])
+    slightly_wrong = [depths[0], depths[1] * 1.007]  # 0.7 %, about 1.5 pixels of parallax
+    lenient = CorrespondenceSettings(max_reprojection_error=3.0)
+    (close,) = find_correspondences(slightly_wrong, alphas, views, [(0, 1)], lenient)
+    (closer,) = find_correspondences(slightly_wrong, alphas, views, [(0, 1)])
+    assert len(close) > 5000
+    assert len(closer) == 0
+
+
+def test_looking_away_gives_no_correspondence() -> None:
+    away = replace(VIEWS[1], world_to_camera=np.diag([-1.0, 1.0, -1.0, 1.0]) @ VIEWS[1].world_to_camera)
+    _, depths, alphas, _ = scenes.render_all(VIEWS, [SLANTED])
+    (found,) = find_correspondences([depths[0], depths[1]], [alphas[0], alphas[1]], [VIEWS[0], away], [(0, 1)])
+    assert len(found) == 0
+
+
+def test_views_may_differ_in_size() -> None:
+    views = [VIEWS[0], scenes.camera_at((-0.5, -0.3, -4.0), width=130, height=60)]
+    _, depths, alphas, _ = scenes.render_all(views, [SLANTED])
+    (found,) = find_correspondences(depths, alphas, views, [(0, 1)])
+    expected = scenes.project(views[1], scenes.world_points(views[0], depths[0]).reshape(-1, 3)[found.first_pixels])
+    assert len(found) > 500
+    np.testing.assert_allclose(found.second_positions, expected, atol=2e-3)
+
+
+def test_a_stride_thins_out_the_same_correspondences() -> None:
+    _, depths, alphas, _ = scenes.render_all(VIEWS, [SLANTED])
+    (all_of_them,) = find_correspondences(depths, alphas, VIEWS, [(0, 1)])
+    (thinned,) = find_correspondences(depths, alphas, VIEWS, [(0, 1)], CorrespondenceSettings(stride=3))
+    on_grid = (all_of_them.first_pixels % 96 % 3 == 0) & (all_of_them.first_pixels // 96 % 3 == 0)
+    np.testing.assert_array_equal(thinned.first_pixels, all_of_them.first_pixels[on_grid])
+
+
+@given(st.integers(1, 12), st.integers(1, 12), st.integers(0, 500))
+@settings(deadline=None)
+def test_bilinear_sampling_agrees_with_scipy(height: int, width: int, seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    image = generator.random((height, width))
+    positions = generator.random((40, 2)) * [width, height]
+    expected = map_coordinates(image, (positions - 0.5).T[::-1], order=1, mode="nearest")
+    np.testing.assert_allclose(sample_bilinear(image, positions), expected, atol=1e-5)
+
+
+def test_pairs_are_a_step_apart_in_file_order_and_thin_out_evenly() -> None:
+    assert view_pairs(4, 1) == [(0, 1), (1, 2), (2, 3)]
+    assert view_pairs(9, 7) == [(0, 7), (1, 8)]
+    assert view_pairs(5, 7) == []
+    assert view_pairs(101, 1, limit=3) == [(0, 1), (50, 51), (99, 100)]
+
+
+def test_a_pair_of_training_images_takes_a_fraction_of_a_second() -> None:
+    views = [scenes.camera_at((x, -0.3, -4.0), width=480, height=360) for x in (-0.2, 0.2)]
+    views = [replace(v, camera=replace(v.camera, fx=400.0, fy=400.0)) for v in views]
+    _, depths, alphas, _ = scenes.render_all(views, [SLANTED])
+    start = time.process_time()
+    (found,) = find_correspondences(depths, alphas, views, [(0, 1)])
+    assert len(found) > 100_000
+    assert time.process_time() - start < 1.0  # 0.15 s of processor time here
