@@ -95,7 +95,7 @@ class LutEnhancer:
         *,
         alphas: Sequence[NDArray[np.uint8] | None] | None = None,
     ) -> None:
-        """Fit the LUT to the training views; about two seconds on two cores, whatever their number."""
+        """Fit the LUT to the training views; a few seconds on one core, whatever their number."""
         if self.is_identity:
             return
         self._lut = fit_lut(

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import OpenImageIO as oiio
 import pytest
 import torch
 from safetensors.torch import save_file
@@ -77,6 +78,16 @@ def test_an_exported_cube_reads_back_in_colour_science_as_the_same_map(tmp_path:
     nodes = np.random.default_rng(0).integers(0, 33, (1, 50, 3)) / 32
     expected = lut(nodes.astype(np.float32), 0.8)
     np.testing.assert_allclose(cube.apply(nodes), expected, atol=2e-6)
+
+
+def test_an_exported_cube_reads_back_in_opencolorio_as_the_same_map(tmp_path: Path) -> None:
+    lut, nodes = random_lut(), np.random.default_rng(1).integers(0, 33, (4, 25, 3)).astype(np.float32) / 32
+    lut.export_cube(tmp_path / "scene.cube")
+    image = oiio.ImageBuf(oiio.ImageSpec(25, 4, 3, oiio.FLOAT))
+    image.set_pixels(oiio.ROI(), nodes)
+    graded = oiio.ImageBufAlgo.ociofiletransform(image, str(tmp_path / "scene.cube"))
+    assert not graded.has_error
+    np.testing.assert_allclose(graded.get_pixels(oiio.FLOAT), lut(nodes), atol=2e-6)
 
 
 def test_a_saved_lut_loads_with_its_description(tmp_path: Path) -> None:
