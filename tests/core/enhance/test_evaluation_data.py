@@ -1,4 +1,4 @@
-"""On real photographs that nothing was tuned to, the LUT keeps more contrast than none, and invents less than a gain."""
+"""On photographs that nothing was tuned to, the LUT keeps more contrast than none and invents less than a gain."""
 
 from __future__ import annotations
 
