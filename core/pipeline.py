@@ -207,11 +207,13 @@ def _evaluate(
 
     reporter.status("evaluate", f"rendering {len(tested)} views")
     reconstruction = []
+    unenhanced = {}
     for i in tested:
         view = capture.views[i]
         rendered = scene.color(gaussians, i)
         write_png(folder / "renders" / "original" / f"{view.key}.png", rendered)
         if i in scored:
+            unenhanced[i] = rendered
             reconstruction.append(scene.fidelity(i, rendered))
         advance(f"original: {view.key}")
     correspondences = _Correspondences(scene, gaussians, len(capture.views))
@@ -224,7 +226,8 @@ def _evaluate(
             rendered = scene.color(layers[layer.name], i)
             _write_layer_renders(folder, layer, view, rendered, settings.simulation)
             if i in scored:
-                images = LayerImages(view.image, read_png(_enhanced_path(folder, layer, view)), rendered, scene.mask(i))
+                enhanced = read_png(_enhanced_path(folder, layer, view))
+                images = LayerImages(view.image, enhanced, rendered, unenhanced[i], scene.mask(i))
                 scores.append(score_view(images, layer, settings.simulation))
             advance(f"{layer.name}: {view.key}")
         entries[layer.name] = {

@@ -11,6 +11,13 @@ from typing import Any
 
 SCHEMA = "cvdgs-report-1"
 _VIEWS_SHOWN = 3
+# What the metrics of a layer are computed on, and how the table calls it.
+_KINDS = {
+    "input": "photographs",
+    "enhanced": "enhanced photographs",
+    "unenhanced": "scene, original colours",
+    "rendered": "scene, enhanced",
+}
 
 _STYLE = """
 :root { color-scheme: light dark; --line: #8884; --soft: #8882; }
@@ -104,19 +111,19 @@ def _figure(path: Path, caption: str) -> str:
 def _layer_table(layer: dict[str, Any]) -> str:
     ccpr, similarity, natural, rwe = layer["ccpr"], layer["ssim_simulated"], layer["naturalness"], layer["rwe"]
     rows = (
-        (f"contrast kept (CCPR, τ = {ccpr['tau']})", ccpr["input"], ccpr["enhanced"], ccpr["rendered"]),
-        ("contrast kept, mean over τ", *(layer["ccpr_mean"][k] for k in ("input", "enhanced", "rendered"))),
-        ("SSIM, original to simulated", similarity["input"], similarity["enhanced"], similarity["rendered"]),
-        ("naturalness: SSIM to the original", None, natural["ssim"], None),
-        ("naturalness: mean ΔE00 to the original", None, natural["delta_e"], None),
-        ("view consistency: RWE (1 = as the photographs)", None, rwe["enhanced_ratio"], rwe["ratio"]),
-        ("rendered against enhanced, PSNR in dB", None, None, layer["psnr_to_enhanced"]),
+        (f"contrast kept (CCPR, τ = {ccpr['tau']})", *(ccpr[kind] for kind in _KINDS)),
+        ("contrast kept, mean over τ", *(layer["ccpr_mean"][kind] for kind in _KINDS)),
+        ("SSIM, original to simulated", *(similarity[kind] for kind in _KINDS)),
+        ("naturalness: SSIM to the original", None, natural["ssim"], None, None),
+        ("naturalness: mean ΔE00 to the original", None, natural["delta_e"], None, None),
+        ("view consistency: RWE (1 = as the photographs)", None, rwe["enhanced_ratio"], None, rwe["ratio"]),
+        ("rendered against enhanced, PSNR in dB", None, None, None, layer["psnr_to_enhanced"]),
     )
     body = "".join(
         f"<tr><td>{html.escape(name)}</td>" + "".join(f"<td>{_number(value, 3)}</td>" for value in values) + "</tr>"
         for name, *values in rows
     )
-    head = "<tr><th></th><th>photographs</th><th>enhanced views</th><th>rendered scene</th></tr>"
+    head = "<tr><th></th>" + "".join(f"<th>{_KINDS[kind]}</th>" for kind in _KINDS) + "</tr>"
     return f"<table><thead>{head}</thead><tbody>{body}</tbody></table>"
 
 

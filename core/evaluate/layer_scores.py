@@ -1,4 +1,4 @@
-"""The figures of one colour layer: contrast, similarity, naturalness and fidelity, as defined in `core.color.metrics`."""
+"""The figures of one colour layer: contrast, similarity, naturalness and fidelity (see `core.color.metrics`)."""
 
 from __future__ import annotations
 
@@ -23,12 +23,15 @@ class LayerImages:
         original: (H, W, 3) uint8, the photograph.
         enhanced: (H, W, 3) uint8, what the enhancer made of it.
         rendered: (H, W, 3) uint8, the reconstructed layer from the same camera.
+        unenhanced: (H, W, 3) uint8, the reconstruction in its original colours: the control that separates what the
+            enhancement gains from what the reconstruction loses.
         mask: (H, W) bool of covered pixels, or None.
     """
 
     original: NDArray[np.uint8]
     enhanced: NDArray[np.uint8]
     rendered: NDArray[np.uint8]
+    unenhanced: NDArray[np.uint8]
     mask: NDArray[np.bool_] | None = None
 
 
@@ -38,7 +41,12 @@ def score_view(images: LayerImages, layer: Layer, simulation: str) -> dict[str, 
     mask = None if images.mask is None else torch.from_numpy(images.mask)
     simulated = {
         name: simulate(image, layer.cvd, layer.severity, simulation)
-        for name, image in (("input", original), ("enhanced", enhanced), ("rendered", rendered))
+        for name, image in (
+            ("input", original),
+            ("enhanced", enhanced),
+            ("rendered", rendered),
+            ("unenhanced", _tensor(images.unenhanced)),
+        )
     }
     contrast = {name: contrast_scores(original, image, mask=mask) for name, image in simulated.items()}
     natural = naturalness(original, enhanced, mask=mask)

@@ -30,9 +30,9 @@ class LayerPlan:
 
     epochs: int = 6
     minimum_steps: int = 300
-    rate: float = 2.5e-2
+    rate: float = 5e-2
     rate_decay: float = 0.05
-    ssim_weight: float = 0.0
+    ssim_weight: float = 0.2
 
 
 def fit_layer(

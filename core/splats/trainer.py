@@ -127,7 +127,7 @@ class Trainer:
         measured = {round(plan.steps * (i + 1) / plan.curve_points) for i in range(plan.curve_points)}
         psnr = self._measure(0)
         for step in range(1, plan.steps + 1):
-            self._step(step)
+            self.step(step)
             if plan.strategy.due(step, plan.steps):
                 self._refine(step)
             if step in measured:
@@ -146,7 +146,8 @@ class Trainer:
     def _seconds(self) -> float:
         return time.perf_counter() - self._started - self._measuring
 
-    def _step(self, step: int) -> None:
+    def step(self, step: int) -> None:
+        """One optimisation step: render a view, measure the loss, go backward, move the parameters."""
         target = self._next_target()
         image, camera, mask = target.at(self._reduction(step))
         frame = self._rasterizer.render(self._parameters, camera, self._background.color)

@@ -11,9 +11,9 @@ from cvdgs.core.report import finish_report
 
 LAYER = {
     "psnr_to_enhanced": 31.5,
-    "ccpr": {"input": 0.71, "enhanced": 0.9, "rendered": 0.87, "tau": 6},
-    "ccpr_mean": {"input": 0.7, "enhanced": 0.9, "rendered": 0.8},
-    "ssim_simulated": {"input": 0.62, "enhanced": 0.8, "rendered": 0.7},
+    "ccpr": {"input": 0.71, "enhanced": 0.9, "unenhanced": 0.6, "rendered": 0.87, "tau": 6},
+    "ccpr_mean": {"input": 0.7, "enhanced": 0.9, "unenhanced": 0.6, "rendered": 0.8},
+    "ssim_simulated": {"input": 0.62, "enhanced": 0.8, "unenhanced": 0.6, "rendered": 0.7},
     "naturalness": {"ssim": 0.9, "psnr": 22.0, "delta_e": 6.1},
     "rwe": {
         "ratio": float("nan"),

@@ -1,0 +1,85 @@
+"""Runs the throw-away prototype's training loop on a capture, so that a benchmark can hold ours against it.
+
+The prototype (a folder of experiments that lives beside the repository, see notes/splats.md) reads one prepared folder;
+its loop renders, takes a fused L1 + SSIM loss, goes backward and steps Adam, without densification.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..capture import Capture
+from ..images import write_png
+
+_SCRIPT = "train_loop.py"
+_RESULT = re.compile(r"^it .*median ms.* TOTAL ([0-9.]+)$", re.MULTILINE)
+_NEVER = "ev=1000000000"  # its option for "measure held-out views at step"
+
+
+class PrototypeLoop:
+    """The prototype on one capture.
+
+    Args:
+        folder: where its scripts are.
+        capture: photographs of one size; the prototype assumes square pixels and a centred principal point.
+        scratch: an empty folder for its input and its build.
+    """
+
+    def __init__(self, folder: Path, capture: Capture, scratch: Path) -> None:
+        self._folder = folder.resolve()
+        self._scratch = scratch
+        self._prepare(capture)
+
+    @staticmethod
+    def is_there(folder: Path) -> bool:
+        """Whether `folder` holds the prototype."""
+        return (folder / _SCRIPT).is_file()
+
+    def step_milliseconds(self, steps: int, threads: int) -> float:
+        """Median wall time of a whole training step over the last hundred of `steps`."""
+        environment = {
+            **os.environ,
+            "WP_CACHE": str(self._scratch / "cache"),
+            "TORCH_EXTENSIONS_DIR": str(self._scratch / "build"),
+            "OMP_WAIT_POLICY": "passive",
+        }
+        command = [sys.executable, str(self._folder / _SCRIPT), "A3", str(steps), "fused", f"th={threads}", _NEVER]
+        result = subprocess.run(command, cwd=self._scratch, env=environment, capture_output=True, text=True)
+        found = _RESULT.findall(result.stdout)
+        if result.returncode != 0 or not found:
+            raise RuntimeError(f"the prototype failed: {result.stderr.strip().splitlines()[-1:]}")
+        return float(found[-1])
+
+    def _prepare(self, capture: Capture) -> None:
+        """Write the folder that the prototype reads from its working directory."""
+        place = self._scratch / "fox270"
+        for name in ("out", "cache", "build"):
+            (self._scratch / name).mkdir(parents=True, exist_ok=True)
+        first = capture.views[0].camera
+        for view in capture.views:
+            write_png(place / "images" / f"{view.key}.png", view.image)
+        np.savez(
+            place / "np.npz",
+            W=first.width,
+            H=first.height,
+            f=first.fx,
+            names=np.array([f"{view.key}.jpg" for view in capture.views]),
+            qt=np.stack([_quaternion_and_translation(view.world_to_camera) for view in capture.views]),
+            xyz=capture.points.astype(np.float64),
+            rgb=capture.point_colors,
+        )
+
+
+def _quaternion_and_translation(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(7,) wxyz and xyz of a (4, 4) rigid transform."""
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
+    return np.array([w, x, y, z, *pose[:3, 3]])

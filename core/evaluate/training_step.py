@@ -1,0 +1,38 @@
+"""Times the trainer's own step on a capture, without densification: what a benchmark compares between programs."""
+
+from __future__ import annotations
+
+import statistics
+import time
+
+from ..capture import Capture
+from ..splats.raster import Rasterizer
+from ..splats.strategy import CloneSplitPrune
+from ..splats.targets import Background
+from ..splats.trainer import Trainer, TrainingPlan
+
+_NEVER = CloneSplitPrune(start=2.0, stop=3.0)  # beyond the end of the run
+
+
+def training_step_milliseconds(capture: Capture, steps: int, threads: int) -> float:
+    """Median wall time of a whole step (render, loss, backward, Adam) over the last hundred of `steps`.
+
+    One Gaussian a point, full resolution from the first step on.
+    """
+    plan = TrainingPlan(steps=steps, limit=max(len(capture.points), 1), coarse=(), strategy=_NEVER, curve_points=1)
+    trainer = Trainer(
+        Rasterizer("cpu", threads),
+        [view for i, view in enumerate(capture.views) if i % 8],
+        [],
+        capture.points,
+        capture.point_colors,
+        plan,
+        Background.of(capture.views),
+        seed=0,
+    )
+    seconds = []
+    for step in range(1, steps + 1):
+        started = time.perf_counter()
+        trainer.step(step)
+        seconds.append(time.perf_counter() - started)
+    return 1000.0 * statistics.median(seconds[-100:])

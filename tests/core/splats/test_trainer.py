@@ -1,0 +1,163 @@
+"""Training and colour layers on a scene that the test makes: known Gaussians, photographed from known cameras."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cvdgs.core.capture.model import PinholeCamera, View
+from cvdgs.core.events import Reporter
+from cvdgs.core.splats.gaussians import SH_C0, Gaussians
+from cvdgs.core.splats.layers import LayerPlan, fit_layer
+from cvdgs.core.splats.raster import Rasterizer
+from cvdgs.core.splats.renderer import SceneRenderer
+from cvdgs.core.splats.scene_frame import SceneFrame
+from cvdgs.core.splats.targets import Background, prepare_targets
+from cvdgs.core.splats.trainer import Trainer, TrainingPlan
+
+BLACK = Background((0.0, 0.0, 0.0))
+
+
+def look_at(position, target) -> np.ndarray:
+    """World-to-camera of a camera at `position`, OpenCV axes, z up in the world."""
+    forward = np.asarray(target, float) - position
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    pose[:3, 3] = -pose[:3, :3] @ position
+    return pose
+
+
+def wall(count: int, seed: int = 0) -> Gaussians:
+    """A wall of overlapping, almost opaque coloured Gaussians, 20 units wide, far from the origin."""
+    rng = np.random.default_rng(seed)
+    means = np.column_stack([rng.uniform(-10, 10, count), 100 + rng.normal(0, 0.2, count), rng.uniform(-10, 10, count)])
+    quaternions = rng.standard_normal((count, 4))
+    return Gaussians(
+        means=means.astype(np.float32),
+        log_scales=np.log(rng.uniform(0.5, 1.2, (count, 3))).astype(np.float32),
+        quaternions=quaternions.astype(np.float32),
+        opacity_logits=np.full(count, 3.0, np.float32),
+        sh=((rng.uniform(0, 1, (count, 1, 3)) - 0.5) / SH_C0).astype(np.float32),
+    )
+
+
+def photographs(scene: Gaussians, count: int = 9, size: tuple[int, int] = (96, 72)) -> list[View]:
+    """Views of `scene` from an arc in front of it."""
+    width, height = size
+    camera = PinholeCamera(width, height, 1.1 * width, 1.2 * width, width / 2 + 1, height / 2 - 2)
+    views = []
+    for i, x in enumerate(np.linspace(-8, 8, count)):
+        pose = look_at(np.array([x, 78.0, 2.0 * np.sin(i)]), [0, 100, 0])
+        views.append(View(f"{i:02d}", Path(f"{i}.png"), camera, pose, np.zeros((height, width, 3), np.uint8)))
+    renderer = SceneRenderer(Rasterizer("cpu"), views, BLACK)
+    return [replace(view, image=renderer.color(scene, i)) for i, view in enumerate(views)]
+
+
+def train(views, points, plan: TrainingPlan, held_out=(), seed=0):
+    colors = np.full((len(points), 3), 128, np.uint8)
+    trainer = Trainer(Rasterizer("cpu"), views, held_out, points, colors, plan, BLACK, seed)
+    return trainer.train(Reporter())
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return wall(400)
+
+
+@pytest.fixture(scope="module")
+def views(scene):
+    return photographs(scene)
+
+
+def test_training_recovers_a_known_scene_on_views_that_it_has_not_seen(scene, views):
+    result = train(views[:4] + views[5:], scene.means, TrainingPlan(steps=400, limit=600), held_out=[views[4]])
+    assert result.curve[0]["psnr"] < 20
+    assert result.curve[-1]["psnr"] > 28
+    assert result.curve[-1]["step"] == 400
+
+
+def test_a_scene_without_points_is_trained_from_the_frustums(views):
+    result = train(views[:4] + views[5:], np.zeros((0, 3), np.float32), TrainingPlan(steps=300, limit=3000), [views[4]])
+    assert result.curve[-1]["psnr"] > result.curve[0]["psnr"] + 5
+
+
+def test_the_same_seed_gives_the_same_bits(scene, views):
+    plan = TrainingPlan(steps=60, limit=500)
+    first, second = (train(views, scene.means, plan) for _ in range(2))
+    for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh"):
+        np.testing.assert_array_equal(getattr(first.gaussians, name), getattr(second.gaussians, name))
+
+
+def test_another_seed_gives_other_bits(scene, views):
+    plan = TrainingPlan(steps=60, limit=500)
+    first, second = (train(views, scene.means, plan, seed=seed) for seed in (0, 1))
+    assert len(first.gaussians) != len(second.gaussians) or (first.gaussians.means != second.gaussians.means).any()
+
+
+def test_there_are_never_more_gaussians_than_allowed(scene, views):
+    result = train(views, scene.means, TrainingPlan(steps=200, limit=450))
+    assert len(result.gaussians) <= 450
+    assert all(item["gaussians"] <= 450 for item in result.curve)
+
+
+@pytest.mark.parametrize("degree", [0, 1, 3])
+def test_the_result_has_the_degree_that_was_asked_for(scene, views, degree):
+    result = train(views, scene.means, TrainingPlan(steps=20, limit=450, sh_degree=degree))
+    assert result.gaussians.sh_degree == degree
+    assert np.isfinite(result.gaussians.sh).all()
+
+
+@pytest.mark.parametrize("steps", [1, 2, 7])
+def test_a_run_may_be_of_any_length(scene, views, steps):
+    assert len(train(views, scene.means, TrainingPlan(steps=steps, limit=450)).gaussians) > 0
+
+
+def test_without_held_out_views_the_curve_has_no_psnr(scene, views):
+    assert all(item["psnr"] is None for item in train(views, scene.means, TrainingPlan(steps=20, limit=450)).curve)
+
+
+def test_a_layer_reproduces_the_enhanced_views_and_leaves_the_geometry_alone(scene, views):
+    swapped = [replace(view, image=np.ascontiguousarray(view.image[..., ::-1])) for view in views]
+    layer = fit_layer(Rasterizer("cpu"), scene, swapped, LayerPlan(), BLACK, seed=0)
+    for name in ("means", "log_scales", "quaternions", "opacity_logits"):
+        np.testing.assert_array_equal(getattr(layer, name), getattr(scene, name))
+    renderer = SceneRenderer(Rasterizer("cpu"), swapped, BLACK)
+    assert min(renderer.fidelity(i, renderer.color(layer, i))["psnr"] for i in range(len(views))) > 35
+
+
+def test_one_view_that_disagrees_does_not_pull_the_colours_of_a_layer(scene, views):
+    drifted = [replace(view, image=np.minimum(view.image, 40)) if i == 4 else view for i, view in enumerate(views)]
+    layer = fit_layer(Rasterizer("cpu"), scene, drifted, LayerPlan(), BLACK, seed=0)
+    renderer = SceneRenderer(Rasterizer("cpu"), views, BLACK)
+    assert renderer.fidelity(4, renderer.color(layer, 4))["psnr"] > 30
+
+
+def test_a_layer_of_a_scene_with_view_dependent_colours_has_degree_0(views):
+    scene = replace(wall(50), sh=np.zeros((50, 4, 3), np.float32))
+    assert fit_layer(Rasterizer("cpu"), scene, views, LayerPlan(minimum_steps=5, epochs=1), BLACK, 0).sh_degree == 0
+
+
+def test_a_cut_out_is_trained_over_white(views):
+    alpha = np.zeros(views[0].image.shape[:2], np.uint8)
+    alpha[20:40] = 255
+    cut_out = replace(views[0], alpha=alpha)
+    assert Background.of([cut_out]).color == (1.0, 1.0, 1.0)
+    behind = Background.of([cut_out]).behind(cut_out)
+    assert (behind[:20] == 255).all()
+    np.testing.assert_array_equal(behind[20:40], views[0].image[20:40])
+
+
+def test_a_reduced_target_is_the_mean_of_its_pixels_with_the_camera_to_match(views):
+    frame = SceneFrame.around(views, np.zeros((0, 3), np.float32))
+    large = replace(
+        views[0], image=np.kron(views[0].image, np.ones((2, 2, 1), np.uint8)), camera=views[0].camera.scaled(192, 144)
+    )
+    (target,) = prepare_targets(Rasterizer("cpu"), [large], frame, BLACK, {2})
+    image, camera, _ = target.at(2)
+    np.testing.assert_array_equal(image.numpy(), views[0].image)
+    assert (camera.width, camera.height, camera.fx, camera.cy) == (96, 72, views[0].camera.fx, views[0].camera.cy)
+    assert target.at(4) is target.at(1)
