@@ -15,7 +15,7 @@ from ...core.errors import InputError
 from ...core.events import Reporter
 from .cameras import Clip, add_camera, use_camera
 from .finished_run import PARTIAL_FOLDER, FinishedRun, RunView, read_run
-from .placement import add_empty, camera_distance, placement
+from .placement import add_empty, camera_distance, near_depth, placement
 from .render_settings import Display, decode_srgb, set_background, set_cycles, set_display
 from .splat_nodes import ORIGINAL, Input
 from .splats import add_gaussians, core_bounds, set_input, show_layer
@@ -25,8 +25,7 @@ STAGE = "blender"
 BLEND_FILE = "scene.blend"
 STILLS_FOLDER = "stills"
 
-# Visible range of the cameras, in distances to the subject: generous, yet well inside float32.
-_CLIP_START, _CLIP_END = 0.005, 500.0
+_CLIP_END = 500.0  # far end of the cameras' range in distances to the subject: generous, yet well inside float32
 # Display size of the capture's Empty, and of cameras, in distances to the subject.
 _EMPTY_SIZE, _CAMERA_SIZE = 0.2, 0.06
 
@@ -114,7 +113,7 @@ def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOption
     matrix = placement(run.views, center) if options.place else np.eye(4)
     scale = float(abs(matrix[:3, 0] @ matrix[:3, 0]) ** 0.5)
     distance = camera_distance(run.views, center)
-    clip = Clip(_CLIP_START * distance * scale, _CLIP_END * distance * scale)
+    clip = Clip(near_depth(run.views, distance) * scale, _CLIP_END * distance * scale)
     top = _add_collection(run.folder.resolve().name or "Capture", scene.collection)
     empty = add_empty(matrix, _EMPTY_SIZE * distance, top)
     camera_collection = _add_collection("Cameras", top)

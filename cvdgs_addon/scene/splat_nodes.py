@@ -29,7 +29,7 @@ GROUP_NAME = "CVD Gaussians"
 
 DILATION = 0.3  # px^2 that the rasteriser adds to the variance of every projection (Kerbl et al. 2023)
 ALPHA_MIN = 1.0 / 255.0  # what is less opaque is not drawn
-FIELD_MARGIN = 1.3  # the projection is linearised no further out than this many half fields of view
+FIELD_MARGIN = 0.3  # the projection is linearised within the image and this many half widths around (Kerbl et al. 2023)
 
 # Circumscribed about the unit sphere and the unit circle, so that the hull cuts nothing off.
 ICOSPHERE_RADIUS = math.sqrt(15.0 / (5.0 + 2.0 * math.sqrt(5.0)))
@@ -38,7 +38,6 @@ DISC_RADIUS = 1.0 / math.cos(math.pi / DISC_CORNERS)
 
 _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 _ORIGIN = (0.0, 0.0, 0.0)
-
 
 ORIGINAL = "original"  # the layer of the photographs' own colours
 
@@ -151,7 +150,7 @@ class _Camera:
         to_object: matrix from camera space (x right, y up, z backwards) to the object's.
         from_object: its inverse.
         pixel_angle_x, pixel_angle_y: width and height of a pixel at depth 1.
-        limit_x, limit_y: tangents up to which the projection is linearised.
+        limits_x, limits_y: lowest and highest tangent at which the projection is linearised.
         clip_start: nearest visible depth.
         is_perspective: boolean.
     """
@@ -160,8 +159,8 @@ class _Camera:
     from_object: bpy.types.NodeSocket
     pixel_angle_x: bpy.types.NodeSocket
     pixel_angle_y: bpy.types.NodeSocket
-    limit_x: bpy.types.NodeSocket
-    limit_y: bpy.types.NodeSocket
+    limits_x: tuple[bpy.types.NodeSocket, ...]
+    limits_y: tuple[bpy.types.NodeSocket, ...]
     clip_start: bpy.types.NodeSocket
     is_perspective: bpy.types.NodeSocket
 
@@ -170,7 +169,7 @@ def _camera(write: NodeWriter, width: Value, height: Value) -> _Camera:
     active = write.output("GeometryNodeInputActiveCamera")
     info = write.node("GeometryNodeCameraInfo", active)
     to_object = write.output("GeometryNodeObjectInfo", active, name="Transform", transform_space="RELATIVE")
-    # The projection matrix knows the lens, the sensor and the aspect of pixel and render: x_ndc = P00 x / z + shift.
+    # The projection matrix knows lens, sensor, shift and aspects: x_ndc = P00 tangent_x - P02, within -1 and 1.
     entries = write.node("FunctionNodeSeparateMatrix", info.outputs["Projection Matrix"]).outputs
     half_field_x = write.math("DIVIDE", 1.0, entries["Column 1 Row 1"])
     half_field_y = write.math("DIVIDE", 1.0, entries["Column 2 Row 2"])
@@ -179,11 +178,16 @@ def _camera(write: NodeWriter, width: Value, height: Value) -> _Camera:
         from_object=write.output("FunctionNodeInvertMatrix", to_object),
         pixel_angle_x=write.math("DIVIDE", write.math("MULTIPLY", 2.0, half_field_x), width),
         pixel_angle_y=write.math("DIVIDE", write.math("MULTIPLY", 2.0, half_field_y), height),
-        limit_x=write.math("MULTIPLY", FIELD_MARGIN, half_field_x),
-        limit_y=write.math("MULTIPLY", FIELD_MARGIN, half_field_y),
+        limits_x=_tangent_limits(write, half_field_x, entries["Column 3 Row 1"]),
+        limits_y=_tangent_limits(write, half_field_y, entries["Column 3 Row 2"]),
         clip_start=info.outputs["Clip Start"],
         is_perspective=write.output("FunctionNodeBooleanMath", info.outputs["Is Orthographic"], operation="NOT"),
     )
+
+
+def _tangent_limits(write: NodeWriter, half_field: Value, shift: Value) -> tuple[bpy.types.NodeSocket, ...]:
+    bounds = (-1.0 - FIELD_MARGIN, 1.0 + FIELD_MARGIN)
+    return tuple(write.math("MULTIPLY", half_field, write.math("ADD", shift, bound)) for bound in bounds)
 
 
 class _Splat:
@@ -245,8 +249,8 @@ class _Splat:
         """xx, xy and yy of the covariance J W S W^T J^T, J scaled by the depth so that it is in scene units."""
         write, camera = self._write, self._camera
         x, y, _ = write.separate(self.center)
-        tangent_x = self._clamped(write.math("DIVIDE", x, self.depth), camera.limit_x)
-        tangent_y = self._clamped(write.math("DIVIDE", y, self.depth), camera.limit_y)
+        tangent_x = self._clamped(write.math("DIVIDE", x, self.depth), camera.limits_x)
+        tangent_y = self._clamped(write.math("DIVIDE", y, self.depth), camera.limits_y)
         to_camera = write.multiply_matrices(camera.from_object, self.frame)
         columns = []
         for axis, deviation in zip((_X, _Y, _Z), write.separate(self.scale), strict=True):
@@ -272,9 +276,8 @@ class _Splat:
     def _squared(self, value: Value) -> Value:
         return self._write.math("MULTIPLY", value, value)
 
-    def _clamped(self, value: Value, limit: Value) -> Value:
-        lower = self._write.math("MULTIPLY", -1.0, limit)
-        return self._write.output("ShaderNodeClamp", value, lower, limit)
+    def _clamped(self, value: Value, limits: tuple[Value, ...]) -> Value:
+        return self._write.output("ShaderNodeClamp", value, *limits)
 
 
 def _frame(write: NodeWriter, points: Value) -> Value:

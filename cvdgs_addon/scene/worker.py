@@ -140,7 +140,10 @@ def _end_on_signal(run_folder: Path) -> None:
 
 
 def _end(code: int) -> NoReturn:
-    """End at once: Blender 4.5 can hang in its own clean-up."""
+    """End at once, because Blender 4.5 can hang in its own clean-up; what that would have removed is removed here."""
+    bpy = sys.modules.get("bpy")
+    if bpy is not None and getattr(bpy, "app", None) is not None:
+        shutil.rmtree(bpy.app.tempdir, ignore_errors=True)
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
             stream.flush()

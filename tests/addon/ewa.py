@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cvdgs.core.capture.model import PinholeCamera
 from cvdgs.core.splats.gaussians import Gaussians
+from cvdgs.cvdgs_addon.scene.intrinsics import Intrinsics
 
 DILATION = 0.3
 ALPHA_MIN = 1.0 / 255.0
 ALPHA_MAX = 0.999
-FIELD_MARGIN = 1.3
+FIELD_MARGIN = 0.3
 
 
 def rotation_matrices(quaternions: NDArray) -> NDArray[np.float64]:
@@ -28,7 +28,7 @@ def rotation_matrices(quaternions: NDArray) -> NDArray[np.float64]:
 def render(
     gaussians: Gaussians,
     colors: NDArray,
-    camera: PinholeCamera,
+    camera: Intrinsics,
     world_to_camera: NDArray,
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     dilation: float = DILATION,
@@ -43,13 +43,13 @@ def render(
     order = np.argsort(centers[:, 2])
     order = order[centers[order, 2] > 0.01]
     x, y, z = centers[order].T
-    limit_x = FIELD_MARGIN * camera.width / (2 * camera.fx)
-    limit_y = FIELD_MARGIN * camera.height / (2 * camera.fy)
+    slope_x = _slopes(x / z, camera.width, camera.fx, camera.cx)
+    slope_y = _slopes(y / z, camera.height, camera.fy, camera.cy)
     jacobian = np.zeros((len(order), 2, 3))
     jacobian[:, 0, 0] = camera.fx / z
-    jacobian[:, 0, 2] = -camera.fx * np.clip(x / z, -limit_x, limit_x) / z
+    jacobian[:, 0, 2] = -camera.fx * slope_x / z
     jacobian[:, 1, 1] = camera.fy / z
-    jacobian[:, 1, 2] = -camera.fy * np.clip(y / z, -limit_y, limit_y) / z
+    jacobian[:, 1, 2] = -camera.fy * slope_y / z
     axes = (
         rotation_matrices(gaussians.quaternions[order])
         * np.exp(gaussians.log_scales[order].astype(np.float64))[:, None]
@@ -72,6 +72,12 @@ def render(
         image += (transmittance * alpha)[..., None] * colors[order[i]]
         transmittance *= 1.0 - alpha
     return image + transmittance[..., None] * np.asarray(background)
+
+
+def _slopes(slopes: NDArray, size: int, focal: float, principal: float) -> NDArray:
+    """Slopes at which the perspective is linearised: within the image and a margin around it."""
+    margin = FIELD_MARGIN * 0.5 * size
+    return np.clip(slopes, (-principal - margin) / focal, (size - principal + margin) / focal)
 
 
 def psnr(a: NDArray, b: NDArray) -> float:

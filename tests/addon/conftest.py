@@ -1,0 +1,35 @@
+"""Blender's side, tested in process with whichever bpy wheel this environment has; skipped where there is none."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+if importlib.util.find_spec("bpy") is None:
+    collect_ignore_glob = ["test_*.py"]
+else:
+    import bpy
+
+    from .scenes import synthetic_run
+
+
+@pytest.fixture
+def scene():
+    """The scene of a new, empty file that is set up to show Gaussians on black as they were trained."""
+    from cvdgs.cvdgs_addon.scene import render_settings
+
+    bpy.ops.wm.read_homefile(use_empty=True)
+    scene = bpy.context.scene
+    render_settings.set_cycles(scene)
+    render_settings.set_display(scene, render_settings.Display.PHOTO)
+    render_settings.set_background(scene, (0.0, 0.0, 0.0))
+    render_settings.set_png(scene)
+    return scene
+
+
+@pytest.fixture
+def run_folder(tmp_path: Path) -> Path:
+    """A finished run of a small synthetic scene with the layers deutan-1.0 and tritan-0.5."""
+    return synthetic_run(tmp_path / "run")

@@ -1,0 +1,33 @@
+"""The package as Blender loads it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cvdgs
+from cvdgs.cvdgs_addon.scene import worker
+
+HEAVY = ("torch", "warp", "pycolmap", "OpenImageIO", "kornia", "colour", "plyfile", "scipy")
+
+
+def test_registering_ten_times_in_a_row_works():
+    for _ in range(10):
+        cvdgs.register()
+        cvdgs.unregister()
+
+
+def test_blenders_side_needs_numpy_only():
+    """Blender's own Python has none of the worker's libraries."""
+    modules = sorted(path.stem for path in Path(worker.__file__).parent.glob("*.py") if path.stem != "__init__")
+    code = (
+        f"import importlib, os, runpy, sys\n"
+        f"runpy.run_path({worker.__file__!r})['load_package']()\n"
+        f"import cvdgs; cvdgs.register()\n"
+        f"for name in {modules!r}: importlib.import_module('cvdgs.cvdgs_addon.scene.' + name)\n"
+        f"print([name for name in {HEAVY!r} if name in sys.modules], flush=True)\n"
+        f"os._exit(0)\n"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert result.stdout.strip().splitlines()[-1] == "[]", result.stderr

@@ -1,0 +1,230 @@
+"""Gaussians in Blender: their pixels against an independent rasteriser, and the object that carries them."""
+
+from __future__ import annotations
+
+import time
+
+import bmesh
+import bpy
+import mathutils
+import numpy as np
+import pytest
+
+from cvdgs.core.errors import InputError
+from cvdgs.core.splats.gaussians import Gaussians
+from cvdgs.cvdgs_addon.scene import render_settings, splats
+from cvdgs.cvdgs_addon.scene.splat_nodes import ORIGINAL, Attribute, Input
+
+from . import ewa
+from .scenes import CAMERA, cloud, look_through, opencv, render_png, ring_view, take
+
+POSE = ring_view(0.4)
+QUANTISATION = 0.5 / 255.0  # largest error that 8-bit output makes
+
+
+def reference(gaussians: Gaussians, colors=None, **options) -> np.ndarray:
+    colors = gaussians.base_colors if colors is None else colors
+    return ewa.render(gaussians, colors, CAMERA, opencv(POSE), **options)
+
+
+@pytest.fixture(autouse=True)
+def view(scene):
+    return look_through(scene, CAMERA, POSE)
+
+
+def test_a_render_is_the_rasterisers_image(scene, tmp_path):
+    gaussians = cloud(500)
+    splats.add_gaussians(gaussians, {}, scene.collection)
+    assert ewa.psnr(render_png(scene, tmp_path / "image.png"), reference(gaussians)) > 50.0
+
+
+def test_the_low_pass_follows_the_resolution_and_the_lens(scene, view, tmp_path):
+    gaussians = cloud(150, size=0.02)
+    splats.add_gaussians(gaussians, {}, scene.collection)
+    view.data.lens *= 0.5
+    scene.render.resolution_percentage = 200
+    camera = type(CAMERA)(192, 144, CAMERA.fx, CAMERA.fy, 2 * CAMERA.cx, 2 * CAMERA.cy)
+    expected = ewa.render(gaussians, gaussians.base_colors, camera, opencv(POSE))
+    image = render_png(scene, tmp_path / "image.png")
+    assert ewa.psnr(image, expected) > 50.0
+    assert ewa.psnr(image, ewa.render(gaussians, gaussians.base_colors, camera, opencv(POSE), dilation=0.0)) < 40.0
+
+
+def test_a_background_shines_through(scene, tmp_path):
+    gaussians = cloud(60)
+    splats.add_gaussians(gaussians, {}, scene.collection)
+    render_settings.set_background(scene, (0.2, 0.5, 0.9))
+    image = render_png(scene, tmp_path / "image.png")
+    assert ewa.psnr(image, reference(gaussians, background=(0.2, 0.5, 0.9))) > 50.0
+
+
+def test_gaussians_that_touch_the_camera_do_no_harm(scene, tmp_path):
+    gaussians = cloud(200)
+    gaussians.means[:40] = POSE[:3, 3] + np.random.default_rng(1).normal(0.0, 0.3, (40, 3))
+    splats.add_gaussians(gaussians, {}, scene.collection)
+    image = render_png(scene, tmp_path / "image.png")
+    # Discs nearer than the camera's clip start (0.05) are not drawn; the reference starts at 0.01.
+    depths = opencv(POSE) @ np.c_[gaussians.means, np.ones(200)].T
+    shown = take(gaussians, np.flatnonzero(depths[2] > 0.05))
+    assert ewa.psnr(image, reference(shown)) > 45.0
+
+
+@pytest.mark.parametrize("enhanced", [0.0, 0.3, 1.0])
+def test_the_slider_blends_original_and_layer(scene, tmp_path, enhanced):
+    gaussians = cloud(150)
+    layer = 1.0 - gaussians.base_colors
+    added = splats.add_gaussians(gaussians, {"deutan-1.0": layer}, scene.collection)
+    splats.show_layer(added, "deutan-1.0", enhanced)
+    expected = reference(gaussians, (1.0 - enhanced) * gaussians.base_colors + enhanced * layer)
+    assert ewa.psnr(render_png(scene, tmp_path / "image.png"), expected) > 50.0
+
+
+def test_the_slider_can_be_animated(scene, tmp_path):
+    gaussians = cloud(100)
+    added = splats.add_gaussians(gaussians, {"deutan-1.0": 1.0 - gaussians.base_colors}, scene.collection)
+    modifier = added.modifiers[splats.MODIFIER_NAME]
+    path = f'["{splats.input_identifier(modifier.node_group, Input.ENHANCED)}"]'
+    for frame, value in ((1, 0.0), (2, 1.0)):
+        splats.set_input(added, Input.ENHANCED, value)
+        modifier.keyframe_insert(path, frame=frame)
+    scene.frame_set(1)
+    assert ewa.psnr(render_png(scene, tmp_path / "1.png"), reference(gaussians)) > 50.0
+    scene.frame_set(2)
+    assert ewa.psnr(render_png(scene, tmp_path / "2.png"), reference(gaussians, 1.0 - gaussians.base_colors)) > 50.0
+
+
+def test_scene_linear_colours_come_back_through_the_standard_view(scene, tmp_path):
+    """Where a Gaussian is opaque there is nothing to blend, so that both ways show the photograph's colour."""
+    color = (0.8, 0.31, 0.1)
+    splat = one_gaussian(color, scale=0.6, opacity_logit=9.0)
+    added = splats.add_gaussians(splat, {}, scene.collection)
+    splats.set_input(added, Input.SCENE_LINEAR, True)
+    render_settings.set_display(scene, render_settings.Display.SCENE_LINEAR)
+    image = render_png(scene, tmp_path / "image.png")
+    np.testing.assert_allclose(image[int(CAMERA.cy), int(CAMERA.cx)], color, atol=2.0 / 255.0)
+
+
+@pytest.mark.parametrize("facing", [True, False])
+def test_either_hull_draws_a_single_gaussian_alike(scene, tmp_path, facing):
+    """The two differ by perspective within a Gaussian and by order between them, so not for a small one alone."""
+    splat = one_gaussian((0.2, 0.9, 0.4), scale=0.15, opacity_logit=2.0)
+    added = splats.add_gaussians(splat, {}, scene.collection)
+    splats.set_input(added, Input.CAMERA_FACING, facing)
+    assert np.abs(render_png(scene, tmp_path / "image.png") - reference(splat)).max() < (0.5 if facing else 3.0) / 255.0
+
+
+def test_an_orthographic_camera_shows_ellipsoids(scene, view, tmp_path):
+    splat = one_gaussian((1.0, 1.0, 1.0), scale=0.2, opacity_logit=2.0)
+    added = splats.add_gaussians(splat, {}, scene.collection)
+    splats.set_input(added, Input.DILATION, 0.0)
+    scene.render.pixel_aspect_x = scene.render.pixel_aspect_y = 1.0
+    view.data.type, view.data.ortho_scale = "ORTHO", 3.0
+    view.data.shift_x = view.data.shift_y = 0.0
+    image = render_png(scene, tmp_path / "image.png")
+    columns, rows = np.meshgrid(np.arange(96) + 0.5 - 48, np.arange(72) + 0.5 - 36)
+    radius = np.hypot(columns, rows) * 3.0 / 96 / 0.2
+    expected = np.exp(-0.5 * radius**2) * splat.opacities[0]
+    expected[expected < 1 / 255] = 0.0
+    assert np.abs(image[..., 0] - expected).max() < 2.0 / 255.0
+
+
+def test_moving_the_object_moves_the_picture(scene, tmp_path):
+    """Object, camera and capture may all be moved: only how they stand to each other counts."""
+    gaussians = cloud(200)
+    added = splats.add_gaussians(gaussians, {}, scene.collection)
+    move = mathutils.Matrix.LocRotScale((3.0, -1.0, 2.0), mathutils.Euler((0.3, 0.2, 1.0)), (2.0, 2.0, 2.0))
+    added.matrix_world = move
+    scene.camera.matrix_world = move @ mathutils.Matrix(POSE.tolist())
+    scene.camera.data.clip_start *= 2.0
+    assert ewa.psnr(render_png(scene, tmp_path / "image.png"), reference(gaussians)) > 50.0
+
+
+@pytest.mark.parametrize("scale", [(1.7, 1.7, 1.7), (0.5, 1.0, 1.5)])
+def test_applying_the_transform_changes_nothing(scene, tmp_path, scale):
+    added = splats.add_gaussians(cloud(200), {}, scene.collection)
+    added.matrix_world = mathutils.Matrix.LocRotScale((0.2, 0.1, -0.3), mathutils.Euler((0.7, -0.4, 0.2)), scale)
+    before = render_png(scene, tmp_path / "before.png")
+    with bpy.context.temp_override(active_object=added, object=added, selected_editable_objects=[added]):
+        bpy.ops.object.transform_apply(location=True, rotation=True, scale=True)
+    assert added.matrix_world == mathutils.Matrix.Identity(4)
+    assert np.abs(render_png(scene, tmp_path / "after.png") - before).max() <= 1.01 / 255.0
+
+
+def test_deleting_points_deletes_gaussians(scene, tmp_path):
+    gaussians = cloud(100)
+    added = splats.add_gaussians(gaussians, {}, scene.collection)
+    edited = bmesh.new()
+    edited.from_mesh(added.data)
+    edited.verts.ensure_lookup_table()
+    bmesh.ops.delete(edited, geom=edited.verts[:50], context="VERTS")
+    edited.to_mesh(added.data)
+    edited.free()
+    kept = take(gaussians, range(50, 100))
+    assert ewa.psnr(render_png(scene, tmp_path / "image.png"), reference(kept)) > 50.0
+
+
+def test_saving_and_loading_keeps_everything(scene, tmp_path):
+    gaussians = cloud(200)
+    layer = 1.0 - gaussians.base_colors
+    added = splats.add_gaussians(gaussians, {"protan-0.6": layer, "deutan-1.0": layer}, scene.collection)
+    splats.show_layer(added, "deutan-1.0", 0.25)
+    before = render_png(scene, tmp_path / "before.png")
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    loaded = next(candidate for candidate in bpy.data.objects if splats.is_splats(candidate))
+    assert splats.layer_names(loaded) == [ORIGINAL, "protan-0.6", "deutan-1.0"]
+    assert splats.get_input(loaded, Input.ENHANCED) == 0.25
+    values = np.empty(len(loaded.data.vertices), np.float32)
+    loaded.data.attributes[Attribute.OPACITY].data.foreach_get("value", values)
+    np.testing.assert_array_equal(values[:200], gaussians.opacities)
+    np.testing.assert_array_equal(render_png(bpy.context.scene, tmp_path / "after.png"), before)
+
+
+def test_two_objects_share_one_node_group_but_not_their_settings(scene):
+    first = splats.add_gaussians(cloud(10), {}, scene.collection)
+    second = splats.add_gaussians(cloud(10, seed=1), {}, scene.collection)
+    splats.set_input(second, Input.ENHANCED, 0.5)
+    groups = [added.modifiers[splats.MODIFIER_NAME].node_group for added in (first, second)]
+    assert groups[0] == groups[1]
+    assert splats.get_input(first, Input.ENHANCED) == 1.0
+    assert not splats.is_splats(scene.camera)
+
+
+def test_every_input_of_the_node_group_is_documented(scene):
+    added = splats.add_gaussians(cloud(3), {}, scene.collection)
+    items = added.modifiers[splats.MODIFIER_NAME].node_group.interface.items_tree
+    inputs = {item.name: item.description for item in items if item.in_out == "INPUT"}
+    assert set(inputs) == {"Geometry", *Input}
+    assert all(inputs.values())
+
+
+def test_unusable_gaussians_are_refused(scene):
+    with pytest.raises(InputError, match="no Gaussians"):
+        splats.add_gaussians(take(cloud(3), []), {}, scene.collection)
+    broken = cloud(3)
+    broken.means[1, 2] = np.nan
+    with pytest.raises(InputError, match="positions are not finite"):
+        splats.add_gaussians(broken, {}, scene.collection)
+    with pytest.raises(InputError, match="2 colours for 3"):
+        splats.add_gaussians(cloud(3), {"deutan-1.0": np.zeros((2, 3), np.float32)}, scene.collection)
+    with pytest.raises(InputError, match=r"no colour layer .protan-1\.0."):
+        splats.show_layer(splats.add_gaussians(cloud(3), {}, scene.collection), "protan-1.0")
+
+
+@pytest.mark.slow
+def test_a_million_gaussians_take_at_most_three_seconds(scene):
+    gaussians = cloud(1_000_000, size=0.01)
+    started = time.perf_counter()
+    splats.add_gaussians(gaussians, {"deutan-1.0": gaussians.base_colors}, scene.collection)
+    assert time.perf_counter() - started < 3.0
+
+
+def one_gaussian(color, scale: float, opacity_logit: float) -> Gaussians:
+    """A round Gaussian at the origin."""
+    return Gaussians(
+        means=np.zeros((1, 3), np.float32),
+        log_scales=np.full((1, 3), np.log(scale), np.float32),
+        quaternions=np.array([[1.0, 0.0, 0.0, 0.0]], np.float32),
+        opacity_logits=np.array([opacity_logit], np.float32),
+        sh=np.zeros((1, 1, 3), np.float32),
+    ).with_base_colors(np.array([color], np.float32))
