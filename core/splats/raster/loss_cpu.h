@@ -17,14 +17,6 @@ enum {
 // exp(-i^2 / (2 sigma^2)) for offsets 0 to 5, normalised over the window
 static const float WINDOW[RADIUS + 1] = {0.26601171f, 0.21300554f, 0.10936069f, 0.03600077f, 0.00759876f, 0.00102838f};
 
-RASTER_FN Real load(const float* p) {
-    Real r;
-    __builtin_memcpy(&r, p, sizeof(r));
-    return r;
-}
-
-RASTER_FN void store(float* p, Real r) { __builtin_memcpy(p, &r, sizeof(r)); }
-
 // Floats of one row of a map, padding included, and of a worker's scratch memory; also in rasterizer.py.
 RASTER_FN int row_stride(int width) { return (3 * width + 7) / 8 * 8 + 2 * ROW_PAD; }
 

@@ -18,7 +18,7 @@ enum { SPLAT_FLOATS = 16, MOMENTS = 12 };   // floats of a projected Gaussian; o
 
 #define RASTER_ALPHA_MIN (1.0f / 255.0f)  // smaller opacities are not blended
 #define RASTER_ALPHA_MAX 0.999f           // keeps 1 / (1 - alpha) bounded
-#define RASTER_TRANSMITTANCE_MIN 1e-4f    // blending stops before it falls below
+#define RASTER_TRANSMITTANCE_MIN 1e-4f    // blending stops once it is below
 #define RASTER_LOG2_E 1.44269504089f
 #define RASTER_LN_2 0.69314718056f
 
@@ -99,6 +99,14 @@ RASTER_FN bool any(Mask m) {
 RASTER_FN float sum(Real v) {
     return ((v[0] + v[4]) + (v[2] + v[6])) + ((v[1] + v[5]) + (v[3] + v[7]));
 }
+
+RASTER_FN Real load(const float* p) {
+    Real r;
+    __builtin_memcpy(&r, p, sizeof(r));
+    return r;
+}
+
+RASTER_FN void store(float* p, Real r) { __builtin_memcpy(p, &r, sizeof(r)); }
 
 // Hands out the chunks of a stage to whichever thread is free.
 RASTER_FN int take(int* counter) { return __atomic_fetch_add(counter, 1, __ATOMIC_RELAXED); }

@@ -73,7 +73,8 @@ class Gradients(ParameterSet):
     Attributes:
         screen: (N,) wp.array, length of dL/d(mean on the screen) with the screen measured as in 3DGS, pixels times
             (W / 2, H / 2): what densification thresholds are stated in.
-        screen_abs: (N,) wp.array, the same from sums of absolute values over the pixels (Ye et al. 2024, AbsGS).
+        screen_abs: (N,) wp.array, the same from sums of absolute values over the pixels (Ye et al. 2024, AbsGS);
+            zero unless `backward` was asked for it.
         touched: (N,) uint8 wp.array, 1 where the Gaussian was drawn and its gradient is finite: what Adam moves.
         colors_only: whether only `sh[:, 0]` was computed; the other arrays then hold nothing of use.
     """

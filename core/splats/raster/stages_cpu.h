@@ -112,8 +112,9 @@ RASTER_FN void gather_stage(State& s) {
                 float total[MOMENTS] = {};
                 const float* slot = s.moments.data + (long long)s.first_slot.data[rank] * MOMENTS;
                 const float* last = s.moments.data + (long long)s.first_slot.data[rank + 1] * MOMENTS;
+                int used = s.colors_only ? 3 : MOMENTS;
                 for (; slot < last; slot += MOMENTS)
-                    for (int m = 0; m < MOMENTS; m++) total[m] += slot[m];
+                    for (int m = 0; m < used; m++) total[m] += slot[m];
                 for (int m = 0; m < MOMENTS; m++) moments[m][i] = total[m];
             }
             if (s.colors_only) {

@@ -1,4 +1,4 @@
-"""Independent oracle: the rasteriser's image model in float64 torch, every pixel against every Gaussian, by autograd."""
+"""Independent oracle: the rasteriser's image model in float64 torch, all pixels against all Gaussians, by autograd."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def blend(
     alpha = alphas(camera, projected)
     after = torch.cumprod(1 - alpha, 1)
     before = torch.cat([torch.ones_like(after[:, :1]), after[:, :-1]], 1)
-    weights = torch.where(after.detach() >= TRANSMITTANCE_MIN, alpha * before, torch.zeros_like(alpha))
+    weights = torch.where(before.detach() >= TRANSMITTANCE_MIN, alpha * before, torch.zeros_like(alpha))
     total = weights.sum(1)
     color = weights @ projected["colors"] + (1 - total)[:, None] * torch.tensor(background, dtype=torch.float64)
     shape = (camera.height, camera.width)

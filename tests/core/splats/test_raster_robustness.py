@@ -30,7 +30,7 @@ def train_a_step(scene: reference.Scene, gaussians: Gaussians):
     frame = rasterizer.render(params, camera, scene.background)
     target = wp.full((camera.height, camera.width, 3), 128, dtype=wp.uint8, device="cpu")
     loss = rasterizer.photometric_loss(frame, target)
-    gradients = rasterizer.backward(frame)
+    gradients = rasterizer.backward(frame, absolute=True)
     optimizer.step(rasterizer, params, gradients, RATES)
     return frame, loss, gradients, params.numpy()
 
