@@ -1,6 +1,6 @@
 # What a fresh machine needs: Python 3.11 and make. Every target sets up what it uses.
 
-PYTHON ?= python3.11
+PYTHON ?= $(shell command -v python3.11 || echo python3)
 VENV := .venv
 # The add-on is tested on both generations of Blender's API; the wheels exclude each other in one environment.
 VENV_BPY45 := .venv-bpy45
@@ -43,7 +43,7 @@ lint: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	mkdir -p .build && ln -sfn .. .build/cvdgs
-	MYPYPATH=.build $(BIN)/mypy -p cvdgs
+	MYPYPATH=.build $(BIN)/mypy -p cvdgs.core -p cvdgs.cvdgs_addon -p cvdgs.scripts
 
 bench: venv
 	$(BIN)/python scripts/benchmark.py step --out $(BENCH_OUT)

@@ -28,14 +28,9 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(message, remedy="see --help")
 
 
-def _automatic(kind: type) -> object:
-    """A converter for options that take a number or ``auto``."""
-
-    def convert(text: str) -> int | None:
-        return None if text == "auto" else kind(text)
-
-    convert.__name__ = f"number or 'auto', not {kind.__name__}"
-    return convert
+def number_or_auto(text: str) -> int | None:
+    """None for ``auto``, else the number; argparse names this function when the text is neither."""
+    return None if text == "auto" else int(text)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -51,14 +46,21 @@ def build_parser() -> argparse.ArgumentParser:
     add("--enhancer", default="lut", metavar="NAME", help="lut|none (lut)")
     add("--mode", default="layers", metavar="MODE", help="|".join(MODES) + " (layers; the others are not there yet)")
     add("--iterations", type=int, default=5000, metavar="N", help="of the geometry stage (5000)")
-    add("--gaussians", type=_automatic(int), default=None, metavar="N", help="at most so many; auto (auto)")
-    add("--sh-degree", type=_automatic(int), default=None, metavar="0..3", help="of the original colours; auto (auto)")
-    add("--max-size", type=_automatic(int), default=None, metavar="PIXELS", help="longer side for training; auto (auto)")
+    add("--gaussians", type=number_or_auto, default=None, metavar="N", help="at most so many; auto (auto)")
+    add("--sh-degree", type=number_or_auto, default=None, metavar="0..3", help="of the original colours; auto (auto)")
+    add(
+        "--max-size", type=number_or_auto, default=None, metavar="PIXELS", help="longer side for training; auto (auto)"
+    )
     add("--holdout", type=int, default=8, metavar="N", help="keep every Nth view for testing; 0 = none (8)")
     add("--device", default="auto", metavar="DEVICE", help="|".join(DEVICES) + " (auto)")
     add("--seed", type=int, default=0, metavar="N", help="of everything random (0)")
     add("--turntable", type=int, default=0, metavar="FRAMES", help="not there yet (0)")
-    add("--engine", default="cycles", metavar="ENGINE", help="|".join(ENGINES) + " (cycles; the others are not there yet)")
+    add(
+        "--engine",
+        default="cycles",
+        metavar="ENGINE",
+        help="|".join(ENGINES) + " (cycles; the others are not there yet)",
+    )
     add("--no-blend", action="store_true", help="no Blender: neither scene.blend nor stills")
     add("--resume", action="store_true", help="not there yet")
     add("--sfm", action="store_true", help="estimate the cameras of a folder that has none (pycolmap)")
@@ -74,7 +76,9 @@ def parse_settings(options: argparse.Namespace) -> Settings:
         severities = severities * len(types)
     if len(severities) != len(types):
         raise InputError(
-            f"{len(severities)} severities for {len(types)} types", where="--severity", remedy="give one, or one per --cvd"
+            f"{len(severities)} severities for {len(types)} types",
+            where="--severity",
+            remedy="give one, or one per --cvd",
         )
     return Settings(
         capture=options.capture,

@@ -69,7 +69,7 @@ def _prepare(
 ) -> TrainingView:
     image = background.behind(view)
     pose = frame.world_to_camera(view.world_to_camera)
-    levels = {}
+    levels: dict[int, tuple[Any, RasterCamera, Any]] = {}
     for factor in sorted({1, *reductions}):
         height, width = image.shape[0] // factor, image.shape[1] // factor
         if factor > 1 and min(height, width) < _SMALLEST_SIDE:

@@ -1,0 +1,184 @@
+"""Measures a finished run: renders its held-out views, writes them, and computes the figures of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..capture import Capture, View
+from ..consistency import Correspondences, find_correspondences, relative_warping_error, view_pairs
+from ..events import Reporter
+from ..images import read_png, write_png
+from ..settings import Layer
+from ..splats.gaussians import Gaussians
+from ..splats.renderer import SceneRenderer
+from .layer_scores import LayerImages, average, score_view, simulated_bytes
+
+STAGE = "evaluate"
+# The metrics cost about 0.3 s a view on two cores; more views than this move their means little.
+MOST_SCORED_VIEWS = 24
+# A run of neighbouring views, so that pairs of the defined distance exist however many views there are.
+MOST_CONSISTENCY_VIEWS = 48
+SHORT_RANGE, LONG_RANGE = 1, 7  # steps between the views of a pair, in file order (notes/colour.md)
+VIEWS_SHOWN = 3
+
+
+@dataclass(frozen=True)
+class Split:
+    """Indices of a capture's views."""
+
+    train: list[int]
+    test: list[int]
+
+
+@dataclass
+class Evaluation:
+    """One evaluation of a run; `run` does it.
+
+    Attributes:
+        capture: the photographs.
+        split: which of them were trained on.
+        simulation: model behind the CVD simulation.
+        scene: renders from the capture's cameras.
+        folder: of the run; has ``enhanced/<layer>/<view>.png``, receives ``renders/``.
+        reporter: hears of the progress.
+    """
+
+    capture: Capture
+    split: Split
+    simulation: str
+    scene: SceneRenderer
+    folder: Path
+    reporter: Reporter
+    _done: int = field(default=0, init=False)
+    _steps: int = field(default=1, init=False)
+
+    def run(self, original: Gaussians, layers: dict[Layer, Gaussians]) -> dict[str, Any]:
+        """The report's ``reconstruction``, ``layers``, ``views_shown`` and ``notes``.
+
+        Args:
+            original: the scene in the photographs' colours.
+            layers: the same geometry in each layer's colours.
+        """
+        notes: dict[str, str] = {}
+        tested = self.split.test or spread(self.split.train, MOST_SCORED_VIEWS // 3)
+        if not self.split.test:
+            notes["reconstruction"] = "no view is held out: the figures are on training views and flatter the result"
+        scored = spread(tested, MOST_SCORED_VIEWS)
+        self._steps = len(tested) * (1 + len(layers)) + len(layers) + 1
+        self.reporter.status(STAGE, f"rendering {len(tested)} views")
+        unenhanced = self._render_original(original, tested)
+        fidelity = [self.scene.fidelity(i, unenhanced[i]) for i in scored]
+        matches = _Matches.find(self.scene, original, len(self.capture.views))
+        self._advance("matching points between views")
+        if not matches.pairs:
+            notes["rwe"] = "no two views share enough points that both see"
+        return {
+            "reconstruction": {key: float(np.mean([view[key] for view in fidelity])) for key in ("psnr", "ssim")},
+            "layers": {
+                layer.name: self._layer(layer, gaussians, tested, scored, unenhanced, matches)
+                for layer, gaussians in layers.items()
+            },
+            "views_shown": [self.capture.views[i].key for i in spread(tested, VIEWS_SHOWN)],
+            "notes": notes,
+        }
+
+    def _render_original(self, original: Gaussians, tested: Sequence[int]) -> dict[int, NDArray[np.uint8]]:
+        rendered = {}
+        for i in tested:
+            rendered[i] = self.scene.color(original, i)
+            write_png(self.folder / "renders" / "original" / f"{self.capture.views[i].key}.png", rendered[i])
+            self._advance("original colours")
+        return rendered
+
+    def _layer(
+        self,
+        layer: Layer,
+        gaussians: Gaussians,
+        tested: Sequence[int],
+        scored: Sequence[int],
+        unenhanced: dict[int, NDArray[np.uint8]],
+        matches: _Matches,
+    ) -> dict[str, Any]:
+        scores = []
+        for i in tested:
+            view = self.capture.views[i]
+            rendered = self.scene.color(gaussians, i)
+            self._write_renders(layer, view, rendered)
+            if i in scored:
+                enhanced = read_png(enhanced_path(self.folder, layer, view))
+                images = LayerImages(view.image, enhanced, rendered, unenhanced[i], self.scene.mask(i))
+                scores.append(score_view(images, layer, self.simulation))
+            self._advance(layer.name)
+        originals = [self.capture.views[i].image for i in matches.views]
+        enhanced_views = [read_png(enhanced_path(self.folder, layer, self.capture.views[i])) for i in matches.views]
+        rendered_views = [self.scene.color(gaussians, i) for i in matches.views]
+        consistency = matches.warping_errors(originals, enhanced_views, rendered_views)
+        self._advance(f"{layer.name}: view consistency")
+        return {**average(scores), "rwe": consistency}
+
+    def _write_renders(self, layer: Layer, view: View, rendered: NDArray[np.uint8]) -> None:
+        place = self.folder / "renders" / layer.name
+        write_png(place / f"{view.key}.png", rendered)
+        write_png(place / "simulated" / f"{view.key}.png", simulated_bytes(rendered, layer, self.simulation))
+        write_png(place / "simulated_input" / f"{view.key}.png", simulated_bytes(view.image, layer, self.simulation))
+
+    def _advance(self, message: str) -> None:
+        self._done += 1
+        self.reporter.progress(STAGE, self._done / self._steps, message)
+
+
+@dataclass(frozen=True)
+class _Matches:
+    """Points that pairs of views share, found once on the unenhanced reconstruction and used for every layer."""
+
+    views: list[int]
+    short: list[Correspondences]
+    long: list[Correspondences]
+
+    @classmethod
+    def find(cls, scene: SceneRenderer, gaussians: Gaussians, count: int) -> _Matches:
+        views = list(range(min(count, MOST_CONSISTENCY_VIEWS)))
+        depths, alphas = zip(*(scene.depth(gaussians, i) for i in views), strict=True)
+        cameras = [scene.views[i] for i in views]
+        short, long = (
+            find_correspondences(depths, alphas, cameras, view_pairs(len(views), step))
+            for step in (SHORT_RANGE, LONG_RANGE)
+        )
+        return cls(views, short, long)
+
+    @property
+    def pairs(self) -> int:
+        """Pairs of neighbouring views that share points."""
+        return sum(len(found) > 0 for found in self.short)
+
+    def warping_errors(
+        self, originals: Sequence[NDArray], enhanced: Sequence[NDArray], rendered: Sequence[NDArray]
+    ) -> dict[str, float | int]:
+        """RWE of the rendered layer against the photographs, and of the enhanced views before reconstruction."""
+        short = relative_warping_error(originals, rendered, self.short)
+        return {
+            "ratio": short.ratio,
+            "absolute": short.absolute,
+            "long_range_ratio": relative_warping_error(originals, rendered, self.long).ratio,
+            "normalised_ratio": short.normalised_ratio,
+            "enhanced_ratio": relative_warping_error(originals, enhanced, self.short).ratio,
+            "pairs": self.pairs,
+        }
+
+
+def enhanced_path(folder: Path, layer: Layer, view: View) -> Path:
+    """Where a view's enhanced photograph is."""
+    return folder / "enhanced" / layer.name / f"{view.key}.png"
+
+
+def spread(items: Sequence[int], count: int) -> list[int]:
+    """At most `count` of `items`, evenly spread."""
+    if len(items) <= count:
+        return list(items)
+    return [items[round(i)] for i in np.linspace(0, len(items) - 1, count)]

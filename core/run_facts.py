@@ -1,0 +1,46 @@
+"""What a report says about the machine and the software of a run."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import sys
+from pathlib import Path
+
+import warp as wp
+
+from .. import __version__
+
+_PACKAGES = ("torch", "warp-lang", "numpy", "pycolmap", "OpenImageIO", "kornia", "colour-science")
+
+
+def versions() -> dict[str, str]:
+    """Of this project, of Python and of the libraries that the figures depend on."""
+    libraries = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    return {"cvdgs": __version__, "python": platform.python_version(), **libraries}
+
+
+def describe_device(device: str, threads: int) -> str:
+    """One line, e.g. ``cpu: AMD EPYC, 2 threads``."""
+    if device != "cpu":
+        return f"cuda: {wp.get_device(device).name}"
+    return f"cpu: {_processor_name()}, {threads} threads"
+
+
+def _processor_name() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def peak_memory_mb() -> int | None:
+    """Largest resident size of this process so far, in MiB; None where the system does not say."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak / (1024 * 1024 if sys.platform == "darwin" else 1024))
