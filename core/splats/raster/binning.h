@@ -18,37 +18,42 @@ RASTER_FN Range centers_between(float low, float high, int size) {
     return r;
 }
 
-// Pixel rows that the ellipse reaches within the pixel columns [begin, end).
-RASTER_FN Range rows_in_columns(const Splat& s, int begin, int end, int height) {
-    float low = (float)begin + 0.5f - s.x, high = (float)end - 0.5f - s.x;
+// First and last pixel row (as numbers, last < first where there is none) that the ellipse reaches within LANES tile
+// columns from `column` on, of which only the pixel columns `within` count.
+RASTER_FN void rows_in_columns(const Splat& s, int column, Range within, int height, Real& first, Real& last) {
+    Real left = ((float)column + lane_indices()) * (float)TILE_WIDTH;
+    Real low = greatest(left, splat((float)within.begin)) + (0.5f - s.x);
+    Real high = least(left + (float)TILE_WIDTH, splat((float)within.end)) - (0.5f + s.x);
     float a = -s.xx, b = -s.xy, c = -s.yy, bound = -s.cutoff;  // a dx^2 + b dx dy + c dy^2 <= bound
     float peak = -0.5f * b / a * s.extent_y;                   // dx where dy is largest, over the whole ellipse
-    float at_top = peak < low ? low : (peak > high ? high : peak);
-    float at_bottom = -peak < low ? low : (-peak > high ? high : -peak);
-    float half = 0.5f / c, slope = b * b - 4.0f * a * c;
-    float top = slope * at_top * at_top + 4.0f * c * bound, bottom = slope * at_bottom * at_bottom + 4.0f * c * bound;
-    top = (-b * at_top + sqrtf(top > 0.0f ? top : 0.0f)) * half;
-    bottom = (-b * at_bottom - sqrtf(bottom > 0.0f ? bottom : 0.0f)) * half;
+    Real at_top = least(greatest(splat(peak), low), high), at_bottom = least(greatest(splat(-peak), low), high);
+    float half = 0.5f / c, slope = b * b - 4.0f * a * c, rest = 4.0f * c * bound;
+    Real root_top = square_root(greatest(at_top * at_top * slope + rest, splat(0.0f)));
+    Real root_bottom = square_root(greatest(at_bottom * at_bottom * slope + rest, splat(0.0f)));
     // Rounding of a thin ellipse must not leave its box.
-    top = top < s.extent_y ? top : s.extent_y;
-    bottom = bottom > -s.extent_y ? bottom : -s.extent_y;
-    return centers_between(s.y + bottom - RASTER_SPAN_MARGIN, s.y + top + RASTER_SPAN_MARGIN, height);
+    Real top = least((root_top - at_top * b) * half, splat(s.extent_y)) + (s.y + RASTER_SPAN_MARGIN);
+    Real bottom = greatest((-root_bottom - at_bottom * b) * half, splat(-s.extent_y)) + (s.y - RASTER_SPAN_MARGIN);
+    first = ceiling(clamp(bottom - 0.5f, 0.0f, (float)height));
+    last = floor_of(clamp(top - 0.5f, -1.0f, (float)(height - 1)));
 }
 
 // Calls visit(tile, first row in it, last row in it) for every tile that the Gaussian reaches, column by column.
 template <class Visit>
 RASTER_FN void for_each_tile(const Splat& s, int width, int height, int tiles_x, Visit& visit) {
     if (s.extent_x < 0.0f) return;
-    Range columns = centers_between(s.x - s.extent_x - RASTER_SPAN_MARGIN, s.x + s.extent_x + RASTER_SPAN_MARGIN, width);
-    for (int begin = columns.begin; begin < columns.end;) {
-        int column = begin / TILE_WIDTH, end = imin((column + 1) * TILE_WIDTH, columns.end);
-        Range rows = rows_in_columns(s, begin, end, height);
-        for (int row = rows.begin; row < rows.end;) {
-            int tile_row = row / TILE_HEIGHT, top = tile_row * TILE_HEIGHT, next = imin(top + TILE_HEIGHT, rows.end);
-            visit(tile_row * tiles_x + column, row - top, next - 1 - top);
-            row = next;
+    Range within = centers_between(s.x - s.extent_x - RASTER_SPAN_MARGIN, s.x + s.extent_x + RASTER_SPAN_MARGIN, width);
+    int column_end = (within.end + TILE_WIDTH - 1) / TILE_WIDTH;
+    for (int column = within.begin / TILE_WIDTH; within.begin < within.end && column < column_end; column += LANES) {
+        Real first, last;
+        rows_in_columns(s, column, within, height, first, last);
+        for (int i = 0; i < LANES && column + i < column_end; i++) {
+            int row = (int)lane(first, i), end = (int)lane(last, i) + 1;
+            while (row < end) {
+                int tile_row = row / TILE_HEIGHT, top = tile_row * TILE_HEIGHT, next = imin(top + TILE_HEIGHT, end);
+                visit(tile_row * tiles_x + column + i, row - top, next - 1 - top);
+                row = next;
+            }
         }
-        begin = end;
     }
 }
 

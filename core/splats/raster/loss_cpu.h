@@ -6,7 +6,7 @@
 namespace raster {
 
 enum {
-    STRIP_ROWS = 32, RADIUS = 5, TAPS = 2 * RADIUS + 1,
+    STRIP_ROWS = 48, RADIUS = 5, TAPS = 2 * RADIUS + 1,
     ROW_PAD = 16,        // zero floats on both sides of a row: 3 * RADIUS, rounded up to whole vectors
     INPUT_MAPS = 4,      // x, y, x^2 + y^2, x y
     DERIVATIVE_MAPS = 3  // of SSIM with respect to the windowed x, x^2 and x y
@@ -96,30 +96,31 @@ RASTER_FN Real across(const float* row) {
 // SSIM of row `row` and its derivatives; returns the (masked) sum of the map over the row.
 template <class State>
 static inline double ssim_row(State& s, const LossRows& l, int row, const float* zeros) {
-    int n = 3 * s.width;
+    int n = 3 * s.width, stride = l.stride;
+    const float* weights = s.mask_kind ? l.weights(row) : nullptr;
     for (int map = 0; map < INPUT_MAPS; map++) {
         const float* rows[TAPS];
         for (int k = 0; k < TAPS; k++) {
             int r = row + k - RADIUS;
             rows[k] = r >= 0 && r < s.height ? l.input(map, r) : zeros;
         }
-        float* out = l.vertical + (long long)map * l.stride;
+        float* out = l.vertical + (long long)map * stride;
         for (int i = 0; i < n; i += LANES) store(out + i, down(rows, i));
     }
     const float* v = l.vertical;
     float* q = l.pointwise;
     Real total = splat(0.0f);
     for (int i = 0; i < n; i += LANES) {
-        Real mx = across(v + i), my = across(v + l.stride + i);
-        Real squares = across(v + 2 * l.stride + i), product = across(v + 3 * l.stride + i);
+        Real mx = across(v + i), my = across(v + stride + i);
+        Real squares = across(v + 2 * stride + i), product = across(v + 3 * stride + i);
         Real a = 2.0f * mx * my + SSIM_C1, b = 2.0f * (product - mx * my) + SSIM_C2;
         Real c = mx * mx + my * my + SSIM_C1, d = squares - mx * mx - my * my + SSIM_C2;
         Real inverse = 1.0f / (c * d), inverse_c = inverse * d, inverse_d = inverse * c;
         Real ssim = a * b * inverse;
         Real d_mean = 2.0f * (my * (b - a) * inverse + mx * ssim * (inverse_d - inverse_c));
         Real d_squares = -ssim * inverse_d, d_product = 2.0f * a * inverse;
-        if (s.mask_kind) {
-            Real m = load(l.weights(row) + i);
+        if (weights) {
+            Real m = load(weights + i);
             ssim *= m;
             d_mean *= m;
             d_squares *= m;
@@ -129,11 +130,11 @@ static inline double ssim_row(State& s, const LossRows& l, int row, const float*
             for (int j = n - i; j < LANES; j++) ssim[j] = d_mean[j] = d_squares[j] = d_product[j] = 0.0f;
         total += ssim;
         store(q + i, d_mean);
-        store(q + l.stride + i, d_squares);
-        store(q + 2 * l.stride + i, d_product);
+        store(q + stride + i, d_squares);
+        store(q + 2 * stride + i, d_product);
     }
     for (int map = 0; map < DERIVATIVE_MAPS; map++) {
-        const float* from = q + (long long)map * l.stride;
+        const float* from = q + (long long)map * stride;
         float* to = l.derivative(map, row);
         for (int i = 0; i < n; i += LANES) store(to + i, across(from + i));
     }
@@ -152,6 +153,7 @@ static inline double gradient_row(State& s, const LossRows& l, int row, const fl
         }
     const float *x = l.input(0, row), *y = l.input(1, row);
     float* out = s.grad_color.data + (long long)row * n;
+    const float* weights = s.mask_kind ? l.weights(row) : nullptr;
     float l1_scale = s.l1_scale, ssim_scale = s.ssim_scale;
     Real total = splat(0.0f), zero = splat(0.0f);
     for (int i = 0; i < n; i += LANES) {
@@ -159,7 +161,7 @@ static inline double gradient_row(State& s, const LossRows& l, int row, const fl
         Real gradient = down(rows[0], i) + 2.0f * vx * down(rows[1], i) + vy * down(rows[2], i);
         Real sign = select(difference > zero, splat(l1_scale), select(difference < zero, splat(-l1_scale), zero));
         gradient = sign - ssim_scale * gradient;
-        if (s.mask_kind) gradient *= load(l.weights(row) + i);
+        if (weights) gradient *= load(weights + i);
         total += (Real)((Mask)difference & 0x7fffffff);
         if (i + LANES <= n) store(out + i, gradient);
         else

@@ -36,6 +36,9 @@ RASTER_FN Real select(Mask m, Real a, Real b) { return m ? a : b; }
 RASTER_FN Real square_root(Real x) { return sqrtf(x); }
 RASTER_FN Real exp2_of(Real x) { return exp2f(x); }
 RASTER_FN Real log2_of(Real x) { return log2f(x); }
+RASTER_FN Real floor_of(Real x) { return floorf(x); }
+RASTER_FN Real ceiling(Real x) { return ceilf(x); }
+RASTER_FN Real lane_indices() { return 0.0f; }
 RASTER_FN Mask is_finite(Real x) { return x - x == 0.0f; }
 RASTER_FN float lane(Real x, int) { return x; }
 RASTER_FN bool lane_is_set(Mask m, int) { return m; }
@@ -50,6 +53,9 @@ typedef int Mask __attribute__((vector_size(32)));  // 0 or -1 a lane
 RASTER_FN Real splat(float x) { return Real{x, x, x, x, x, x, x, x}; }
 RASTER_FN Real select(Mask m, Real a, Real b) { return m ? a : b; }
 RASTER_FN Real square_root(Real x) { return __builtin_elementwise_sqrt(x); }
+RASTER_FN Real floor_of(Real x) { return __builtin_elementwise_floor(x); }
+RASTER_FN Real ceiling(Real x) { return __builtin_elementwise_ceil(x); }
+RASTER_FN Real lane_indices() { return Real{0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 6.0f, 7.0f}; }
 RASTER_FN Mask is_finite(Real x) { return x - x == splat(0.0f); }
 RASTER_FN float lane(Real x, int i) { return x[i]; }
 RASTER_FN bool lane_is_set(Mask m, int i) { return m[i] != 0; }

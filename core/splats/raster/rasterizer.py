@@ -17,7 +17,7 @@ from .runner import Runner
 TILE_WIDTH, TILE_HEIGHT = 8, 16  # pixels; as in numeric.h
 _SPLAT_FLOATS, _MOMENTS = 16, 12  # as in numeric.h
 _SORT_HISTOGRAM = 3 * 2048  # passes x buckets of stages_cpu.h
-_STRIP_ROWS = 32  # as in loss_cpu.h
+_STRIP_ROWS = 48  # as in loss_cpu.h
 
 
 def _loss_scratch_floats(width: int) -> int:
