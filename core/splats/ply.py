@@ -131,7 +131,8 @@ def _read_header(file, path: Path) -> tuple[int, np.dtype]:
     """Parse the header; leave `file` at the first vertex."""
     if file.readline(8).strip() != b"ply":
         raise InputError("not a PLY file", where=path, remedy=_USE_ANOTHER)
-    count, element, fields = -1, "", []
+    count, element = -1, ""
+    fields: list[tuple[str, str]] = []
     encoding = ""
     while file.tell() < _HEADER_LIMIT:
         words = file.readline(1024).decode("ascii", "replace").split()

@@ -1,0 +1,55 @@
+"""The README's picture from a finished run: python scripts/make_picture.py RUN --out FILE.png [--view KEY].
+
+Two rows: the photograph and the enhanced scene, above as normal vision sees them, below as the layer's kind of vision does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import _package
+
+_package.load()
+from cvdgs.core.images import read_png, write_png  # noqa: E402
+
+GAP = 6  # pixels of white between the pictures
+
+
+def sheet(run: Path, layer: str, view: str) -> np.ndarray:
+    """(H, W, 3) uint8 of the four pictures."""
+    renders = run / "renders" / layer
+    rows = (
+        (run / "capture" / "images" / f"{view}.png", renders / f"{view}.png"),
+        (renders / "simulated_input" / f"{view}.png", renders / "simulated" / f"{view}.png"),
+    )
+    pictures = [[read_png(path) for path in row] for row in rows]
+    height, width = pictures[0][0].shape[:2]
+    result = np.full((2 * height + GAP, 2 * width + GAP, 3), 255, np.uint8)
+    for i, row in enumerate(pictures):
+        for j, picture in enumerate(row):
+            y, x = i * (height + GAP), j * (width + GAP)
+            result[y : y + height, x : x + width] = picture
+    return result
+
+
+def main(arguments: list[str]) -> int:
+    """Write the picture; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="make_picture.py", description=__doc__.splitlines()[0])
+    parser.add_argument("run", type=Path, metavar="RUN", help="output folder of scripts/run.py")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.png")
+    parser.add_argument("--view", help="key of a held-out view (the report's first)")
+    options = parser.parse_args(arguments)
+    report = json.loads((options.run / "report.json").read_text(encoding="utf-8"))
+    layer = next(iter(report["layers"]))
+    write_png(options.out, sheet(options.run, layer, options.view or report["views_shown"][0]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
