@@ -3,9 +3,9 @@
 from .adam import Adam, LearningRates
 from .camera import RasterCamera
 from .frame import Frame, Loss
+from .loading import load
 from .parameters import Gradients, ParameterSet
 from .rasterizer import Rasterizer
-from .runner import load
 
 __all__ = [
     "Adam",

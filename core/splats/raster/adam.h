@@ -10,6 +10,18 @@ struct AdamFactors {
     float inverse_root_bias2; // 1 / sqrt(1 - beta2^t)
 };
 
+// Calls group(leading arguments..., width, head, rate of the first `head` floats, rate of the rest, arrays...) for every
+// parameter group; for the colours of degree 0 alone where nothing else has a gradient.
+#define ADAM_ARRAYS(s, name) s.name.data, s.m_##name.data, s.v_##name.data, s.grad_##name.data
+#define ADAM_GROUPS(group, s, ...)                                                                                  \
+    if (s.colors_only == 0) {                                                                                       \
+        group(s, __VA_ARGS__, 3, 3, s.rate_means, 0.0f, ADAM_ARRAYS(s, means));                                     \
+        group(s, __VA_ARGS__, 3, 3, s.rate_log_scales, 0.0f, ADAM_ARRAYS(s, log_scales));                           \
+        group(s, __VA_ARGS__, 4, 4, s.rate_quaternions, 0.0f, ADAM_ARRAYS(s, quaternions));                         \
+        group(s, __VA_ARGS__, 1, 1, s.rate_opacity_logits, 0.0f, ADAM_ARRAYS(s, opacity_logits));                   \
+    }                                                                                                               \
+    group(s, __VA_ARGS__, 3 * s.sh_count, 3, s.rate_sh0, s.colors_only ? 0.0f : s.rate_sh_rest, ADAM_ARRAYS(s, sh));
+
 // Counts the step for Gaussian n and looks its bias corrections up; t beyond the table's end reads its last entry.
 template <class State>
 RASTER_FN AdamFactors adam_factors(State& s, int n) {
@@ -32,7 +44,27 @@ RASTER_FN void adam_element(float* parameter, float* moment1, float* moment2, fl
     *parameter -= step_size * m / (sqrtf(v) * inverse_root_bias2 + epsilon);
 }
 
-#if !defined(__CUDACC__)
+#if defined(__CUDACC__)
+
+template <class State>
+RASTER_FN void adam_group(State& s, const AdamFactors& f, int n, int width, int head, float rate_head, float rate,
+                          float* parameters, float* moment1, float* moment2, const float* gradients) {
+    for (int j = 0; j < width; j++) {
+        size_t e = (size_t)n * width + j;
+        adam_element(parameters + e, moment1 + e, moment2 + e, gradients[e], f.taken,
+                     f.inverse_bias1 * (j < head ? rate_head : rate), f.inverse_root_bias2, s.beta1, s.beta2,
+                     s.epsilon);
+    }
+}
+
+template <class State>
+RASTER_FN void adam_one(State& s, int n) {
+    AdamFactors f = adam_factors(s, n);
+    if (f.taken == 0.0f) return;
+    ADAM_GROUPS(adam_group, s, f, n)
+}
+
+#else
 
 enum { ADAM_CHUNK = 64, ADAM_MAX_WIDTH = 48 };  // Gaussians a chunk; most floats a group has per Gaussian (SH degree 3)
 
@@ -63,18 +95,7 @@ RASTER_FN void adam_stage(State& s) {
         int first = chunk * ADAM_CHUNK, count = imin(ADAM_CHUNK, s.gaussians - first);
         AdamFactors factors[ADAM_CHUNK];
         for (int i = 0; i < count; i++) factors[i] = adam_factors(s, first + i);
-        if (s.colors_only == 0) {
-            adam_group(s, factors, first, count, 3, 3, s.rate_means, 0.0f, s.means.data, s.m_means.data,
-                       s.v_means.data, s.grad_means.data);
-            adam_group(s, factors, first, count, 3, 3, s.rate_log_scales, 0.0f, s.log_scales.data,
-                       s.m_log_scales.data, s.v_log_scales.data, s.grad_log_scales.data);
-            adam_group(s, factors, first, count, 4, 4, s.rate_quaternions, 0.0f, s.quaternions.data,
-                       s.m_quaternions.data, s.v_quaternions.data, s.grad_quaternions.data);
-            adam_group(s, factors, first, count, 1, 1, s.rate_opacity_logits, 0.0f, s.opacity_logits.data,
-                       s.m_opacity_logits.data, s.v_opacity_logits.data, s.grad_opacity_logits.data);
-        }
-        adam_group(s, factors, first, count, 3 * s.sh_count, 3, s.rate_sh0, s.rate_sh_rest, s.sh.data, s.m_sh.data,
-                   s.v_sh.data, s.grad_sh.data);
+        ADAM_GROUPS(adam_group, s, factors, first, count)
     }
 }
 

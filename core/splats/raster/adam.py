@@ -8,7 +8,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from .kernels_cpu import Stage
 from .parameters import FIELDS, Gradients, ParameterSet
 from .rasterizer import Rasterizer
 
@@ -71,7 +70,7 @@ class Adam:
         state.epsilon = self.eps
         for group in fields(LearningRates):
             setattr(state, f"rate_{group.name}", getattr(learning_rates, group.name))
-        runner.run(Stage.ADAM, len(params) >= 1024)
+        runner.adam()
 
     def select(self, index: NDArray[np.integer], fresh: NDArray[np.bool_]) -> None:
         """After Gaussians were added, removed or reordered.

@@ -2,20 +2,13 @@
 
 # No `from __future__ import annotations`: Warp evaluates the annotations of kernels.
 from enum import IntEnum
-from importlib import resources
 
 import warp as wp
 
+from .headers import read_headers
 from .state import State
 
-_HEADERS = ("numeric.h", "projection.h", "binning.h", "stages_cpu.h", "blend_cpu.h", "loss_cpu.h", "adam.h")
-
-
-def read_headers(names: tuple[str, ...]) -> str:
-    """The text of package headers, one after the other."""
-    folder = resources.files(__package__)
-    texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in names)
-    return "\n".join(text.replace("#pragma once", "") for text in texts)
+_HEADERS = ("numeric.h", "projection.h", "binning.h", "stages_cpu.h", "blend_cpu.h", "loss.h", "loss_cpu.h", "adam.h")
 
 
 wp.set_module_options(

@@ -1,21 +1,16 @@
-// Fused photometric loss on the CPU: (1 - w) L1 + w (1 - SSIM) and its gradient, in strips of rows with rolling windows,
-// so that nothing but the images passes through main memory. SSIM: Wang et al. 2004, Gaussian window of 11 pixels,
-// sigma 1.5, zero padding; rows are kept as they lie in memory, colours interleaved, so a tap is three floats apart.
+// Fused photometric loss and its gradient on the CPU, in strips of rows with rolling windows, so that nothing but the
+// images passes through main memory. Rows are kept as they lie there, colours interleaved: a tap is three floats apart.
 #pragma once
 
 namespace raster {
 
 enum {
-    STRIP_ROWS = 48, RADIUS = 5, TAPS = 2 * RADIUS + 1,
+    STRIP_ROWS = 48,
     ROW_PAD = 16,        // zero floats on both sides of a row: 3 * RADIUS, rounded up to whole vectors
     INPUT_MAPS = 4,      // x, y, x^2 + y^2, x y
     DERIVATIVE_MAPS = 3  // of SSIM with respect to the windowed x, x^2 and x y
 };
-#define SSIM_C1 1e-4f  // (0.01 * range)^2
-#define SSIM_C2 9e-4f  // (0.03 * range)^2
-
-// exp(-i^2 / (2 sigma^2)) for offsets 0 to 5, normalised over the window
-static const float WINDOW[RADIUS + 1] = {0.26601171f, 0.21300554f, 0.10936069f, 0.03600077f, 0.00759876f, 0.00102838f};
+static const float WINDOW[RADIUS + 1] = SSIM_WINDOW;
 
 // Floats of one row of a map, padding included, and of a worker's scratch memory; also in rasterizer.py.
 RASTER_FN int row_stride(int width) { return (3 * width + 7) / 8 * 8 + 2 * ROW_PAD; }
@@ -113,25 +108,20 @@ static inline double ssim_row(State& s, const LossRows& l, int row, const float*
     for (int i = 0; i < n; i += LANES) {
         Real mx = across(v + i), my = across(v + stride + i);
         Real squares = across(v + 2 * stride + i), product = across(v + 3 * stride + i);
-        Real a = 2.0f * mx * my + SSIM_C1, b = 2.0f * (product - mx * my) + SSIM_C2;
-        Real c = mx * mx + my * my + SSIM_C1, d = squares - mx * mx - my * my + SSIM_C2;
-        Real inverse = 1.0f / (c * d), inverse_c = inverse * d, inverse_d = inverse * c;
-        Real ssim = a * b * inverse;
-        Real d_mean = 2.0f * (my * (b - a) * inverse + mx * ssim * (inverse_d - inverse_c));
-        Real d_squares = -ssim * inverse_d, d_product = 2.0f * a * inverse;
+        Similarity r = similarity(mx, my, squares, product);
         if (weights) {
             Real m = load(weights + i);
-            ssim *= m;
-            d_mean *= m;
-            d_squares *= m;
-            d_product *= m;
+            r.value *= m;
+            r.d_mean *= m;
+            r.d_squares *= m;
+            r.d_product *= m;
         }
         if (i + LANES > n)
-            for (int j = n - i; j < LANES; j++) ssim[j] = d_mean[j] = d_squares[j] = d_product[j] = 0.0f;
-        total += ssim;
-        store(q + i, d_mean);
-        store(q + stride + i, d_squares);
-        store(q + 2 * stride + i, d_product);
+            for (int j = n - i; j < LANES; j++) r.value[j] = r.d_mean[j] = r.d_squares[j] = r.d_product[j] = 0.0f;
+        total += r.value;
+        store(q + i, r.d_mean);
+        store(q + stride + i, r.d_squares);
+        store(q + 2 * stride + i, r.d_product);
     }
     for (int map = 0; map < DERIVATIVE_MAPS; map++) {
         const float* from = q + (long long)map * stride;

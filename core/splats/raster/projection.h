@@ -368,15 +368,15 @@ RASTER_FN void project_gradient(State& s, const int* index, const Real* moments,
     }
 }
 
-// The same for colours alone: dL/dsh of degree 0.
+// The same for colours alone: dL/dsh of degree 0, zero for the higher degrees.
 template <class State>
 RASTER_FN void color_gradient(State& s, int n, const float* moments) {
     const Splat& o = reinterpret_cast<const Splat*>(s.splats.data)[n];
     float total = moments[0] + moments[1] + moments[2];
     bool kept = o.extent_x >= 0.0f && total - total == 0.0f;
-    for (int channel = 0; channel < 3; channel++)
-        s.grad_sh.data[(long long)n * 3 * s.sh_count + channel] =
-            kept && o.color[channel] > 0.0f ? 0.28209479177387814f * moments[channel] : 0.0f;
+    float* out = s.grad_sh.data + (long long)n * 3 * s.sh_count;
+    for (int i = 0; i < 3 * s.sh_count; i++)
+        out[i] = i < 3 && kept && o.color[i] > 0.0f ? 0.28209479177387814f * moments[i] : 0.0f;
     s.touched.data[n] = kept;
 }
 

@@ -1,52 +1,27 @@
-"""Runs the stages of a device: keeps the kernels' state, binds arrays to it and launches."""
+"""Keeps what a device's kernels work on: the state, the arrays in it, work space that grows."""
 
 from __future__ import annotations
 
-import os
+from abc import ABC, abstractmethod
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
-from ...events import Reporter
-from . import kernels_cpu
-from .kernels_cpu import Stage
 from .state import State
-from .workers import WorkerPool
 
-wp.config.quiet = True  # its banner would end up among the events on stdout
-
+SPLAT_FLOATS, MOMENTS = 16, 12  # as in numeric.h
+TILE_WIDTH, TILE_HEIGHT = 8, 16  # pixels; as in numeric.h
 _GROWTH = 1.3  # head room when a buffer has to grow
 
 
-class Runner:
-    """One `State`, the arrays in it, and the launches prepared on it.
+class Runner(ABC):
+    """One `State` and the arrays bound to it. The stages of a step, device by device, are the abstract methods."""
 
-    A launch keeps the state by reference, so that changing a field is all that the next launch needs: wrapping the
-    arguments anew would cost more than some of the kernels.
-    """
-
-    def __init__(self, device: str, threads: int | None) -> None:
-        self.device = wp.get_device(device)
-        self.threads = threads or len(os.sched_getaffinity(0))
+    def __init__(self, device: wp.Device) -> None:
+        self.device = device
         self.state = State()
         self._bound: dict[str, wp.array] = {}
-        self._pool = WorkerPool(self.threads)
-        self._counters = self.allocate("counters", (len(Stage),), wp.int32).numpy()
-        self._launches = {
-            stage: [
-                wp.launch(kernel, 1, inputs=[self.state, worker], device=self.device, record_cmd=True).launch
-                for worker in range(self.threads)
-            ]
-            for stage, kernel in kernels_cpu.KERNELS.items()
-        }
-
-    def run(self, stage: Stage, parallel: bool = True) -> None:
-        """Runs a stage to its end, on all threads where it is worth waking them."""
-        self._counters[stage] = 0
-        launches = self._launches[stage]
-        if parallel and self.threads > 1:
-            self._pool.run(launches)
-        else:
-            launches[0]()
 
     def array(self, name: str) -> wp.array:
         """What is bound to a field of the state."""
@@ -59,7 +34,7 @@ class Runner:
             self._bound[name] = array
 
     def allocate(self, name: str, shape: tuple[int, ...], dtype: type) -> wp.array:
-        """A zeroed array of this shape: the bound one where it fits exactly and need not be cleared, else a new one."""
+        """Binds a new array of zeros."""
         array = wp.zeros(shape, dtype=dtype, device=self.device)
         self.bind(name, array)
         return array
@@ -71,11 +46,26 @@ class Runner:
             capacity = int(count * _GROWTH) + 1024
             self.bind(name, wp.empty((capacity, width) if width else capacity, dtype=dtype, device=self.device))
 
+    @abstractmethod
+    def set_camera(self, packed: NDArray[np.float32]) -> None:
+        """Hands over `RasterCamera.packed`."""
 
-def load(device: str = "cpu", reporter: Reporter | None = None) -> None:
-    """Compiles the kernels for a device, or loads them from Warp's cache (`WARP_CACHE_PATH`). Needed once a process.
+    @abstractmethod
+    def reserve_gaussians(self, count: int) -> None:
+        """Makes room for what is kept per Gaussian; called when their number changes."""
 
-    Compiling takes a few seconds, the cache milliseconds; a launch would do the same, but silently.
-    """
-    (reporter or Reporter()).status("kernels", f"preparing the kernels for {device}; the first run compiles them")
-    wp.load_module(kernels_cpu, device=device)
+    @abstractmethod
+    def render(self) -> int:
+        """Projects, sorts, bins and blends; returns the number of intersections of Gaussians with tiles."""
+
+    @abstractmethod
+    def loss(self) -> NDArray[np.float64]:
+        """Fills `grad_color`; returns the sums of |x - y| and of SSIM over the image."""
+
+    @abstractmethod
+    def backward(self) -> None:
+        """Gradients of the images to gradients of the parameters."""
+
+    @abstractmethod
+    def adam(self) -> None:
+        """One step of the optimiser."""

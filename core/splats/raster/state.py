@@ -41,11 +41,14 @@ class State:
     tile_histogram: wp.array(dtype=wp.int32)  # segments x tiles
     tile_start: wp.array(dtype=wp.int32)  # tiles + 1
 
-    # per intersection
+    # per intersection; a list is what one tile blends, front to back
     list_gaussian: wp.array(dtype=wp.int32)
     list_slot: wp.array(dtype=wp.int32)
     list_rows: wp.array(dtype=wp.uint8)  # first and last row of the tile, four bits each
     moments: wp.array2d(dtype=wp.float32)  # per slot
+    slot_count: wp.array(dtype=wp.int32)  # CUDA: per rank
+    slot_tile: wp.array(dtype=wp.int32)  # CUDA: what the slots are sorted by
+    slot_owner: wp.array(dtype=wp.int32)  # CUDA: the Gaussian of each slot
 
     # images
     color: wp.array3d(dtype=wp.float32)
@@ -65,7 +68,8 @@ class State:
     l1_scale: wp.float32
     ssim_scale: wp.float32
     loss_scratch: wp.array(dtype=wp.float32)
-    loss_partial: wp.array2d(dtype=wp.float64)  # per strip: sums of |x - y| and of SSIM
+    loss_partial: wp.array2d(dtype=wp.float64)  # per strip or block: sums of |x - y| and of SSIM
+    ssim_maps: wp.array(dtype=wp.float32)  # CUDA: three derivatives, (3, H, W, 3)
 
     # gradients
     with_depth: wp.int32

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.core.splats.raster import ParameterSet, RasterCamera, Rasterizer
-from cvdgs.core.splats.raster.rasterizer import TILE_HEIGHT, TILE_WIDTH
+from cvdgs.core.splats.raster.runner import TILE_HEIGHT, TILE_WIDTH
 
 from . import raster_reference as reference
 
