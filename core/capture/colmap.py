@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from .colmap_check import check_binary, check_text
 from .files import is_file, list_images, quote_first, resolve_inside
+from .points import as_float32
 from .poses import rigid_pose
 from .source import SourceModel, SourceView
 
 _MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", ".")
-_IMAGE_FOLDERS = ("images", "colmap/images", "input", "rgb")
+IMAGE_FOLDERS = ("images", "colmap/images", "input", "rgb")
 # A point that one view alone sees has no depth.
 _MIN_TRACK_LENGTH = 2
 _EXPORT_AGAIN = "copy or export the COLMAP model again"
@@ -133,7 +134,7 @@ def sparse_points(reconstruction: pycolmap.Reconstruction) -> tuple[NDArray[np.f
     points = [p for p in reconstruction.points3D.values() if p.track.length() >= _MIN_TRACK_LENGTH]
     if not points:
         return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
-    return np.array([p.xyz for p in points], np.float32), np.array([p.color for p in points], np.uint8)
+    return as_float32(np.array([p.xyz for p in points])), np.array([p.color for p in points], np.uint8)
 
 
 def _models_in(folder: Path) -> list[Path]:
@@ -166,7 +167,7 @@ def _capture_root(model: Path) -> Path:
     """The capture that a model's folder belongs to: the nearest of it and its parents that has an image folder."""
     absolute = model.resolve()
     for folder in (absolute, *list(absolute.parents)[:3]):
-        if any((folder / name).is_dir() for name in _IMAGE_FOLDERS):
+        if any((folder / name).is_dir() for name in IMAGE_FOLDERS):
             return folder
     return model
 
@@ -179,7 +180,7 @@ def _image_folder(found: ColmapFolder, reconstruction: pycolmap.Reconstruction) 
             "the COLMAP model has no registered image", where=found.model, remedy="run COLMAP's mapper again"
         )
     downscaled = sorted(path.name for path in found.root.glob("images_*") if path.is_dir())
-    candidates = [found.root / name for name in (*_IMAGE_FOLDERS, *downscaled, ".")]
+    candidates = [found.root / name for name in (*IMAGE_FOLDERS, *downscaled, ".")]
     folders = [folder for folder in candidates if folder.is_dir()]
     return max(folders, key=lambda folder: sum(is_file(folder / name.replace("\\", "/")) for name in names))
 

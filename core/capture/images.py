@@ -38,11 +38,13 @@ class ImageHeader:
     Attributes:
         width, height: in pixels, as stored.
         orientation: EXIF orientation, 1 (upright) to 8.
+        color_profile: description of an embedded ICC profile, or an empty string.
     """
 
     width: int
     height: int
     orientation: int
+    color_profile: str = ""
 
     @property
     def upright_size(self) -> tuple[int, int]:
@@ -61,7 +63,9 @@ def read_header(path: Path) -> ImageHeader:
     try:
         spec = file.spec()
         _check_header(spec, path)
-        return ImageHeader(spec.width, spec.height, _orientation(spec))
+        return ImageHeader(
+            spec.width, spec.height, _orientation(spec), spec.get_string_attribute("ICCProfile:profile_description")
+        )
     finally:
         file.close()
 
@@ -231,11 +235,11 @@ def _encode_linear(
     color = np.nan_to_num(color, nan=0.0, posinf=1.0, neginf=0.0)
     coverage = None
     if alpha is not None:
-        alpha = np.clip(np.nan_to_num(np.asarray(alpha), nan=0.0), 0.0, 1.0)
-        color = color / np.where(alpha > 0.0, alpha, 1.0)[..., None]
-        coverage = np.rint(alpha * 255.0).astype(np.uint8)
+        opacity = np.clip(np.nan_to_num(alpha, nan=0.0), 0.0, 1.0)
+        color = color / np.where(opacity > 0.0, opacity, 1.0)[..., None]
+        coverage = np.rint(opacity * 255.0).astype(np.uint8)
     buffer = oiio.ImageBuf(np.ascontiguousarray(np.clip(color, 0.0, 1.0), np.float32))
-    encoded = oiio.ImageBufAlgo.colorconvert(buffer, "lin_rec709", "sRGB").get_pixels(oiio.FLOAT)
+    encoded = np.asarray(oiio.ImageBufAlgo.colorconvert(buffer, "lin_rec709", "sRGB").get_pixels(oiio.FLOAT))
     return np.rint(np.clip(encoded, 0.0, 1.0) * 255.0).astype(np.uint8), coverage
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import InputError
-from .colmap import find_colmap, read_colmap
+from .colmap import IMAGE_FOLDERS, find_colmap, read_colmap
 from .files import list_images
 from .source import SourceModel
 from .transforms import find_transforms, read_transforms
@@ -40,13 +40,17 @@ def read_cameras(path: Path) -> SourceModel | None:
     return _with_enough_views(model) if model else None
 
 
-def photographs_without_cameras(folder: Path, *, sfm: bool) -> list[str]:
-    """Names of the photographs whose cameras are to be estimated.
+def photographs_without_cameras(folder: Path, *, sfm: bool) -> tuple[Path, list[str]]:
+    """The folder of the photographs whose cameras are to be estimated, and their names in it.
+
+    It is ``images`` in a capture folder that has one, so masks, depths or smaller copies beside it do not take part.
 
     Raises:
         InputError: there are none or too few, or `sfm` is off.
     """
-    names = list_images(folder)
+    subfolders = (folder / name for name in IMAGE_FOLDERS)
+    photographs = next((subfolder for subfolder in subfolders if subfolder.is_dir()), folder)
+    names = list_images(photographs)
     if not names:
         raise InputError("no photographs and no cameras are there", where=folder, remedy="give a capture folder")
     if not sfm:
@@ -57,7 +61,7 @@ def photographs_without_cameras(folder: Path, *, sfm: bool) -> list[str]:
         )
     if len(names) < MIN_VIEWS:
         raise InputError("one photograph only", where=folder, remedy="at least two are needed, better thirty")
-    return names
+    return photographs, names
 
 
 def _with_enough_views(model: SourceModel) -> SourceModel:

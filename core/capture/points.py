@@ -13,6 +13,12 @@ from ..errors import InputError
 _GREY = 128
 
 
+def as_float32(positions: NDArray) -> NDArray[np.float32]:
+    """Positions in single precision; those beyond its range become infinite, which readers leave out."""
+    with np.errstate(over="ignore"):
+        return positions.astype(np.float32)
+
+
 def read_point_cloud(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """(P, 3) positions and (P, 3) sRGB colours, grey where the file has none.
 
@@ -22,7 +28,7 @@ def read_point_cloud(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint8]
     remedy = "export the points again, or remove ply_file_path to start without"
     try:
         vertices = PlyData.read(str(path))["vertex"].data
-        positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float32)
+        positions = as_float32(np.stack([vertices[axis] for axis in "xyz"], axis=1))
     except (PlyParseError, KeyError, ValueError, TypeError, MemoryError, OSError, UnicodeDecodeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"the points cannot be read ({reason})", where=path, remedy=remedy) from None

@@ -36,8 +36,8 @@ def inspect_capture(folder: str | Path, *, sfm: bool = False) -> CaptureSummary:
     folder = Path(folder)
     model = read_cameras(folder)
     if model is None:
-        names = photographs_without_cameras(folder, sfm=sfm)
-        sizes = Counter(read_header(folder / name).upright_size for name in names)
+        photographs, names = photographs_without_cameras(folder, sfm=sfm)
+        sizes = Counter(read_header(photographs / name).upright_size for name in names)
         return CaptureSummary(folder, "sfm", len(names), _by_frequency(sizes), 0)
     sizes = Counter(plan.photograph_size for plan in plan_views(model, max_size=None))
     _drop_unusable_points(model)
@@ -83,9 +83,9 @@ def _source_model(folder: Path, sfm: bool, reporter: Reporter) -> Iterator[Sourc
     if model is not None:
         yield model
         return
-    names = photographs_without_cameras(folder, sfm=sfm)
+    photographs, names = photographs_without_cameras(folder, sfm=sfm)
     with tempfile.TemporaryDirectory(prefix="cvdgs-sfm-") as workspace:
-        yield estimate_cameras(folder, names, Path(workspace), reporter)
+        yield estimate_cameras(photographs, names, Path(workspace), reporter)
 
 
 def _drop_unusable_points(model: SourceModel) -> None:

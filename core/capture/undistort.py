@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 
@@ -73,13 +74,28 @@ def source_pixels(camera: pycolmap.Camera, pinhole: PinholeCamera) -> NDArray[np
     return positions
 
 
+@dataclass(frozen=True)
+class _Map:
+    """Where the pixels of a view lie in a photograph.
+
+    Attributes:
+        camera: the photograph's; kept so that its id is not given to another while the map is.
+        pinhole: of the view.
+        positions: (H, W, 2) fractions of width and height; None where the photograph is a pinhole image already.
+        outside: (H, W) bool, pixels that the photograph does not show; None where there are none.
+    """
+
+    camera: pycolmap.Camera
+    pinhole: PinholeCamera
+    positions: NDArray[np.float32] | None = None
+    outside: NDArray[np.bool_] | None = None
+
+
 class Undistorter:
     """Resamples photographs to pinhole images, with a map computed once for a camera and a size. Thread-safe."""
 
     def __init__(self) -> None:
-        self._maps: OrderedDict[tuple[int, int, int], tuple[pycolmap.Camera, PinholeCamera, NDArray | None]] = (
-            OrderedDict()
-        )
+        self._maps: OrderedDict[tuple[int, int, int], _Map] = OrderedDict()
         self._lock = Lock()
 
     def apply(
@@ -89,29 +105,43 @@ class Undistorter:
 
         Returns:
             The pinhole camera at the image's size, the image, and the coverage or None where it is complete.
+
+        Raises:
+            InputError: the distortion cannot be inverted.
         """
         height, width = image.shape[:2]
-        pinhole, positions = self._map(camera, width, height, where)
-        if positions is None:
-            return pinhole, image, alpha
-        image, alpha = _remap(image, alpha, positions)
-        return pinhole, image, alpha
+        chosen = self._map(camera, width, height, where)
+        if chosen.positions is None:
+            return chosen.pinhole, image, alpha
+        undistorted = _remap(image, chosen.positions)
+        if alpha is not None:
+            alpha = _remap(alpha[..., None], chosen.positions)[..., 0]
+        if chosen.outside is not None:
+            alpha = np.where(chosen.outside, 0, 255 if alpha is None else alpha).astype(np.uint8)
+        if alpha is not None and alpha.min() == 255:
+            alpha = None
+        return chosen.pinhole, undistorted, alpha
 
-    def _map(
-        self, camera: pycolmap.Camera, width: int, height: int, where: str | Path
-    ) -> tuple[PinholeCamera, NDArray[np.float32] | None]:
+    def _map(self, camera: pycolmap.Camera, width: int, height: int, where: str | Path) -> _Map:
         key = (id(camera), width, height)
         with self._lock:
             if key in self._maps:
                 self._maps.move_to_end(key)
-                return self._maps[key][1:]
-            pinhole = choose_pinhole(camera, where=where).scaled(width, height)
-            positions = None if is_pinhole(camera) else source_pixels(camera, pinhole)
-            # The camera is kept with its map, so that its id cannot be given to another.
-            self._maps[key] = (camera, pinhole, positions)
-            if len(self._maps) > _MAPS_KEPT:
-                self._maps.popitem(last=False)
-            return pinhole, positions
+            else:
+                self._maps[key] = _make_map(camera, width, height, where)
+                if len(self._maps) > _MAPS_KEPT:
+                    self._maps.popitem(last=False)
+            return self._maps[key]
+
+
+def _make_map(camera: pycolmap.Camera, width: int, height: int, where: str | Path) -> _Map:
+    pinhole = choose_pinhole(camera, where=where).scaled(width, height)
+    if is_pinhole(camera):
+        return _Map(camera, pinhole)
+    positions = source_pixels(camera, pinhole)
+    half_pixel = 0.5 / np.array([width, height], np.float32)
+    inside = ((positions >= -half_pixel) & (positions <= 1.0 + half_pixel)).all(axis=2)
+    return _Map(camera, pinhole, np.nan_to_num(positions), None if inside.all() else ~inside)
 
 
 def _project(camera: pycolmap.Camera, rays: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -170,19 +200,11 @@ def _border(width: int, height: int, inset: float) -> NDArray[np.float64]:
     return np.concatenate(sides)
 
 
-def _remap(
-    image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None, positions: NDArray[np.float32]
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """Sample with a cubic kernel at (H, W, 2) fractional positions; what lies outside is marked not covered."""
+def _remap(pixels: NDArray[np.uint8], positions: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Sample (H, W, C) with a cubic kernel at (H', W', 2) fractions of its width and height."""
     import torch
 
-    coverage = np.full(image.shape[:2], 255, np.uint8) if alpha is None else alpha
-    layers = np.dstack([image, coverage])
-    planes = torch.from_numpy(layers).permute(2, 0, 1)[None].float()
-    grid = torch.from_numpy(np.nan_to_num(positions, nan=-1.0) * 2.0 - 1.0)[None]
+    planes = torch.from_numpy(pixels).permute(2, 0, 1)[None].float()
+    grid = torch.from_numpy(positions)[None] * 2.0 - 1.0
     sampled = torch.nn.functional.grid_sample(planes, grid, "bicubic", padding_mode="border", align_corners=False)
-    pixels = sampled[0].permute(1, 2, 0).round_().clamp_(0.0, 255.0).byte().numpy()
-    half_pixel = 0.5 / np.array([image.shape[1], image.shape[0]], np.float32)
-    inside = ((positions >= -half_pixel) & (positions <= 1.0 + half_pixel)).all(axis=2)
-    coverage = np.where(inside, pixels[..., 3], 0).astype(np.uint8)
-    return np.ascontiguousarray(pixels[..., :3]), None if coverage.min() == 255 else coverage
+    return np.ascontiguousarray(sampled[0].permute(1, 2, 0).round_().clamp_(0.0, 255.0).byte().numpy())

@@ -60,7 +60,7 @@ def test_kermit_with_a_camera_for_every_image_is_the_same_from_both(tmp_path: Pa
 @pytest.mark.parametrize("name", ["fox", "kermit"])
 def test_observed_features_project_onto_the_points_through_the_views(name: str) -> None:
     """COLMAP's own features, carried from the photographs into the views, meet the projected points."""
-    capture = read_capture(DATA / name, max_size=None)
+    capture = read_capture(DATA / name, max_size=160)
     model = pycolmap.Reconstruction(str(DATA / name / "sparse" / "0"))
     views = {view.source.name: view for view in capture.views}
     errors = []
@@ -73,7 +73,7 @@ def test_observed_features_project_onto_the_points_through_the_views(name: str) 
         projected = local[:, :2] / local[:, 2:] * (view.camera.fx, view.camera.fy) + (view.camera.cx, view.camera.cy)
         rays = camera.cam_from_img(pixels)
         observed = rays * (view.camera.fx, view.camera.fy) + (view.camera.cx, view.camera.cy)
-        errors.append(np.linalg.norm(projected - observed, axis=1))
+        errors.append(np.linalg.norm(projected - observed, axis=1) * camera.width / view.camera.width)
     assert np.mean(np.concatenate(errors)) < 0.9  # the models' own mean reprojection errors are 0.73 and 0.64
 
 
@@ -138,7 +138,7 @@ def test_sfm_finds_the_cameras_of_kermit(tmp_path: Path) -> None:
             self.fractions: list[float] = []
 
         def progress(self, stage: str, fraction: float, message: str = "") -> None:
-            if stage == "sfm":
+            if stage.startswith("sfm"):
                 self.fractions.append(fraction)
 
     shutil.copytree(DATA / "kermit" / "images", tmp_path / "kermit")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image, ImageOps
+from PIL import Image, ImageCms, ImageOps
 
 from cvdgs.core.capture import inspect_capture, read_capture
 from cvdgs.core.capture.images import MAX_SIDE, downscale_with_alpha, fit_size, read_header, read_pixels
@@ -100,6 +100,18 @@ def test_cmyk_is_refused(tmp_path: Path, extension: str) -> None:
     Image.fromarray(PICTURE).convert("CMYK").save(tmp_path / f"x.{extension}")
     with pytest.raises(InputError, match=r"CMYK.*convert it to RGB"):
         read_header(tmp_path / f"x.{extension}")
+
+
+def test_other_colour_spaces_are_named_in_a_warning(tmp_path: Path) -> None:
+    photographs = shots(2)
+    root = write_transforms(tmp_path, photographs)
+    standard = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    renamed = standard.replace("sRGB".encode("utf-16-be"), "P3xx".encode("utf-16-be"))
+    for shot, profile in zip(photographs, [renamed, standard], strict=True):
+        Image.fromarray(shot.render()).save(root / "images" / shot.name, icc_profile=profile)
+    (message,) = [w.message for w in inspect_capture(root).warnings if w.name == "color-profile"]
+    assert "1 photographs" in message
+    assert "P3xx" in message
 
 
 # --- orientation

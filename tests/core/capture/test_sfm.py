@@ -1,0 +1,80 @@
+"""Cameras of photographs that have none. (The success on real photographs is in test_evaluation_data.)"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cvdgs.core.capture import read_capture
+from cvdgs.core.capture.sfm_process import SfmSettings
+from cvdgs.core.errors import Cancelled, InputError
+from cvdgs.core.events import Reporter
+
+from .make_captures import save
+
+
+def save_noise(folder: Path, count: int, size: int) -> None:
+    """Photographs of nothing in common, full of features."""
+    generator = np.random.default_rng(0)
+    for index in range(count):
+        coarse = generator.integers(0, 256, (size // 4, size // 4, 3)).astype(np.uint8)
+        save(folder / f"{index}.png", coarse.repeat(4, axis=0).repeat(4, axis=1))
+
+
+def temporary_files() -> set[str]:
+    return {path.name for path in Path(tempfile.gettempdir()).glob("cvdgs-sfm-*")}
+
+
+def test_photographs_that_do_not_overlap_are_refused_and_nothing_is_left(tmp_path: Path) -> None:
+    save_noise(tmp_path, 3, 128)
+    before = temporary_files()
+    with pytest.raises(InputError, match="no cameras could be estimated"):
+        read_capture(tmp_path, max_size=None, sfm=True)
+    assert temporary_files() <= before
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_progress_is_told_step_by_step(tmp_path: Path) -> None:
+    class Recorder(Reporter):
+        def __init__(self) -> None:
+            self.stages: list[str] = []
+
+        def status(self, stage: str, message: str) -> None:
+            self.stages.append(stage)
+
+        def progress(self, stage: str, fraction: float, message: str = "") -> None:
+            assert 0.0 <= fraction <= 1.0
+
+    save_noise(tmp_path, 2, 128)
+    recorder = Recorder()
+    with pytest.raises(InputError):
+        read_capture(tmp_path, max_size=None, sfm=True, reporter=recorder)
+    assert recorder.stages == ["capture", "sfm-features", "sfm-matching", "sfm-mapping"]
+
+
+def test_many_photographs_are_matched_with_their_neighbours() -> None:
+    settings = SfmSettings()
+    assert settings.pairs(80) == 80 * 79 // 2
+    assert settings.pairs(300) < 300 * 16
+
+
+def test_cancelling_stops_within_seconds_and_leaves_nothing(tmp_path: Path) -> None:
+    class Impatient(Reporter):
+        asked = 0.0
+
+        def progress(self, stage: str, fraction: float, message: str = "") -> None:
+            if stage.startswith("sfm"):
+                self.asked = time.monotonic()
+                raise Cancelled
+
+    save_noise(tmp_path, 12, 1000)
+    before, reporter = temporary_files(), Impatient()
+    with pytest.raises(Cancelled):
+        read_capture(tmp_path, max_size=None, sfm=True, reporter=reporter)
+    assert reporter.asked
+    assert time.monotonic() - reporter.asked < 2.0
+    assert temporary_files() <= before
