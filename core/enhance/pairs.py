@@ -54,9 +54,24 @@ def sample_pairs(
     second_view[across] = views.draw_views(count // 4, generator)
     first, second = views.draw_pixels(first_view, generator), views.draw_pixels(second_view, generator)
     local = slice(0, count // 2)
-    second[local] = views.draw_near(first_view[local], first[local], sampling, generator)
+    radii = sampling.local_radius * views.shorter_sides(first_view[local]) / sampling.reference_size
+    second[local] = views.draw_near(first_view[local], first[local], radii, generator)
     colors = np.stack([_gather(images, first_view, first), _gather(images, second_view, second)], 1)
     return colors[generator.permutation(count)]
+
+
+def sample_neighbours(
+    images: Sequence[NDArray[np.uint8]],
+    count: int,
+    generator: np.random.Generator,
+    alphas: Sequence[NDArray[np.uint8] | None] | None = None,
+) -> NDArray[np.uint8]:
+    """Draw `count` pairs of adjacent pixels (8-neighbours, or a pixel and itself); otherwise as `sample_pairs`."""
+    views = _Views(images, alphas)
+    view = views.draw_views(count, generator)
+    first = views.draw_pixels(view, generator)
+    second = views.draw_near(view, first, np.ones(count), generator)
+    return np.stack([_gather(images, view, first), _gather(images, view, second)], 1)
 
 
 class _Views:
@@ -85,16 +100,20 @@ class _Views:
             pixels[here] = covered[pixels[here]]
         return pixels
 
+    def shorter_sides(self, views: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Shorter side of each view, in pixels."""
+        return self._shapes[views].min(1)
+
     def draw_near(
         self,
         views: NDArray[np.int64],
         pixels: NDArray[np.int64],
-        sampling: PairSampling,
+        radii: NDArray[np.float64],
         generator: np.random.Generator,
     ) -> NDArray[np.int64]:
-        """A pixel within the local radius of each of `pixels`; the pixel itself where that one is not covered."""
+        """A pixel within the radius (1 at least) of each of `pixels`, in a square; itself where that is not covered."""
         height, width = self._shapes[views].T
-        radius = np.maximum(np.round(sampling.local_radius * np.minimum(height, width) / sampling.reference_size), 1.0)
+        radius = np.maximum(np.round(radii), 1.0)
         offset = np.floor(generator.random((2, len(pixels))) * (2.0 * radius + 1.0)) - radius
         row = np.clip(pixels // width + offset[0].astype(np.int64), 0, height - 1)
         column = np.clip(pixels % width + offset[1].astype(np.int64), 0, width - 1)

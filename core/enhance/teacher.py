@@ -9,6 +9,10 @@ With d the ΔE76 of a pair of colours in the original, d' that of the pair in S(
       + 1000 mean ‖second difference of the residual‖²      stay smooth: no banding, no hue breaks
 
 The contrast term is one-sided on purpose: contrast beyond the original's is never rewarded.
+
+The weight of staying close is what trades contrast for appearance. Where contrast preservation (CCPR) is still that of
+a hard scene after the fit, the weight is halved and the fit goes on: appearance is spent where it is needed, and easy
+scenes keep theirs.
 """
 
 from __future__ import annotations
@@ -23,13 +27,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..color.difference import delta_e_76
+from ..color.metrics import CCPR_THRESHOLD
 from ..color.simulation import simulate_linear
 from ..color.spaces import linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
 from ..events import Reporter
 from .lut import ColorLut, interpolate
-from .pairs import PairSampling, sample_pairs
+from .pairs import PairSampling, sample_neighbours, sample_pairs
 
 _GREYS = 17  # greys held in place
+_NEIGHBOURS = 20_000  # pairs of adjacent pixels from which CCPR is estimated, to about half a percent
 
 
 @dataclass(frozen=True)
@@ -43,6 +49,9 @@ class TeacherSettings:
         learning_rate: of Adam, in units of sRGB.
         discernible: ΔE76 from which a pair's contrast counts.
         contrast_offset: ΔE76 added to a pair's contrast where the loss is divided by it.
+        sufficient_ccpr: contrast preservation from which a scene is no longer hard and the fit ends.
+        relaxations: how often the naturalness weight is halved at most.
+        relaxation_steps: Adam steps after each.
     """
 
     nodes: int = 9
@@ -55,6 +64,9 @@ class TeacherSettings:
     neutral_weight: float = 2000.0
     gamut_weight: float = 200.0
     smoothness_weight: float = 1000.0
+    sufficient_ccpr: float = 0.9
+    relaxations: int = 2
+    relaxation_steps: int = 100
     sampling: PairSampling = field(default_factory=PairSampling)
 
 
@@ -85,19 +97,40 @@ def fit_lut(
     """
     reporter = reporter or Reporter()
     generator = np.random.default_rng(seed)
-    samples = sample_pairs(images, settings.steps * settings.pairs, generator, settings.sampling, alphas)
-    batches = torch.from_numpy(samples).view(settings.steps, settings.pairs, 2, 3)
+    observer = Observer(cvd, severity, model)
+    total = settings.steps + settings.relaxations * settings.relaxation_steps
+    batches = torch.from_numpy(sample_pairs(images, total * settings.pairs, generator, settings.sampling, alphas))
+    neighbours = torch.from_numpy(sample_neighbours(images, _NEIGHBOURS, generator, alphas)).float() / 255.0
     residual = torch.zeros(*(settings.nodes,) * 3, 3, requires_grad=True)
     optimizer = torch.optim.Adam([residual], lr=settings.learning_rate)
+    naturalness_weight, ends = settings.naturalness_weight, settings.steps
     with _one_thread():
-        for step, batch in enumerate(batches):
-            loss = _objective(residual, batch.float() / 255.0, cvd, severity, model, settings)
+        for step, batch in enumerate(batches.view(total, settings.pairs, 2, 3)):
+            if step == ends:
+                if _ccpr(residual.detach(), neighbours, observer) >= settings.sufficient_ccpr:
+                    break
+                naturalness_weight, ends = naturalness_weight / 2.0, ends + settings.relaxation_steps
+            loss = _objective(residual, batch.float() / 255.0, observer, settings, naturalness_weight)
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
-            reporter.progress(stage, (step + 1) / settings.steps, f"loss {loss.item():.3f}")
+            reporter.progress(stage, (step + 1) / total, f"loss {loss.item():.3f}")
+    reporter.progress(stage, 1.0)
     description = {"cvd": cvd, "severity": repr(float(severity)), "simulation": model}
     return ColorLut(residual.detach(), description)
+
+
+@dataclass(frozen=True)
+class Observer:
+    """For whom the LUT is fitted: arguments of `simulate`."""
+
+    cvd: str
+    severity: float
+    model: str
+
+    def lab(self, linear: Tensor) -> Tensor:
+        """CIELAB of what the observer sees of (3, P, 2) linear colours."""
+        return xyz_to_lab(linear_to_xyz(simulate_linear(linear, self.cvd, self.severity, self.model)))
 
 
 @contextmanager
@@ -112,28 +145,38 @@ def _one_thread() -> Iterator[None]:
 
 
 def _objective(
-    residual: Tensor, pairs: Tensor, cvd: str, severity: float, model: str, settings: TeacherSettings
+    residual: Tensor, pairs: Tensor, observer: Observer, settings: TeacherSettings, naturalness_weight: float
 ) -> Tensor:
     """E for (P, 2, 3) pairs of colours."""
     mapped = pairs + interpolate(residual, pairs.view(1, -1, 3)).reshape(pairs.shape)
     clipped = mapped.clamp(0.0, 1.0)
     original_lab = srgb_to_lab(_channels_first(pairs))
     linear = srgb_to_linear(_channels_first(clipped))
-    seen_lab = xyz_to_lab(linear_to_xyz(simulate_linear(linear, cvd, severity, model)))
-
-    contrast = delta_e_76(original_lab[..., :1], original_lab[..., 1:])
-    seen = delta_e_76(seen_lab[..., :1], seen_lab[..., 1:])
+    contrast, seen = _contrast(original_lab), _contrast(observer.lab(linear))
     lost = torch.relu(contrast - seen) ** 2 / (contrast + settings.contrast_offset)
     # The second pixels have the same distribution as the first, so one half of them is enough here.
     shift = xyz_to_lab(linear_to_xyz(linear[..., :1])) - original_lab[..., :1]
     greys = torch.linspace(0.0, 1.0, _GREYS)[None, :, None].expand(-1, -1, 3)
     return (
         (lost * (contrast >= settings.discernible)).mean()
-        + settings.naturalness_weight * (shift**2).sum(0).mean()
+        + naturalness_weight * (shift**2).sum(0).mean()
         + settings.neutral_weight * (interpolate(residual, greys) ** 2).mean()
         + settings.gamut_weight * ((mapped - clipped) ** 2).sum(-1).mean()
         + settings.smoothness_weight * _roughness(residual)
     )
+
+
+def _ccpr(residual: Tensor, neighbours: Tensor, observer: Observer) -> float:
+    """CCPR over (P, 2, 3) neighbouring colours; 1 where no two differ, for then there is nothing to gain."""
+    mapped = neighbours + interpolate(residual, neighbours.view(1, -1, 3)).reshape(neighbours.shape)
+    distinct = _contrast(srgb_to_lab(_channels_first(neighbours))) >= CCPR_THRESHOLD
+    seen = _contrast(observer.lab(srgb_to_linear(_channels_first(mapped.clamp(0.0, 1.0)))))
+    return float((seen[distinct] >= CCPR_THRESHOLD).double().mean()) if distinct.any() else 1.0
+
+
+def _contrast(lab: Tensor) -> Tensor:
+    """(P, 1) ΔE76 of the pairs of (3, P, 2) CIELAB colours."""
+    return delta_e_76(lab[..., :1], lab[..., 1:])
 
 
 def _channels_first(pairs: Tensor) -> Tensor:

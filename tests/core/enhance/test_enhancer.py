@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -14,15 +15,15 @@ from cvdgs.core.color.metrics import ccpr, naturalness
 from cvdgs.core.color.simulation import simulate
 from cvdgs.core.color.spaces import image_to_tensor, srgb_to_lab
 from cvdgs.core.enhance import ColorLut, LutEnhancer, make_enhancer
-from cvdgs.core.enhance.pairs import PairSampling, sample_pairs
+from cvdgs.core.enhance.pairs import PairSampling, sample_neighbours, sample_pairs
 from cvdgs.core.enhance.teacher import TeacherSettings, fit_lut
 from cvdgs.core.errors import InputError
 from cvdgs.core.events import Reporter
 
 from . import textiles
 
-LEAN = TeacherSettings(pairs=2000)  # a third of the pairs: the same result for images this small, sooner
-BRIEF = TeacherSettings(steps=60, pairs=1500)  # enough to see the direction of a fit
+LEAN = TeacherSettings(pairs=1500)  # a quarter of the pairs: the same result for images this small, sooner
+BRIEF = TeacherSettings(steps=60, pairs=1500, relaxations=0)  # enough to see the direction of a fit
 
 
 @lru_cache
@@ -80,6 +81,20 @@ def test_an_image_without_confusable_colours_is_nearly_left_alone() -> None:
     image = np.clip(blues_and_yellows + generator.normal(0, 5, (64, 64, 3)), 0, 255).astype(np.uint8)
     result = fit_lut([image], "deutan", 1.0, settings=LEAN)(image)
     assert naturalness(image_to_tensor(image), image_to_tensor(result)).delta_e_2000 < 2.5
+
+
+def test_the_fit_goes_on_while_a_scene_is_hard_and_only_then() -> None:
+    short = replace(BRIEF, steps=5, relaxations=2, relaxation_steps=15)  # five steps leave the tartan hard
+    hard = textiles.tartan(size=64)
+    easy = np.repeat(np.where(np.indices((64, 64)).sum(0) % 2, 60, 200).astype(np.uint8)[..., None], 3, axis=2)
+
+    def fit(image: np.ndarray, sufficient_ccpr: float) -> ColorLut:
+        return fit_lut([image], "deutan", 1.0, settings=replace(short, sufficient_ccpr=sufficient_ccpr))
+
+    default = TeacherSettings().sufficient_ccpr
+    stopped, continued = fit(hard, 0.0), fit(hard, default)
+    assert seen_contrast(hard, continued(hard), "deutan") > seen_contrast(hard, stopped(hard), "deutan") + 0.1
+    assert torch.equal(fit(easy, 0.0).residual, fit(easy, default).residual)
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_seed_nearly_the_same_map() -> None:
@@ -177,6 +192,13 @@ def test_pairs_are_local_within_a_view_and_across_views_as_documented(shapes: li
     near = same_view & (np.abs(pairs[:, 0, :2] - pairs[:, 1, :2]).max(1) <= radius)
     assert near.sum() >= 2000
     assert same_view.sum() >= 3000
+
+
+@given(st.integers(1, 60), st.integers(1, 60), st.integers(0, 99))
+@settings(max_examples=25, deadline=None)
+def test_neighbours_are_at_most_a_pixel_apart(height: int, width: int, seed: int) -> None:
+    pairs = sample_neighbours([coordinates_image(height, width, 0)], 2000, np.random.default_rng(seed)).astype(int)
+    assert np.abs(pairs[:, 0, :2] - pairs[:, 1, :2]).max() <= 1
 
 
 def test_uncovered_pixels_are_never_drawn() -> None:

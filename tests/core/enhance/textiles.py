@@ -16,7 +16,8 @@ def confused_colors(cvd: str, model: str = "machado", base: tuple[float, float, 
     return np.array(base) + reach * lost, np.array(base) - reach * lost
 
 
-def _to_bytes(linear: np.ndarray) -> np.ndarray:
+def to_bytes(linear: np.ndarray) -> np.ndarray:
+    """(H, W, 3) linear light to sRGB bytes."""
     encoded = linear_to_srgb(torch.from_numpy(np.moveaxis(linear, -1, 0)).clamp(0, 1))
     return np.ascontiguousarray((encoded.movedim(0, -1).numpy() * 255).round().astype(np.uint8))
 
@@ -29,7 +30,7 @@ def tartan(cvd: str = "deutan", size: int = 128, stripe: int = 16, shift: int = 
     picked = np.where((rows // 2 + columns // 2) % 4 < 2, in_warp, in_weft)
     light = 0.9 + 0.25 * np.sin(rows / size * 4 + shift / 9) * np.cos(columns / size * 3)
     noise = np.random.default_rng(seed).normal(1.0, 0.03, (size, size))
-    return _to_bytes(np.where(picked[..., None], first, second) * (light * noise)[..., None])
+    return to_bytes(np.where(picked[..., None], first, second) * (light * noise)[..., None])
 
 
 def plate(cvd: str = "deutan", size: int = 192, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -49,4 +50,4 @@ def plate(cvd: str = "deutan", size: int = 192, seed: int = 0) -> tuple[np.ndarr
             0.8, 1.25
         )  # luminance jitter hides nothing else
         labels[dot] = 2 if in_figure else 1
-    return _to_bytes(image), labels
+    return to_bytes(image), labels
