@@ -65,7 +65,7 @@ def read_colmap(found: ColmapFolder) -> SourceModel:
         model.warn(
             "several-models", f"{found.model}: the largest of {len(found.others) + 1} models is used, not {names}"
         )
-    add_views(model, reconstruction, _image_folder(found, reconstruction))
+    add_views(model, reconstruction, _image_folder(found, reconstruction), found.root)
     model.points, model.point_colors = sparse_points(reconstruction)
     return model
 
@@ -80,6 +80,10 @@ def load_reconstruction(folder: Path) -> pycolmap.Reconstruction:
     for name in ("cameras", "images", "points3D"):
         if not is_file(folder / (name + suffix)):
             raise InputError(f"{name}{suffix} is missing", where=folder, remedy=_EXPORT_AGAIN)
+    for name in ("rigs", "frames"):
+        path = folder / (name + suffix)
+        if path.exists() and not is_file(path):
+            raise InputError("not a regular file", where=path, remedy=_EXPORT_AGAIN)
     try:
         reconstruction = pycolmap.Reconstruction()
         if suffix == ".bin":
@@ -94,8 +98,8 @@ def load_reconstruction(folder: Path) -> pycolmap.Reconstruction:
     return reconstruction
 
 
-def add_views(model: SourceModel, reconstruction: pycolmap.Reconstruction, image_folder: Path) -> None:
-    """Append the registered images of `reconstruction` whose files exist below `image_folder`."""
+def add_views(model: SourceModel, reconstruction: pycolmap.Reconstruction, image_folder: Path, root: Path) -> None:
+    """Append the registered images of `reconstruction` whose files exist below `image_folder`, inside `root`."""
     images = [reconstruction.image(image_id) for image_id in reconstruction.reg_image_ids()]
     _refuse_repeated_names([image.name for image in images], model.file)
     # pycolmap gives a new object at every access; one object a camera lets the views share their undistortion.
@@ -103,7 +107,7 @@ def add_views(model: SourceModel, reconstruction: pycolmap.Reconstruction, image
     missing = []
     reshaped = []
     for image in images:
-        path = resolve_inside(image_folder, image.name, where=model.file)
+        path = resolve_inside(image_folder, image.name, where=model.file, root=root)
         if not path.exists():
             missing.append(image.name)
             continue

@@ -35,16 +35,17 @@ def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
     return tuple((1, int(part), part) if index % 2 else (0, 0, part) for index, part in enumerate(parts))
 
 
-def resolve_inside(root: Path, name: str, *, where: str | Path) -> Path:
-    """The path of `name` below `root`, for a name that a camera file gives.
+def resolve_inside(folder: Path, name: str, *, where: str | Path, root: Path | None = None) -> Path:
+    """The path of `name` below `folder`, for a name that a camera file gives.
 
     Args:
-        root: the folder that the name must not leave, not even through a symbolic link.
+        folder: what the name is relative to.
         name: a relative path with ``/`` or ``\\``.
         where: the camera file, for the message.
+        root: the capture folder, which the path must not leave, not even through a symbolic link; `folder` if None.
 
     Raises:
-        InputError: the name is absolute, leaves `root`, or names something other than a regular file.
+        InputError: the name is absolute, leaves the capture folder, or names something other than a regular file.
     """
     portable = name.replace("\\", "/")
     remedy = "use names relative to the capture folder and keep the images inside it"
@@ -52,9 +53,9 @@ def resolve_inside(root: Path, name: str, *, where: str | Path) -> Path:
         raise InputError(f"the image name {name!r} is unusable", where=where, remedy=remedy)
     if PurePosixPath(portable).is_absolute() or re.match(r"^[A-Za-z]:", portable):
         raise InputError(f"the image name {name!r} is an absolute path", where=where, remedy=remedy)
-    path = root / portable
+    path = folder / portable
     try:
-        resolved, inside = path.resolve(), root.resolve()
+        resolved, inside = path.resolve(), (root or folder).resolve()
     except (OSError, RuntimeError):
         raise InputError(f"the image name {name!r} leads into a cycle of links", where=where, remedy=remedy) from None
     if not resolved.is_relative_to(inside):

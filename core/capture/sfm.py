@@ -60,7 +60,7 @@ def estimate_cameras(
         )
     model = SourceModel("sfm", folder, [])
     reconstruction = load_reconstruction(workspace / RESULT)
-    add_views(model, reconstruction, folder)
+    add_views(model, reconstruction, folder, folder)
     model.points, model.point_colors = sparse_points(reconstruction)
     return model
 

@@ -17,7 +17,7 @@ import pycolmap
 
 from ..errors import InputError
 from .colmap import check_camera
-from .files import IMAGE_EXTENSIONS, quote_first, resolve_inside
+from .files import IMAGE_EXTENSIONS, is_file, quote_first, resolve_inside
 from .images import read_header
 from .points import read_point_cloud
 from .poses import OPENGL_TO_OPENCV, invert_rigid, rigid_pose
@@ -27,6 +27,7 @@ from .source import SourceModel, SourceView
 _FILE_NAMES = ("transforms.json", "transforms_train.json", "transforms_test.json", "transforms_val.json")
 _MAX_BYTES = 256 * 1024 * 1024
 _MAX_STATED_SIDE = 1_000_000
+_LARGEST_NUMBER = 1e30
 _EXPORT_AGAIN = "copy or export the file again"
 
 _PERSPECTIVE = frozenset(
@@ -113,7 +114,7 @@ class _Reader:
     def _pose(self, frame: dict[str, Any], name: str) -> tuple[np.ndarray, bool]:
         try:
             matrix = np.array(frame["transform_matrix"], np.float64)
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             raise InputError(
                 f"the transform_matrix of {name} is missing or not numbers", where=self._file, remedy=_EXPORT_AGAIN
             ) from None
@@ -130,8 +131,12 @@ class _Reader:
         value = frame.get(key, self._document.get(key))
         if value is None:
             return None
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise InputError(f"{key} is {value!r}, not a number", where=self._file, remedy=_EXPORT_AGAIN)
+        # An integer of a thousand digits is no float.
+        usable = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _LARGEST_NUMBER
+        if not usable:
+            raise InputError(
+                f"{key} is {str(value)[:20]!r}, not a usable number", where=self._file, remedy=_EXPORT_AGAIN
+            )
         return float(value)
 
     def _camera(self, frame: dict[str, Any], name: str, path: Path) -> tuple[pycolmap.Camera, bool]:
@@ -205,6 +210,8 @@ def _focal_from_angle(angle: float | None, size: float) -> float | None:
 
 
 def _load(file: Path) -> dict[str, Any]:
+    if not is_file(file):
+        raise InputError("not a regular file", where=file, remedy=_EXPORT_AGAIN)
     try:
         if file.stat().st_size > _MAX_BYTES:
             raise InputError("the file is too large for a camera file", where=file, remedy=_EXPORT_AGAIN)

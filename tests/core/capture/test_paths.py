@@ -15,7 +15,7 @@ from cvdgs.core.capture import inspect_capture, read_capture
 from cvdgs.core.capture.files import make_keys, natural_key, resolve_inside
 from cvdgs.core.errors import InputError
 
-from .make_captures import frames, intrinsics, pinhole, save, save_images, shots, write_transforms
+from .make_captures import frames, intrinsics, pinhole, save, save_images, shots, write_colmap, write_transforms
 
 
 def refused(path: Path) -> str:
@@ -73,6 +73,18 @@ def test_fifo_and_folder_are_refused(tmp_path: Path) -> None:
     (root / "images" / "pipe.png").unlink()
     (root / "images" / "pipe.png").mkdir()
     assert "not a regular file" in refused(root)
+
+
+def test_camera_file_that_is_a_fifo_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "transforms.json")
+    assert "not a regular file" in refused(tmp_path)
+
+
+def test_image_folder_that_links_out_of_the_capture_is_refused(tmp_path: Path) -> None:
+    root = write_colmap(tmp_path / "capture", shots(3))
+    (root / "images").rename(tmp_path / "elsewhere")
+    (root / "images").symlink_to(tmp_path / "elsewhere")
+    assert "leaves the capture folder" in refused(root)
 
 
 @pytest.mark.parametrize("name", ["", "   ", "a\0b.png"])
