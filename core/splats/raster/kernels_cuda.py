@@ -1,6 +1,7 @@
 """Warp kernels of CUDA: native bodies from the headers beside this file, compiled by Warp's NVRTC."""
 
 # No `from __future__ import annotations`: Warp evaluates the annotations of kernels.
+# mypy: disable-error-code="misc"
 import warp as wp
 
 from .headers import read_headers

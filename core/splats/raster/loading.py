@@ -10,8 +10,6 @@ from ...errors import InputError
 from ...events import Reporter
 from .runner import Runner
 
-wp.config.quiet = True  # its banner would end up among the events on stdout
-
 
 def resolve_device(name: str | wp.Device) -> wp.Device:
     """The Warp device of a name such as "cpu", "cuda" or "cuda:1".

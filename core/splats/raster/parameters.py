@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import warp as wp
@@ -11,6 +13,11 @@ from numpy.typing import NDArray
 from ..gaussians import Gaussians
 
 FIELDS = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
+
+
+def _shapes(count: int, sh_count: int) -> Iterator[tuple[str, tuple[int, ...]]]:
+    shapes = ((count, 3), (count, 3), (count, 4), (count,), (count, sh_count, 3))
+    return zip(FIELDS, shapes, strict=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +59,11 @@ class ParameterSet:
         return cls(*(wp.array(copy, dtype=wp.float32, device=device) for copy in copies))
 
     @classmethod
-    def zeros(cls, count: int, sh_count: int, device: str | wp.Device = "cpu") -> ParameterSet:
+    def zeros(cls, count: int, sh_count: int, device: str | wp.Device = "cpu") -> Self:
         """`count` Gaussians of zeros, as gradients and moments start."""
-        shapes = ((count, 3), (count, 3), (count, 4), (count,), (count, sh_count, 3))
-        return cls(*(wp.zeros(shape, dtype=wp.float32, device=device) for shape in shapes))
+        return cls(
+            **{name: wp.zeros(shape, dtype=wp.float32, device=device) for name, shape in _shapes(count, sh_count)}
+        )
 
     def numpy(self) -> dict[str, NDArray[np.float32]]:
         """The arrays by field name: views of this memory on the CPU, copies on CUDA."""
@@ -83,3 +91,10 @@ class Gradients(ParameterSet):
     screen_abs: wp.array
     touched: wp.array
     colors_only: bool = False
+
+    @classmethod
+    def zeros(cls, count: int, sh_count: int, device: str | wp.Device = "cpu") -> Self:
+        """Gradients of zero, of `count` Gaussians of which none was drawn."""
+        arrays = {name: wp.zeros(shape, dtype=wp.float32, device=device) for name, shape in _shapes(count, sh_count)}
+        per_gaussian = {name: wp.zeros(count, dtype=wp.float32, device=device) for name in ("screen", "screen_abs")}
+        return cls(**arrays, **per_gaussian, touched=wp.zeros(count, dtype=wp.uint8, device=device))

@@ -162,13 +162,7 @@ class Rasterizer:
 
     def _bind_gradients(self, count: int, sh_count: int) -> Gradients:
         if self._gradients is None or self._gradients.sh.shape[:2] != (count, sh_count):
-            zeros = ParameterSet.zeros(count, sh_count, self.device)
-            self._gradients = Gradients(
-                *(getattr(zeros, name) for name in FIELDS),
-                screen=wp.zeros(count, dtype=wp.float32, device=self.device),
-                screen_abs=wp.zeros(count, dtype=wp.float32, device=self.device),
-                touched=wp.zeros(count, dtype=wp.uint8, device=self.device),
-            )
+            self._gradients = Gradients.zeros(count, sh_count, self.device)
         gradients = self._gradients
         for name in (*FIELDS, "screen", "screen_abs"):
             self.runner.bind(f"grad_{name}", getattr(gradients, name))

@@ -1,7 +1,11 @@
 """What kernels read and write, as one Warp structure: the native code sees its fields by name."""
 
-# No `from __future__ import annotations`: Warp evaluates the annotations of a structure.
+# No `from __future__ import annotations`: Warp evaluates the annotations of a structure, which are not Python's.
+# mypy: disable-error-code="valid-type"
 import warp as wp
+
+# Set before anything makes Warp start: its banner would end up among the events on stdout.
+wp.config.log_level = wp.LOG_WARNING
 
 
 @wp.struct
