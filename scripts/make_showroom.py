@@ -1,0 +1,120 @@
+"""Build the textile showroom in Blender and photograph it: the embedded demo capture.
+
+    python scripts/make_showroom.py --out DIR                 with the bpy wheel
+    blender -b -P scripts/make_showroom.py -- --out DIR       with Blender
+
+The shipped capture, core/demo/showroom, is what the defaults give. Exit code 2 for unusable arguments.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import NoReturn
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+import _package
+
+_package.load()
+from cvdgs.core.errors import InputError  # noqa: E402
+from cvdgs.core.events import Reporter  # noqa: E402
+from cvdgs.core.progress import format_seconds  # noqa: E402
+from cvdgs.scripts.showroom.settings import VARIANTS, CaptureSettings, SceneSettings  # noqa: E402
+
+PREVIEW_SAMPLES = 3
+
+
+class _Parser(argparse.ArgumentParser):
+    """Complains in one line, as the project's other commands do."""
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(message, remedy="see --help")
+
+
+class ConsoleReporter(Reporter):
+    """Prints one line a step with the time left in its stage."""
+
+    def __init__(self) -> None:
+        self._stage = ""
+        self._started = 0.0
+
+    def status(self, stage: str, message: str) -> None:
+        if stage != self._stage:
+            self._stage, self._started = stage, time.monotonic()
+        print(f"{stage}: {message}", flush=True)
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        elapsed = time.monotonic() - self._started
+        left = elapsed / fraction * (1 - fraction) if fraction > 0 else 0.0
+        print(f"{stage}: {100 * fraction:3.0f} %  {message}  {format_seconds(left)} left", flush=True)
+
+
+def parse(arguments: list[str]) -> tuple[Path, CaptureSettings, int]:
+    """The output folder, the settings and the number of threads that the command line asks for."""
+    defaults = CaptureSettings()
+    parser = _Parser(prog="make_showroom.py", description=__doc__.splitlines()[0], allow_abbrev=False)
+    add = parser.add_argument
+    add("--out", type=Path, required=True, help="folder to write; an earlier showroom in it is replaced")
+    add("--views", type=int, default=defaults.cameras.views)
+    add("--width", type=int, default=defaults.cameras.width)
+    add("--height", type=int, default=defaults.cameras.height)
+    add("--samples", type=int, default=defaults.samples, help="Cycles samples a pixel before denoising (%(default)s)")
+    add("--seed", type=int, default=defaults.seed)
+    add("--points", type=int, default=defaults.points, help="sparse points (%(default)s)")
+    add("--depth-views", type=int, default=defaults.depth_views, help="views with a depth map (%(default)s)")
+    add("--variant", choices=VARIANTS, default=defaults.scene.variant)
+    add("--satin-roughness", type=float, default=defaults.scene.satin_roughness)
+    add("--sheer-opacity", type=float, default=defaults.scene.sheer_opacity)
+    add("--yarn-scale", type=float, default=defaults.scene.yarn_scale, help="multiplies the width of all yarns")
+    add("--light", type=float, default=defaults.scene.light, help="multiplies all light")
+    add("--cloth-detail", type=float, default=defaults.scene.cloth_detail, help="resolution of the cloth meshes")
+    add("--threads", type=int, default=0, help="0 = all cores")
+    add("--preview", action="store_true", help=f"{PREVIEW_SAMPLES} samples and coarser cloth")
+    given = parser.parse_args(arguments)
+    scene = SceneSettings(
+        variant=given.variant,
+        satin_roughness=given.satin_roughness,
+        sheer_opacity=given.sheer_opacity,
+        yarn_scale=given.yarn_scale,
+        light=given.light,
+        cloth_detail=given.cloth_detail,
+    )
+    cameras = replace(defaults.cameras, views=given.views, width=given.width, height=given.height)
+    settings = replace(
+        defaults,
+        scene=scene,
+        cameras=cameras,
+        samples=given.samples,
+        seed=given.seed,
+        points=given.points,
+        depth_views=given.depth_views,
+    )
+    if given.preview:
+        settings = replace(settings, samples=PREVIEW_SAMPLES, scene=replace(scene, cloth_detail=0.6))
+    settings.check()
+    return given.out, settings, given.threads
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command; the exit code."""
+    try:
+        out, settings, threads = parse(arguments)
+        from cvdgs.scripts.showroom.job import make
+
+        make(out, settings, ConsoleReporter(), threads)
+    except InputError as error:
+        print(f"make_showroom: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    # Under `blender -b -P script -- arguments` Blender's own arguments come first.
+    code = main(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:])
+    sys.stdout.flush()
+    sys.exit(code)

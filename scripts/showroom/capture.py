@@ -1,0 +1,81 @@
+"""Writes a capture folder: JPEG images, transforms.json (nerfstudio), points.ply, depth maps. numpy only."""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .cameras import Pose, focal_pixels
+from .settings import CameraSettings
+
+DEPTH_UNIT = 1e-4
+"""Metres a grey level of the 16-bit depth maps; they reach 6.55 m. 0 stands for no surface, or farther."""
+
+
+def write_transforms(path: Path, settings: CameraSettings, poses: list[Pose]) -> None:
+    """transforms.json as nerfstudio reads it: OpenGL camera-to-world, pixel intrinsics, the points beside it."""
+    focal = focal_pixels(settings)
+    document = {
+        "camera_model": "PINHOLE",
+        "w": settings.width,
+        "h": settings.height,
+        "fl_x": focal,
+        "fl_y": focal,
+        "cx": settings.width / 2,
+        "cy": settings.height / 2,
+        "ply_file_path": "points.ply",
+        "frames": [
+            {"file_path": f"images/{pose.name}.jpg", "transform_matrix": pose.camera_to_world.tolist()}
+            for pose in poses
+        ],
+    }
+    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+def write_points(path: Path, positions: NDArray[np.float32], colors: NDArray[np.uint8]) -> None:
+    """Binary little-endian PLY of (P, 3) positions and (P, 3) sRGB colours."""
+    properties = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
+    table = np.empty(len(positions), dtype=properties)
+    for axis in range(3):
+        table["xyz"[axis]] = positions[:, axis]
+        table[("red", "green", "blue")[axis]] = colors[:, axis]
+    kind = {"<f4": "float", "u1": "uchar"}
+    lines = [f"property {kind[dtype]} {name}" for name, dtype in properties]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}", *lines, "end_header", ""]
+    path.write_bytes("\n".join(header).encode("ascii") + table.tobytes())
+
+
+def write_depth(path: Path, depth: NDArray[np.floating]) -> None:
+    """(H, W) metres as a 16-bit grey PNG in steps of `DEPTH_UNIT`."""
+    levels = np.rint(np.where(np.isfinite(depth), depth, 0.0) / DEPTH_UNIT)
+    _write_png16(path, np.where(levels < 65536, levels, 0).astype(np.uint16))
+
+
+def write_depth_index(path: Path, names: list[str]) -> None:
+    """Says what the depth maps beside it mean."""
+    document = {
+        "kind": "planar camera z at the pixel centres, of the first surface (organza included); 0 = none or too far",
+        "metres_per_unit": DEPTH_UNIT,
+        "frames": {f"images/{name}.jpg": f"depth/{name}.png" for name in names},
+    }
+    path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+def _write_png16(path: Path, values: NDArray[np.uint16]) -> None:
+    """A grey 16-bit PNG whose rows are stored as differences from the row above (filter type 2, ISO/IEC 15948)."""
+    height, width = values.shape
+    octets = values.astype(">u2").view(np.uint8).reshape(height, width * 2)
+    above = np.vstack([np.zeros_like(octets[:1]), octets[:-1]])
+    rows = np.concatenate([np.full((height, 1), 2, np.uint8), octets - above], axis=1)
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)
+    body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows.tobytes(), 9)) + chunk(b"IEND", b"")
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + body)
