@@ -19,7 +19,7 @@ from .placement import add_empty, camera_distance, near_depth, placement
 from .render_settings import Display, decode_srgb, set_background, set_cycles, set_display
 from .splat_nodes import ORIGINAL, Input
 from .splats import add_gaussians, core_bounds, set_input, show_layer
-from .stills import render_layer_still
+from .stills import render_still, turned_to
 
 STAGE = "blender"
 BLEND_FILE = "scene.blend"
@@ -141,9 +141,11 @@ def _convert_in(
 
     layers = [ORIGINAL, *run.layers]
     stills = layers if options.stills else []
-    for index, layer in enumerate(stills):
-        reporter.progress(STAGE, (index + 0.5) / (len(stills) + 1), f"rendering {layer}")
-        render_layer_still(scene, loaded.splats, layer, camera, partial / STILLS_FOLDER / f"{layer}.png")
+    with turned_to(camera, loaded.empty):
+        for index, layer in enumerate(stills):
+            reporter.progress(STAGE, (index + 0.5) / (len(stills) + 1), f"rendering {layer}")
+            show_layer(loaded.splats, layer)
+            render_still(scene, camera, partial / STILLS_FOLDER / f"{layer}.png")
     clock.lap("stills")
 
     reporter.progress(STAGE, (len(stills) + 0.5) / (len(stills) + 1), f"saving {BLEND_FILE}")

@@ -46,6 +46,7 @@ def _new_material(name: str) -> bpy.types.Material:
         material.use_nodes = True
     material.node_tree.nodes.clear()
     material.surface_render_method = "BLENDED"  # EEVEE: sorted and mixed, not dithered
+    material.cycles.emission_sampling = "NONE"  # Cycles: a picture's colours, not thousands of lamps
     return material
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
+import mathutils
 
 from .cameras import use_camera
 from .render_settings import set_png
-from .splats import show_layer
 
 
 def render_still(scene: bpy.types.Scene, camera: bpy.types.Object, path: Path) -> None:
@@ -32,9 +34,20 @@ def render_still(scene: bpy.types.Scene, camera: bpy.types.Object, path: Path) -
         scene.render.filepath = "//renders/"
 
 
-def render_layer_still(
-    scene: bpy.types.Scene, splats: bpy.types.Object, layer: str, camera: bpy.types.Object, path: Path
-) -> None:
-    """Render one colour layer of `splats`; see `render_still`."""
-    show_layer(splats, layer)
-    render_still(scene, camera, path)
+@contextmanager
+def turned_to(camera: bpy.types.Object, root: bpy.types.Object) -> Iterator[None]:
+    """Within the block, `root` and all below it stand so that `camera`, one of them, looks down -Z from the origin.
+
+    The picture is the same, but the discs of Gaussians that face the camera then have flat bounding boxes, and Cycles
+    finds the next one on a ray in half the time. Only for scenes that have nothing outside of `root`.
+    """
+    turn = bpy.data.objects.new("Turn", None)
+    bpy.context.view_layer.update()
+    location, rotation, _ = camera.matrix_world.decompose()
+    turn.matrix_basis = mathutils.Matrix.LocRotScale(location, rotation, None).inverted()
+    root.parent = turn
+    try:
+        yield
+    finally:
+        root.parent = None
+        bpy.data.objects.remove(turn)
