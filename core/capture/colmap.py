@@ -147,7 +147,7 @@ def _models_in(folder: Path) -> list[Path]:
         return [folder]
     if not folder.is_dir():
         return []
-    numbered = sorted((path for path in folder.iterdir() if path.name.isdigit()), key=lambda path: int(path.name))
+    numbered = sorted((path for path in folder.iterdir() if path.name.isdecimal()), key=lambda path: int(path.name))
     return [path for path in numbered if _is_model(path)]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 
-# Above every camera on sale (the largest sensors have 151 MP, 14,204 px a side) and what two threads can hold decoded.
+# Above every camera on sale (the largest sensors have 151 MP, 14,204 px a side), and 600 MB when decoded.
 MAX_SIDE = 16_384
 MAX_MEGAPIXELS = 200
 # Below this no training view holds a patch that a loss or a metric could use (SSIM looks at 11 x 11).
@@ -28,6 +29,8 @@ _ORIENTATION_STEPS = {
     7: (True, True, True),
     8: (False, True, True),
 }
+# Below one step of 8 bits a straight colour is rounding alone.
+_LEAST_COVERAGE = 1.0 / 255.0
 _COPY_AGAIN = "copy or export the image again"
 
 
@@ -136,8 +139,8 @@ def fit_size(width: int, height: int, max_size: int | None) -> tuple[int, int]:
     return max(1, round(width * max_size / longer)), max(1, round(height * max_size / longer))
 
 
-def downscale(pixels: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
-    """Resample (H, W, C) to `width` x `height` in one step with an antialiased cubic filter.
+def downscale(pixels: NDArray[Any], width: int, height: int) -> NDArray[Any]:
+    """Resample (H, W, C) uint8 or float32 to `width` x `height` in one step with an antialiased cubic filter.
 
     It works on encoded values, not on light: the rasteriser blends encoded colours too, so its mixture of two Gaussians
     in a pixel is the mixture that the filter made, and published PSNR figures are for photographs scaled this way.
@@ -146,7 +149,7 @@ def downscale(pixels: NDArray[np.uint8], width: int, height: int) -> NDArray[np.
 
     if pixels.shape[:2] == (height, width):
         return pixels
-    planes = torch.from_numpy(pixels).permute(2, 0, 1)[None]
+    planes = torch.from_numpy(np.ascontiguousarray(pixels)).permute(2, 0, 1)[None]
     scaled = torch.nn.functional.interpolate(planes, size=(height, width), mode="bicubic", antialias=True)
     return np.ascontiguousarray(scaled[0].permute(1, 2, 0).numpy())
 
@@ -157,23 +160,12 @@ def downscale_with_alpha(
     """`downscale` for straight colours: what is not covered does not bleed into what is."""
     if alpha is None or image.shape[:2] == (height, width):
         return downscale(image, width, height), alpha
-    small_alpha = downscale(alpha[..., None], width, height)[..., 0]
-    covered = alpha[..., None].astype(np.float32) / 255.0
-    premultiplied = downscale_float(image.astype(np.float32) * covered, width, height)
-    coverage = downscale_float(covered, width, height)
-    straight = premultiplied / np.maximum(coverage, 1.0 / 255.0)
-    plain = downscale(image, width, height)
-    colors = np.where(coverage > 1.0 / 255.0, np.clip(np.rint(straight), 0, 255).astype(np.uint8), plain)
-    return colors, small_alpha
-
-
-def downscale_float(pixels: NDArray[np.float32], width: int, height: int) -> NDArray[np.float32]:
-    """`downscale` for (H, W, C) float32, not clipped."""
-    import torch
-
-    planes = torch.from_numpy(np.ascontiguousarray(pixels)).permute(2, 0, 1)[None]
-    scaled = torch.nn.functional.interpolate(planes, size=(height, width), mode="bicubic", antialias=True)
-    return scaled[0].permute(1, 2, 0).numpy()
+    coverage = alpha[..., None].astype(np.float32) / 255.0
+    premultiplied = downscale(image.astype(np.float32) * coverage, width, height)
+    coverage = downscale(coverage, width, height)
+    straight = np.clip(np.rint(premultiplied / np.maximum(coverage, _LEAST_COVERAGE)), 0, 255).astype(np.uint8)
+    colors = np.where(coverage > _LEAST_COVERAGE, straight, downscale(image, width, height))
+    return colors, np.clip(np.rint(coverage[..., 0] * 255.0), 0, 255).astype(np.uint8)
 
 
 def _open(path: Path) -> oiio.ImageInput:

