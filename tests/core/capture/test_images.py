@@ -11,7 +11,7 @@ import pytest
 from PIL import Image, ImageCms, ImageOps
 
 from cvdgs.core.capture import inspect_capture, read_capture
-from cvdgs.core.capture.images import MAX_SIDE, downscale_with_alpha, fit_size, read_header, read_pixels
+from cvdgs.core.capture.images import MAX_SIDE, downscale_with_alpha, fit_size, read_header, read_pixels, write_png
 from cvdgs.core.errors import InputError
 
 from .make_captures import frames, intrinsics, pinhole, save, shots, write_colmap, write_transforms
@@ -112,6 +112,19 @@ def test_other_colour_spaces_are_named_in_a_warning(tmp_path: Path) -> None:
     (message,) = [w.message for w in inspect_capture(root).warnings if w.name == "color-profile"]
     assert "1 photographs" in message
     assert "P3xx" in message
+
+
+def test_full_disk_is_an_os_error() -> None:
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("needs a device that is always full")
+    with pytest.raises(OSError, match="full"):
+        write_png(full, PICTURE, None)
+
+
+def test_missing_folder_is_an_os_error(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="absent"):
+        write_png(tmp_path / "absent" / "x.png", PICTURE, None)
 
 
 # --- orientation
