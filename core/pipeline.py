@@ -12,7 +12,7 @@ from typing import Any
 import warp as wp
 
 from .capture import Capture, View, read_capture, write_capture
-from .enhance import make_enhancer
+from .enhance import Enhancer, LutEnhancer, make_enhancer
 from .errors import InputError
 from .evaluate.evaluation import Evaluation, Split, enhanced_path
 from .events import Reporter
@@ -44,6 +44,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
     clock = _Clock()
     recorder = _Recorder(reporter)
     device = _choose_device(settings.device)
+    enhancers = _make_enhancers(settings)  # refuses what cannot be simulated before anything takes time
     with clock.measure("capture"):
         size = settings.max_size or AUTO_MAX_SIZE[device]
         capture = read_capture(Path(settings.capture), max_size=size, sfm=settings.sfm, reporter=recorder)
@@ -58,7 +59,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
     with clock.measure("geometry"):
         trained = stages.train()
     with clock.measure("enhance"):
-        stages.enhance()
+        stages.enhance(enhancers)
     with clock.measure("layers"):
         layers = stages.fit_layers(trained.gaussians)
     with clock.measure("evaluate"):
@@ -114,16 +115,19 @@ class _Stages:
         write_ply(self.folder / "splats.ply", result.gaussians)
         return result
 
-    def enhance(self) -> None:
-        """Write ``enhanced/<layer>/<view>.png`` for every view; the enhancer is fitted to the training views only."""
-        settings, total = self.settings, len(self.settings.layers) * (len(self.capture.views) + 1)
-        done = 0
-        for layer in settings.layers:
+    def enhance(self, enhancers: dict[Layer, Enhancer]) -> None:
+        """Write ``enhanced/<layer>/<view>.png`` for every view; the enhancers are fitted to the training views only.
+
+        A LUT is also written as ``layer.<layer>.cube``, for grading tools.
+        """
+        training = self._views(self.split.train)
+        total, done = len(enhancers) * (len(self.capture.views) + 1), 0
+        for layer, enhancer in enhancers.items():
             self.reporter.status("enhance", f"{layer.name}: fitting the enhancer")
-            enhancer = make_enhancer(
-                settings.enhancer, layer.cvd, layer.severity, settings.simulation, settings.strength, settings.seed
-            )
-            enhancer.fit([view.image for view in self._views(self.split.train)], self.reporter)
+            enhancer.fit([view.image for view in training], self.reporter, alphas=[view.alpha for view in training])
+            if isinstance(enhancer, LutEnhancer) and enhancer.lut is not None:
+                cube = self.folder / f"layer.{layer.name}.cube"
+                enhancer.lut.export_cube(cube, strength=self.settings.strength, title=f"cvdgs {layer.name}")
             done += 1
             for view in self.capture.views:
                 write_png(enhanced_path(self.folder, layer, view), to_bytes(enhancer(view.image)))
@@ -168,6 +172,15 @@ def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
         reporter.warning("no-holdout", f"only {count} views, so none is held out: all figures are on training views")
         test = []
     return Split([i for i in range(count) if i not in test], test)
+
+
+def _make_enhancers(settings: Settings) -> dict[Layer, Enhancer]:
+    return {
+        layer: make_enhancer(
+            settings.enhancer, layer.cvd, layer.severity, settings.simulation, settings.strength, settings.seed
+        )
+        for layer in settings.layers
+    }
 
 
 def _gaussian_limit(views: list[View]) -> int:

@@ -50,7 +50,7 @@ def report(finished) -> dict:
 
 def test_everything_that_the_contract_names_is_there(finished):
     names = {path.name for path in finished.iterdir()}
-    assert names == {"capture", "enhanced", "renders", "report.html", "report.json", "run.log", "splats.ply",
+    assert names == {"capture", "enhanced", "layer.deutan-0.6.cube", "layer.tritan-0.6.cube", "renders", "report.html", "report.json", "run.log", "splats.ply",
                      "splats.deutan-0.6.ply", "splats.tritan-0.6.ply"}  # fmt: skip
     for layer in ("deutan-0.6", "tritan-0.6"):
         assert len(list((finished / "enhanced" / layer).glob("*.png"))) == VIEWS
