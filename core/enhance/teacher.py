@@ -98,23 +98,24 @@ def fit_lut(
     reporter = reporter or Reporter()
     generator = np.random.default_rng(seed)
     observer = Observer(cvd, severity, model)
-    total = settings.steps + settings.relaxations * settings.relaxation_steps
-    batches = torch.from_numpy(sample_pairs(images, total * settings.pairs, generator, settings.sampling, alphas))
     neighbours = torch.from_numpy(sample_neighbours(images, _NEIGHBOURS, generator, alphas)).float() / 255.0
     residual = torch.zeros(*(settings.nodes,) * 3, 3, requires_grad=True)
     optimizer = torch.optim.Adam([residual], lr=settings.learning_rate)
-    naturalness_weight, ends = settings.naturalness_weight, settings.steps
+    rounds = [settings.steps] + [settings.relaxation_steps] * settings.relaxations
+    done = 0
     with _one_thread():
-        for step, batch in enumerate(batches.view(total, settings.pairs, 2, 3)):
-            if step == ends:
-                if _ccpr(residual.detach(), neighbours, observer) >= settings.sufficient_ccpr:
-                    break
-                naturalness_weight, ends = naturalness_weight / 2.0, ends + settings.relaxation_steps
-            loss = _objective(residual, batch.float() / 255.0, observer, settings, naturalness_weight)
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            reporter.progress(stage, (step + 1) / total, f"loss {loss.item():.3f}")
+        for relaxation, steps in enumerate(rounds):
+            if relaxation and _ccpr(residual.detach(), neighbours, observer) >= settings.sufficient_ccpr:
+                break
+            naturalness_weight = settings.naturalness_weight / 2.0**relaxation
+            samples = sample_pairs(images, steps * settings.pairs, generator, settings.sampling, alphas)
+            for batch in torch.from_numpy(samples).view(steps, settings.pairs, 2, 3):
+                loss = _objective(residual, batch.float() / 255.0, observer, settings, naturalness_weight)
+                optimizer.zero_grad()
+                loss.backward()
+                optimizer.step()
+                done += 1
+                reporter.progress(stage, done / sum(rounds), f"loss {loss.item():.3f}")
     reporter.progress(stage, 1.0)
     description = {"cvd": cvd, "severity": repr(float(severity)), "simulation": model}
     return ColorLut(residual.detach(), description)

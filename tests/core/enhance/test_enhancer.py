@@ -97,13 +97,14 @@ def test_the_fit_goes_on_while_a_scene_is_hard_and_only_then() -> None:
     assert torch.equal(fit(easy, 0.0).residual, fit(easy, default).residual)
 
 
-def test_the_same_seed_gives_the_same_bits_and_another_seed_nearly_the_same_map() -> None:
+def test_the_same_seed_gives_the_same_bits_and_another_seed_an_equally_distinct_result() -> None:
     images = [textiles.tartan(shift=s) for s in (0, 5)]
-    first, second = (fit_lut(images, "deutan", 1.0, settings=BRIEF, seed=3) for _ in range(2))
-    other = fit_lut(images, "deutan", 1.0, settings=BRIEF, seed=4)
+    first, second, other = (fit_lut(images, "deutan", 1.0, settings=BRIEF, seed=seed) for seed in (3, 3, 4))
     assert torch.equal(first.residual, second.residual)
     assert not torch.equal(first.residual, other.residual)
-    assert np.abs(first(images[0]) - other(images[0])).mean() < 0.02
+    # Not an equal one: which of two confused colours turns bluish and which yellowish is open.
+    for lut in (first, other):
+        assert seen_contrast(images[0], lut(images[0]), "deutan") > 0.9
 
 
 def test_the_number_of_threads_is_left_as_it_was() -> None:
