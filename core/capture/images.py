@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,8 +31,6 @@ _ORIENTATION_STEPS = {
 }
 # Below one step of 8 bits a straight colour is rounding alone.
 _LEAST_COVERAGE = 1.0 / 255.0
-# The IEND chunk: length, type, checksum.
-_PNG_END = b"\0\0\0\0IEND\xae\x42\x60\x82"
 _COPY_AGAIN = "copy or export the image again"
 
 
@@ -115,31 +112,6 @@ def read_pixels(path: Path, *, upright: bool = False) -> tuple[NDArray[np.uint8]
         color = _apply_orientation(color, _orientation(spec))
         alpha = None if alpha is None else _apply_orientation(alpha, _orientation(spec))
     return np.ascontiguousarray(color), alpha
-
-
-def write_png(path: Path, image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None) -> None:
-    """Write (H, W, 3) sRGB, and (H, W) coverage if given, as a PNG with straight alpha.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    pixels = image if alpha is None else np.dstack([image, alpha])
-    spec = oiio.ImageSpec(image.shape[1], image.shape[0], pixels.shape[2], oiio.UINT8)
-    spec.attribute("oiio:ColorSpace", "sRGB")
-    spec.attribute("oiio:UnassociatedAlpha", 1)
-    file = oiio.ImageOutput.create("png")
-    written = file.open(str(path), spec) and file.write_image(np.ascontiguousarray(pixels))
-    written = file.close() and written
-    # OpenImageIO says nothing when the disk is full; the file then lacks its end.
-    if not written or not _ends_with(path, _PNG_END):
-        raise OSError(f"{path}: {file.geterror() or 'the image could not be written completely (is the disk full?)'}")
-
-
-def _ends_with(path: Path, ending: bytes) -> bool:
-    with open(path, "rb") as file:
-        size = file.seek(0, os.SEEK_END)
-        file.seek(max(size - len(ending), 0))
-        return file.read(len(ending)) == ending
 
 
 def fit_size(width: int, height: int, max_size: int | None) -> tuple[int, int]:

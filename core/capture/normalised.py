@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from .images import write_png
+from ..images import write_png
 from .model import Capture, View
 from .points import write_point_cloud
 from .poses import OPENGL_TO_OPENCV, invert_rigid

@@ -30,8 +30,8 @@ class TrainingPlan:
         limit: most Gaussians.
         sh_degree: of the colours; higher terms join one by one over the first half.
         ssim_weight: λ of (1 - λ) L1 + λ (1 - SSIM).
-        rates: step sizes at the start, in frame units where they are lengths. About four times those of 3DGS, whose runs
-            are six times as long.
+        rates: step sizes at the start, in frame units where they are lengths; about four times those of 3DGS,
+            whose runs are six times as long.
         means_decay, rates_decay: what is left of the step sizes at the end, reached exponentially.
         coarse: (fraction of the run, factor) pairs: until then the photographs are reduced by the factor.
         initial: how the first Gaussians are made.

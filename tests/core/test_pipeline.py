@@ -50,8 +50,19 @@ def report(finished) -> dict:
 
 def test_everything_that_the_contract_names_is_there(finished):
     names = {path.name for path in finished.iterdir()}
-    assert names == {"capture", "enhanced", "layer.deutan-0.6.cube", "layer.tritan-0.6.cube", "renders", "report.html", "report.json", "run.log", "splats.ply",
-                     "splats.deutan-0.6.ply", "splats.tritan-0.6.ply"}  # fmt: skip
+    assert names == {
+        "capture",
+        "enhanced",
+        "layer.deutan-0.6.cube",
+        "layer.tritan-0.6.cube",
+        "renders",
+        "report.html",
+        "report.json",
+        "run.log",
+        "splats.deutan-0.6.ply",
+        "splats.ply",
+        "splats.tritan-0.6.ply",
+    }
     for layer in ("deutan-0.6", "tritan-0.6"):
         assert len(list((finished / "enhanced" / layer).glob("*.png"))) == VIEWS
         assert len(list((finished / "renders" / layer).glob("*.png"))) == VIEWS // 8

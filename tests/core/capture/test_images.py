@@ -11,8 +11,9 @@ import pytest
 from PIL import Image, ImageCms, ImageOps
 
 from cvdgs.core.capture import inspect_capture, read_capture
-from cvdgs.core.capture.images import MAX_SIDE, downscale_with_alpha, fit_size, read_header, read_pixels, write_png
+from cvdgs.core.capture.images import MAX_SIDE, downscale_with_alpha, fit_size, read_header, read_pixels
 from cvdgs.core.errors import InputError
+from cvdgs.core.images import write_png
 
 from .make_captures import frames, intrinsics, pinhole, save, shots, write_colmap, write_transforms
 
