@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import runpy
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,10 @@ if importlib.util.find_spec("bpy") is None:
     collect_ignore_glob = ["test_*.py"]
 else:
     import bpy
+
+    if importlib.util.find_spec("cvdgs") is None:  # an environment that has bpy and little else
+        worker = Path(__file__).resolve().parents[2] / "cvdgs_addon" / "scene" / "worker.py"
+        runpy.run_path(str(worker))["load_package"]()
 
     from .scenes import synthetic_run
 

@@ -1,0 +1,97 @@
+"""The extension's zip: built by Blender's own tool, complete, free of what is not needed, and loadable by Blender."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import cvdgs
+
+ROOT = Path(cvdgs.__file__).parent
+BUILDER = ROOT / "scripts" / "build_extension.py"
+
+INSTALL = """
+import json, os, sys
+import bpy, addon_utils
+name = "bl_ext.user_default.cvdgs"
+operators = bpy.ops.extensions
+def installed():
+    return os.path.isdir(os.path.join(bpy.utils.user_resource("EXTENSIONS"), "user_default", "cvdgs"))
+found = {}
+for attempt in range(2):
+    operators.package_install_files(filepath=sys.argv[1], repo="user_default", enable_on_install=False)
+    found["installed"] = installed()
+    found["enabled"] = addon_utils.enable(name, default_set=True) is not None
+    import importlib
+    found["package"] = importlib.import_module(name + ".cvdgs_addon.scene.convert").convert.__module__
+    addon_utils.disable(name, default_set=True)
+    repository = [entry.module for entry in bpy.context.preferences.extensions.repos].index("user_default")
+    operators.package_uninstall(repo_index=repository, pkg_id="cvdgs")
+    found["left"] = installed()
+print(json.dumps(found), flush=True)
+os._exit(0)
+"""
+
+
+@pytest.fixture(scope="module")
+def extension(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("dist")
+    result = subprocess.run([sys.executable, BUILDER, "--out", folder], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    (built,) = folder.iterdir()
+    return built
+
+
+def test_the_zip_holds_the_package_and_only_that(extension):
+    names = zipfile.ZipFile(extension).namelist()
+    assert {name.split("/")[0] for name in names} == {
+        "blender_manifest.toml",
+        "LICENSE",
+        "README.md",
+        "__init__.py",
+        "constraints.txt",
+        "core",
+        "cvdgs_addon",
+        "operators",
+        "ui",
+    }
+    assert {"core/__main__.py", "core/splats/ply.py", "cvdgs_addon/scene/worker.py"} <= set(names)
+    assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
+
+
+def test_manifest_and_package_have_one_version(extension):
+    with zipfile.ZipFile(extension).open("blender_manifest.toml") as file:
+        manifest = tomllib.load(file)
+    assert manifest["version"] == cvdgs.__version__
+    assert extension.name == f"cvdgs-{cvdgs.__version__}.zip"
+
+
+def test_blender_installs_enables_and_removes_it_twice(extension, tmp_path):
+    environment = {**os.environ, "BLENDER_USER_RESOURCES": str(tmp_path)}
+    command = [sys.executable, "-c", INSTALL, str(extension)]
+    result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
+    assert result.returncode == 0, result.stderr
+    assert json.loads(result.stdout.strip().splitlines()[-1]) == {
+        "installed": True,
+        "enabled": True,
+        "package": "bl_ext.user_default.cvdgs.cvdgs_addon.scene.convert",
+        "left": False,
+    }
+
+
+def test_a_manifest_that_blender_refuses_is_reported_in_one_line(tmp_path):
+    tool = tmp_path / "tool.py"
+    tool.write_text("import sys\nprint('Error:\\n  tagline too long')\nsys.exit(sys.argv[1] == 'build')\n")
+    command = [sys.executable, BUILDER, "--out", tmp_path / "dist", "--tool", tool]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == 2
+    assert result.stderr.count("\n") == 1
+    assert "refused by Blender's 'build': Error: tagline too long" in result.stderr
+    assert list((tmp_path / "dist").iterdir()) == []
