@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from .cameras import Pose, focal_pixels
 from .settings import CameraSettings
 
-DEPTH_UNIT = 1e-4
-"""Metres a grey level of the 16-bit depth maps; they reach 6.55 m. 0 stands for no surface, or farther."""
+DEPTH_UNIT = 2e-4
+"""Metres a grey level of the 16-bit depth maps; they reach 13.1 m. 0 stands for no surface, or farther."""
 
 
 def write_transforms(path: Path, settings: CameraSettings, poses: list[Pose]) -> None:

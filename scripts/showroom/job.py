@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from .cameras import rings
 from .settings import CaptureSettings
 
 TRANSFORMS = "transforms.json"
+IMAGE_NAME = re.compile(r"view_\d{3,}\.jpg")
 
 
 def make(out: Path, settings: CaptureSettings, reporter: Reporter, threads: int = 0) -> None:
@@ -34,8 +36,8 @@ def make(out: Path, settings: CaptureSettings, reporter: Reporter, threads: int 
         photograph.render_view(camera, pose, paths[-1])
         reporter.progress("photographs", (index + 1) / len(poses), paths[-1].name)
 
-    reporter.status("depth", f"{settings.depth_views} maps and {settings.points} points")
     chosen = np.linspace(0, len(poses) - 1, min(settings.depth_views, len(poses))).round().astype(int)
+    reporter.status("depth", f"{len(chosen)} maps and {settings.points} points")
     surfaces = photograph.Surfaces()
     measured = [poses[index] for index in chosen]
     for index, pose in enumerate(measured):
@@ -48,10 +50,10 @@ def make(out: Path, settings: CaptureSettings, reporter: Reporter, threads: int 
 
 def _prepare(out: Path) -> tuple[Path, Path]:
     """Create the folders for images and depth maps, without an earlier showroom's files."""
-    if out.is_dir() and any(out.iterdir()) and not (out / "images").is_dir():
-        raise InputError("the folder holds something else", where=out, remedy="give an empty or new folder")
     images, depths = out / "images", out / "depth"
     try:
+        if out.exists() and any(out.iterdir()) and not _is_showroom(images):
+            raise InputError("the folder holds something else", where=out, remedy="give an empty or new folder")
         (out / TRANSFORMS).unlink(missing_ok=True)
         for folder, pattern in ((images, "view_*.jpg"), (depths, "view_*.png")):
             folder.mkdir(parents=True, exist_ok=True)
@@ -60,3 +62,8 @@ def _prepare(out: Path) -> tuple[Path, Path]:
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", where=out, remedy="choose another folder") from None
     return images, depths
+
+
+def _is_showroom(images: Path) -> bool:
+    """Whether an image folder is there and holds nothing that this program would not have written."""
+    return images.is_dir() and all(IMAGE_NAME.fullmatch(path.name) for path in images.iterdir())

@@ -13,6 +13,9 @@ _WHITE = RGB_TO_XYZ.sum(axis=1)
 # CIE 15: where the cube root of CIELAB turns into a straight line.
 _LAB_KNEE = 6.0 / 29.0
 
+# ΔE76 in S that still counts as confused among the tritan pairs.
+TRITAN_LIMIT = 5.5
+
 # Cloth is never as dark or as bright as the display: keeps shadows and highlights inside the range.
 ALBEDO_RANGE = (0.012, 0.86)
 
@@ -125,21 +128,22 @@ def palette(deficiency: str) -> Palette:
     if deficiency == "protan":
         return Palette(
             tartan=confused_pair(lch(48, 46, 35), deficiency, wanted=55, lightness_span=12),
-            stripe=confused_pair(lch(60, 46, 75), deficiency, wanted=50, lightness_span=9),
+            stripe=confused_pair(lch(60, 46, 75), deficiency, wanted=46, lightness_span=9),
             herringbone=confused_pair(lch(66, 24, 345), deficiency, wanted=44, lightness_span=9),
-            jacquard=confused_pair(lch(55, 22, 10), deficiency, wanted=46, lightness_span=9),
+            jacquard=confused_pair(lch(52, 30, 20), deficiency, wanted=44, lightness_span=9),
             cream=cream,
             dark=dark,
             satin=lch(58, 36, 45),
             sheer=lch(84, 16, 200),
         )
+    # Machado's tritan leaves much of the blue-yellow contrast: pairs this far apart are the most there is.
     return Palette(
-        tartan=confused_pair(lch(50, 34, 200), deficiency, wanted=42, lightness_span=9),
-        stripe=confused_pair(lch(70, 50, 150), deficiency, wanted=44, lightness_span=9),
-        herringbone=confused_pair(lch(75, 55, 85), deficiency, wanted=42, lightness_span=9),
-        jacquard=confused_pair(lch(55, 30, 150), deficiency, wanted=42, lightness_span=9),
+        tartan=confused_pair(lch(50, 45, 135), deficiency, wanted=34, limit=TRITAN_LIMIT),
+        stripe=confused_pair(lch(72, 62, 85), deficiency, wanted=38, limit=TRITAN_LIMIT),
+        herringbone=confused_pair(lch(58, 50, 135), deficiency, wanted=34, limit=TRITAN_LIMIT),
+        jacquard=confused_pair(lch(66, 50, 75), deficiency, wanted=32, limit=TRITAN_LIMIT),
         cream=cream,
         dark=lch(28, 20, 20),
-        satin=lch(64, 30, 190),
+        satin=lch(62, 28, 195),
         sheer=lch(84, 16, 90),
     )

@@ -10,6 +10,7 @@ import numpy as np
 from mathutils.bvhtree import BVHTree
 from numpy.typing import NDArray
 
+from ...core.errors import InputError
 from .cameras import SENSOR_WIDTH, Pose, pixel_centres, pixel_directions
 from .settings import CameraSettings, CaptureSettings
 
@@ -73,11 +74,18 @@ def set_up_render(settings: CaptureSettings, threads: int) -> None:
 
 
 def render_view(camera: bpy.types.Object, pose: Pose, path: Path) -> None:
-    """Render one photograph into a JPEG file."""
+    """Render one photograph into a JPEG file.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
     place(camera, pose)
     bpy.context.scene.render.filepath = str(path)
     bpy.context.scene.render.use_file_extension = False
-    bpy.ops.render.render(write_still=True)
+    try:
+        bpy.ops.render.render(write_still=True)
+    except RuntimeError:
+        raise InputError("the image cannot be written", where=path, remedy="check space and permissions") from None
 
 
 def read_image(path: Path) -> NDArray[np.float32]:

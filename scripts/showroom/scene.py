@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import cloth, materials, meshes
+from .arrangement import ARRANGEMENTS
 from .cloth import Surface
 from .collection import Fabrics
 from .meshes import ClothPhysics
@@ -21,6 +22,7 @@ from .settings import SceneSettings
 
 Progress = Callable[[str], None]
 
+# Boxes are (lowest corner, highest corner); the set is about 3.3 m wide, what a 36 mm lens frames at 3.4 m.
 LOW_PLINTH = ((-1.15, -0.35, 0.0), (0.95, 0.52, 0.38))
 BACK_BLOCK = ((-1.15, 0.12, 0.38), (0.02, 0.52, 0.78))
 CUBE = ((0.42, 0.10, 0.38), (0.78, 0.46, 0.70))
@@ -44,6 +46,7 @@ LIGHTS = (
     Light((2.8, -2.0, 2.8), (0.0, 0.3, 0.7), 2.0, 65.0),
     Light((0.0, 0.2, 3.6), (0.0, 0.3, 0.0), 2.6, 55.0),
 )
+# Radiance of the sky above the open room, against white = 1: fills the shadows.
 AMBIENT = 0.24
 
 
@@ -100,6 +103,7 @@ class _Stage:
         self._settings = settings
         self._seed = seed
         self._fabrics = fabrics
+        self._arrangement = ARRANGEMENTS[settings.variant]
 
     def _spacing(self, finest: float) -> float:
         return finest / self._settings.cloth_detail
@@ -176,7 +180,7 @@ class _Stage:
         return plinth, cube, pedestal, floor
 
     def hangings(self) -> None:
-        """A rail with pleated cloths: tartan, stripe, and organza in front of a part of the stripe."""
+        """A rail with two pleated cloths, and organza in front of a part of the second."""
         steel = materials.plain("bronzed steel", np.array([0.055, 0.045, 0.038]), roughness=0.55)
         rail = meshes.add_cylinder(
             "rail", (-RAIL_HALF, RAIL_Y, RAIL_Z), 0.014, 2 * RAIL_HALF, 0.0, rotation=cloth.rotation(y=90)
@@ -185,9 +189,10 @@ class _Stage:
         feet = [meshes.add_cylinder("foot", (x, RAIL_Y, 0.0), 0.13, 0.014, 0.004) for x in (-RAIL_HALF, RAIL_HALF)]
         for obj in (rail, *posts, *feet):
             obj.data.materials.append(steel)
+        left, right = self._arrangement.drapes
         drapes = (
-            ("tartan", -0.92, 0.0, 1.20, 1.60, 1.5, 6.0),
-            ("stripe", 0.36, 0.0, 1.15, 1.70, 1.5, 7.0),
+            (left, -0.92, 0.0, 1.20, 1.60, 1.5, 6.0),
+            (right, 0.36, 0.0, 1.15, 1.70, 1.5, 7.0),
             ("organza", 1.02, -0.14, 1.10, 1.78, 1.6, 9.0),
         )
         for index, (fabric, x, y, width, drop, fullness, pleats) in enumerate(drapes):
@@ -201,11 +206,7 @@ class _Stage:
         """Folded cloths on the oak block."""
         rng = np.random.default_rng(self._seed + 10)
         (left, front, _), (_, back, top) = BACK_BLOCK
-        piles = (
-            (left + 0.27, ("pink", "herringbone", "cream", "tartan")),
-            (left + 0.80, ("stripe", "green", "basket")),
-        )
-        for x, fabrics in piles:
+        for x, fabrics in zip((left + 0.27, left + 0.80), self._arrangement.piles, strict=True):
             z = top + 0.001
             for fabric in fabrics:
                 width, depth = 0.40 + rng.uniform(-0.02, 0.02), 0.30 + rng.uniform(-0.02, 0.02)
@@ -222,16 +223,9 @@ class _Stage:
     def rolls(self) -> None:
         """A pyramid of rolled cloth on the floor, its ends towards the cameras."""
         radius, core = 0.085, 0.022
-        pile = (
-            (0, 0, "green"),
-            (1, 0, "tartan"),
-            (2, 0, "pink"),
-            (0.5, 1, "orange"),
-            (1.5, 1, "blue"),
-            (1, 2, "herringbone"),
-        )
+        places = ((0, 0), (1, 0), (2, 0), (0.5, 1), (1.5, 1), (1, 2))  # column, row
         card = materials.plain("card", np.array([0.36, 0.26, 0.17]))
-        for column, row, fabric in pile:
+        for (column, row), fabric in zip(places, self._arrangement.rolls, strict=True):
             shape = cloth.roll(
                 0.62 + 0.04 * ((column * 7 + row * 3) % 3 - 1), core, radius, 0.008, self._spacing(0.012)
             )
@@ -248,17 +242,18 @@ class _Stage:
             tube.data.materials.append(card)
 
     def cushions(self) -> None:
-        """Cushions with piping that lean on the block, and one that lies on the plinth."""
+        """Cushions with piping that lean on the block, and a small one before them."""
         top = LOW_PLINTH[1][2]
         front = BACK_BLOCK[0][1]
         places = (
-            # fabric, piping, side, x, distance of the foot from the block, tilt, turn about z, roll in its plane
-            ("jacquard", "cream", 0.50, -0.90, 0.18, 70, 5, 3),
-            ("green", "orange", 0.46, -0.45, 0.17, 69, -4, -4),
-            ("stripe", "cream", 0.48, -0.06, 0.19, 67, -7, 3),
-            ("tartan", "green", 0.40, -0.60, 0.36, 60, 7, -3),
+            # side, x, distance of the foot from the block, tilt, turn about z, roll in its plane
+            (0.50, -0.90, 0.18, 70, 5, 3),
+            (0.46, -0.45, 0.17, 69, -4, -4),
+            (0.48, -0.06, 0.19, 67, -7, 3),
+            (0.40, -0.60, 0.36, 60, 7, -3),
         )
-        for index, (fabric, piping, side, x, away, tilt, heading, roll) in enumerate(places):
+        for index, (side, x, away, tilt, heading, roll) in enumerate(places):
+            fabric, piping = self._arrangement.cushions[index]
             shape, seam = self._cushion(side, index)
             turn = cloth.rotation(z=heading) @ cloth.rotation(x=tilt) @ cloth.rotation(z=roll)
             turned = shape.vertices @ turn.T
@@ -282,7 +277,7 @@ class _Stage:
         return meshes.simulate(replace(cover, vertices=uneven), physics), seam
 
     def throw(self, obstacles: Sequence[bpy.types.Object]) -> None:
-        """A thick throw of visible yarns that lies on the plinth and falls over its front to the floor."""
+        """A thick throw that lies on the plinth and falls over its front to the floor."""
         sheet = cloth.flat_cloth(0.66, 1.05, self._spacing(0.022))
         front, top = LOW_PLINTH[0][1], LOW_PLINTH[1][2]
         rng = np.random.default_rng(self._seed + 30)
@@ -291,17 +286,19 @@ class _Stage:
         start = waves.moved(cloth.rotation(z=9), np.array([0.34, front - 0.10, top + 0.03]))
         held = sheet.uv[:, 1] > sheet.uv[:, 1].max() - 0.12
         physics = ClothPhysics(frames=70, mass=0.3, bending=1.0, distance=0.008)
-        obj = self._dress(meshes.add_surface("throw", meshes.simulate(start, physics, obstacles, held)), "basket")
+        obj = meshes.add_surface("throw", meshes.simulate(start, physics, obstacles, held))
+        self._dress(obj, self._arrangement.throw)
         self._smooth(obj)
         self._thicken(obj, 0.010)
 
     def draped_cube(self, obstacles: Sequence[bpy.types.Object]) -> None:
-        """Herringbone cloth over the cube, its corners on the plinth."""
+        """Cloth over the cube, its corners on the plinth."""
         sheet = cloth.flat_cloth(0.92, 0.92, self._spacing(0.022))
         (left, front, _), (right, back, top) = CUBE
         start = sheet.moved(cloth.rotation(z=24), np.array([(left + right) / 2, (front + back) / 2, top + 0.02]))
         physics = ClothPhysics(frames=60, mass=0.2, bending=0.8, distance=0.007)
-        obj = self._dress(meshes.add_surface("draped cube", meshes.simulate(start, physics, obstacles)), "herringbone")
+        obj = meshes.add_surface("draped cube", meshes.simulate(start, physics, obstacles))
+        self._dress(obj, self._arrangement.cube)
         self._smooth(obj)
         self._thicken(obj, 0.004)
 
