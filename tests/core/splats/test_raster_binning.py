@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,7 +14,10 @@ from cvdgs.core.splats.raster.runner import TILE_HEIGHT, TILE_WIDTH
 
 from . import raster_reference as reference
 
-RASTERIZERS = [Rasterizer(threads=1), Rasterizer(threads=3)]
+
+@cache
+def rasterizers() -> tuple[Rasterizer, ...]:
+    return Rasterizer(threads=1), Rasterizer(threads=3)
 
 
 def gaussians_at_depths(depths: np.ndarray) -> Gaussians:
@@ -38,7 +43,7 @@ def test_gaussians_are_ordered_by_depth_stably_and_culled_ones_come_last(depths,
     depths = np.array(depths * repeat, np.float32)
     camera = RasterCamera(9, 9, 10.0, 10.0, 4.5, 4.5, np.eye(4))
     orders = []
-    for rasterizer in RASTERIZERS:
+    for rasterizer in rasterizers():
         frame = rasterizer.render(ParameterSet.from_gaussians(gaussians_at_depths(depths)), camera)
         visible = frame.visible.numpy().astype(bool)
         order = rasterizer.runner.array("order").numpy()[: len(depths)]
@@ -79,7 +84,7 @@ def test_the_lists_hold_every_pixel_that_a_gaussian_reaches_and_few_others(seed,
     projected = {name: value.detach() for name, value in reference.project(scene).items()}
     reached = reference.alphas(scene.camera, projected).numpy().reshape(height, width, -1) > 0
     tiles_x, tiles_y = -(-width // TILE_WIDTH), -(-height // TILE_HEIGHT)
-    for rasterizer in RASTERIZERS:
+    for rasterizer in rasterizers():
         rasterizer.render(ParameterSet.from_gaussians(scene.gaussians), scene.camera)
         listed = tile_rows(rasterizer, tiles_x * tiles_y)
         for gaussian in range(30):

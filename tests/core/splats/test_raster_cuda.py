@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 
@@ -11,6 +12,7 @@ import warp as wp
 
 from cvdgs.core.errors import InputError
 from cvdgs.core.splats.raster import Adam, LearningRates, ParameterSet, Rasterizer, load
+from cvdgs.core.splats.raster.runner import Runner
 
 from . import raster_reference as reference
 
@@ -58,9 +60,13 @@ def test_a_device_that_is_not_there_is_named():
         load("abacus")
 
 
-def two_steps(scene: reference.Scene, device: str, mask: np.ndarray | None) -> dict[str, np.ndarray]:
-    """Everything a step yields, twice in a row."""
+def two_steps(
+    scene: reference.Scene, device: str, mask: np.ndarray | None, runner: Runner | None = None
+) -> dict[str, np.ndarray]:
+    """Everything a step yields, twice in a row; `runner` takes the place of the device's own."""
     rasterizer = Rasterizer(device)
+    if runner is not None:
+        rasterizer.runner = runner
     params = ParameterSet.from_gaussians(scene.gaussians, device)
     optimizer = Adam(params)
     shape = (scene.camera.height, scene.camera.width)
@@ -92,6 +98,18 @@ def two_steps(scene: reference.Scene, device: str, mask: np.ndarray | None) -> d
     return results
 
 
+def assert_agreement(found: dict[str, np.ndarray], expected: dict[str, np.ndarray]) -> None:
+    for name, value in expected.items():
+        error = np.linalg.norm(found[name].astype(np.float64) - value)
+        # The second step starts from parameters that Adam moved by the sign of tiny gradients.
+        tolerance = 1e-2 if name.endswith(" 1") or name == "colours alone" else 2e-5
+        assert error <= tolerance * np.linalg.norm(value.astype(np.float64)) + 1e-7, name
+
+
+def soft_mask(width: int, height: int) -> np.ndarray:
+    return np.random.default_rng(5).uniform(size=(height, width)).astype(np.float32)
+
+
 @pytest.mark.gpu
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize(
@@ -100,13 +118,25 @@ def two_steps(scene: reference.Scene, device: str, mask: np.ndarray | None) -> d
 def test_cuda_and_cpu_agree(count, width, height, sh_degree, masked):
     device = cuda_device()
     scene = reference.random_scene(count, width, height, sh_degree=sh_degree, seed=count)
-    mask = np.random.default_rng(5).uniform(size=(height, width)).astype(np.float32) if masked else None
-    expected, found = two_steps(scene, "cpu", mask), two_steps(scene, device, mask)
-    for name, value in expected.items():
-        error = np.linalg.norm(found[name].astype(np.float64) - value)
-        # The second step starts from parameters that Adam moved by the sign of tiny gradients.
-        tolerance = 1e-2 if name.endswith(" 1") or name == "colours alone" else 2e-5
-        assert error <= tolerance * np.linalg.norm(value.astype(np.float64)) + 1e-7, name
+    mask = soft_mask(width, height) if masked else None
+    assert_agreement(two_steps(scene, device, mask), two_steps(scene, "cpu", mask))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
+def test_the_cuda_kernels_emulated_without_a_gpu_agree_with_the_cpu(tmp_path):
+    from . import cuda_emulation as emulation
+
+    kernels = emulation.compile_kernels(tmp_path)
+    for count, width, height, sh_degree, masked in [
+        (150, 35, 21, 3, False),
+        (60, 17, 33, 1, True),
+        (0, 9, 9, 0, False),
+    ]:
+        scene = reference.random_scene(count, width, height, sh_degree=sh_degree, seed=count)
+        mask = soft_mask(width, height) if masked else None
+        found = two_steps(scene, "cpu", mask, emulation.EmulatedCudaRunner(kernels))
+        assert_agreement(found, two_steps(scene, "cpu", mask))
 
 
 @pytest.mark.gpu
