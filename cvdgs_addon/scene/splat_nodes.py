@@ -23,6 +23,7 @@ from enum import IntEnum, StrEnum
 
 import bpy
 
+from .harmonics_nodes import view_dependent_part
 from .nodes import NodeWriter, Value, add_input, new_group
 
 GROUP_NAME = "CVD Gaussians"
@@ -82,14 +83,20 @@ def color_attribute(layer: str) -> str:
     return f"color_{layer}"
 
 
-def build_group(disc: bpy.types.Material, ellipsoid: bpy.types.Material) -> bpy.types.NodeTree:
+def group_name(sh_degree: int) -> str:
+    """Name of the node group for Gaussians of an SH degree."""
+    return f"{GROUP_NAME} SH{sh_degree}" if sh_degree else GROUP_NAME
+
+
+def build_group(sh_degree: int, disc: bpy.types.Material, ellipsoid: bpy.types.Material) -> bpy.types.NodeTree:
     """Make the group.
 
     Args:
+        sh_degree: of the original colours, 0 to 3; layers have one colour for all directions.
         disc: material of the camera-facing hull.
         ellipsoid: material of the hull around the Gaussian.
     """
-    tree = new_group("GeometryNodeTree", GROUP_NAME)
+    tree = new_group("GeometryNodeTree", group_name(sh_degree))
     tree.is_modifier = True
     tree.description = "Draws Gaussian splats as instances, blended between the original colours and a CVD layer"
     _declare_sockets(tree)
@@ -113,7 +120,7 @@ def build_group(disc: bpy.types.Material, ellipsoid: bpy.types.Material) -> bpy.
     dilation = inputs[Input.DILATION]
     placement = write.switch("MATRIX", facing, splat.ellipsoid(dilation), splat.disc(dilation))
     instances = write.output("GeometryNodeSetInstanceTransform", instances, True, placement)
-    color = _color(write, inputs)
+    color = _color(write, inputs, splat.direction if sh_degree else None, sh_degree)
     instances = write.output("GeometryNodeStoreNamedAttribute", instances, True, Attribute.DRAWN_COLOR, color,
                              data_type="FLOAT_COLOR", domain="INSTANCE")  # fmt: skip
     write.node("NodeGroupOutput", instances)
@@ -206,6 +213,15 @@ class _Splat:
         # o exp(-r^2 / 2) = ALPHA_MIN at r = sqrt(2 ln(o / ALPHA_MIN)) standard deviations.
         ratio = write.math("MAXIMUM", write.math("DIVIDE", self.opacity, ALPHA_MIN), 1.0)
         self.reach = write.math("SQRT", write.math("MULTIPLY", 2.0, write.math("LOGARITHM", ratio, math.e)))
+
+    @property
+    def direction(self) -> Value:
+        """Unit vector from the camera to the centre, in the axes in which the Gaussians were made."""
+        write = self._write
+        eye = write.output("FunctionNodeTransformPoint", _ORIGIN, self._camera.to_object)
+        ray = write.vector_math("SUBTRACT", self.position, eye)
+        unframed = write.output("FunctionNodeInvertMatrix", self.frame)
+        return write.vector_math("NORMALIZE", write.output("FunctionNodeTransformDirection", ray, unframed))
 
     def ellipsoid(self, dilation: Value) -> Value:
         """Matrix that takes the unit sphere to the ellipsoid, grown by the low-pass at this depth."""
@@ -312,11 +328,25 @@ def _disc(write: NodeWriter, material: bpy.types.Material) -> Value:
     return write.output("GeometryNodeSetMaterial", mesh, True, material)
 
 
-def _color(write: NodeWriter, inputs: dict[str, bpy.types.NodeSocket]) -> Value:
+def _color(
+    write: NodeWriter, inputs: dict[str, bpy.types.NodeSocket], direction: Value | None, sh_degree: int
+) -> Value:
     """The colour to show, as trained or converted to scene-linear light."""
     original = write.attribute("FLOAT_COLOR", color_attribute(ORIGINAL)).outputs["Attribute"]
+    if direction is not None:
+        total = write.vector_math("ADD", original, view_dependent_part(write, direction, sh_degree))
+        original = write.vector_math("MAXIMUM", total, _ORIGIN)
     layer = write.attribute("FLOAT_COLOR", inputs[Input.LAYER])
-    enhanced = write.switch("RGBA", layer.outputs["Exists"], original, layer.outputs["Attribute"])
+    # The original's attribute is only the constant part of its colour.
+    is_other = write.output(
+        "FunctionNodeCompare",
+        inputs[Input.LAYER],
+        color_attribute(ORIGINAL),
+        data_type="STRING",
+        operation="NOT_EQUAL",
+    )
+    is_layer = write.both(layer.outputs["Exists"], is_other)
+    enhanced = write.switch("RGBA", is_layer, original, layer.outputs["Attribute"])
     encoded = write.mix("RGBA", inputs[Input.ENHANCED], original, enhanced)
     channels = [_decoded(write, channel) for channel in write.separate(encoded)]
     return write.switch("RGBA", inputs[Input.SCENE_LINEAR], encoded, write.combine(*channels))

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.splats.gaussians import Gaussians
+from ...core.splats.gaussians import SH_C0, Gaussians
+from .harmonics_nodes import coefficient_attribute, coefficient_count
 from .nodes import input_identifier
 from .splat_material import DISC_NAME, ELLIPSOID_NAME, build_disc_material, build_ellipsoid_material
-from .splat_nodes import GROUP_NAME, ORIGINAL, Attribute, Frame, Input, build_group, color_attribute
+from .splat_nodes import GROUP_NAME, ORIGINAL, Attribute, Frame, Input, build_group, color_attribute, group_name
 
 MODIFIER_NAME = "Gaussians"
 
@@ -31,7 +32,7 @@ def add_gaussians(
     Takes about a second for a million Gaussians; nothing loops over points in Python.
 
     Args:
-        gaussians: geometry and the original colours (their direction-independent part).
+        gaussians: geometry and the original colours.
         layers: colours of further layers by name, (N, 3) display-referred sRGB.
         collection: where the object is linked.
         name: of the object and its mesh.
@@ -41,11 +42,11 @@ def add_gaussians(
     """
     _check(gaussians, layers)
     mesh = bpy.data.meshes.new(name)
-    _fill_mesh(mesh, gaussians, {ORIGINAL: gaussians.base_colors, **layers})
+    _fill_mesh(mesh, gaussians, layers)
     splats = bpy.data.objects.new(name, mesh)
     collection.objects.link(splats)
     modifier = splats.modifiers.new(MODIFIER_NAME, "NODES")
-    modifier.node_group = _shared_group()
+    modifier.node_group = _shared_group(gaussians.sh_degree)
     _drive_by_render_size(splats, Input.WIDTH, "x")
     _drive_by_render_size(splats, Input.HEIGHT, "y")
     show_layer(splats, next(iter(layers), ORIGINAL))
@@ -88,12 +89,8 @@ def get_input(splats: bpy.types.Object, name: str) -> float | bool | str:
 def is_splats(candidate: bpy.types.Object) -> bool:
     """Whether `candidate` is an object made by `add_gaussians`."""
     modifier = candidate.modifiers.get(MODIFIER_NAME)
-    return (
-        modifier is not None
-        and modifier.type == "NODES"
-        and modifier.node_group is not None
-        and (modifier.node_group.name.split(".")[0] == GROUP_NAME)
-    )
+    group = modifier.node_group if modifier is not None and modifier.type == "NODES" else None
+    return group is not None and group.name.startswith(GROUP_NAME)
 
 
 def core_bounds(positions: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
@@ -116,8 +113,11 @@ def _check(gaussians: Gaussians, layers: Mapping[str, NDArray[np.float32]]) -> N
                              remedy="use layers of the same run")  # fmt: skip
 
 
-def _fill_mesh(mesh: bpy.types.Mesh, gaussians: Gaussians, colors: Mapping[str, NDArray[np.float32]]) -> None:
+def _fill_mesh(mesh: bpy.types.Mesh, gaussians: Gaussians, layers: Mapping[str, NDArray[np.float32]]) -> None:
     """The points of the Gaussians, then the four of the frame, with their attributes."""
+    # With view-dependent terms to come, the constant one may be negative.
+    original = 0.5 + SH_C0 * gaussians.sh[:, 0] if gaussians.sh_degree else gaussians.base_colors
+    colors = {ORIGINAL: original, **layers}
     count = len(gaussians)
     center, radius = core_bounds(gaussians.means)
     frame = center + radius * np.vstack([np.zeros(3), np.eye(3)])
@@ -140,6 +140,9 @@ def _fill_mesh(mesh: bpy.types.Mesh, gaussians: Gaussians, colors: Mapping[str, 
     for layer, rgb in colors.items():
         rgba = np.concatenate([rgb, np.ones((count, 1), np.float32)], axis=1)
         _add_attribute(mesh, color_attribute(layer), "FLOAT_COLOR", "color", with_frame(rgba))
+    for index in range(1, coefficient_count(gaussians.sh_degree) + 1):
+        name = coefficient_attribute(index)
+        _add_attribute(mesh, name, "FLOAT_VECTOR", "vector", with_frame(gaussians.sh[:, index]))
     mesh.update()
 
 
@@ -148,14 +151,14 @@ def _add_attribute(mesh: bpy.types.Mesh, name: str, kind: str, field: str, value
     attribute.data.foreach_set(field, np.ascontiguousarray(values).ravel())
 
 
-def _shared_group() -> bpy.types.NodeTree:
-    """The node group of this file, made when there is none: all Gaussians of a file share it."""
-    existing = bpy.data.node_groups.get(GROUP_NAME)
+def _shared_group(sh_degree: int) -> bpy.types.NodeTree:
+    """The node group of this file, made when there is none: all Gaussians of an SH degree share it."""
+    existing = bpy.data.node_groups.get(group_name(sh_degree))
     if existing is not None:
         return existing
     disc = bpy.data.materials.get(DISC_NAME) or build_disc_material()
     ellipsoid = bpy.data.materials.get(ELLIPSOID_NAME) or build_ellipsoid_material()
-    return build_group(disc, ellipsoid)
+    return build_group(sh_degree, disc, ellipsoid)
 
 
 def _drive_by_render_size(splats: bpy.types.Object, name: Input, axis: str) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import factorial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -78,6 +80,30 @@ def _slopes(slopes: NDArray, size: int, focal: float, principal: float) -> NDArr
     """Slopes at which the perspective is linearised: within the image and a margin around it."""
     margin = FIELD_MARGIN * 0.5 * size
     return np.clip(slopes, (-principal - margin) / focal, (size - principal + margin) / focal)
+
+
+def harmonics(directions: NDArray, degree: int) -> NDArray[np.float64]:
+    """(N, (degree + 1)^2) real spherical harmonics of (N, 3) unit vectors, from Legendre polynomials by definition."""
+    x, y, z = directions.T
+    azimuth = np.arctan2(y, x)
+    columns = []
+    for band in range(degree + 1):
+        legendre = np.polynomial.Legendre.basis(band)
+        for order in range(-band, band + 1):
+            k = abs(order)
+            derivative = legendre.deriv(k)(z) if k else legendre(z)
+            associated = (-1) ** k * (1.0 - z * z) ** (k / 2.0) * derivative
+            norm = np.sqrt((2 * band + 1) / (4 * np.pi) * factorial(band - k) / factorial(band + k))
+            turn = np.sin(k * azimuth) if order < 0 else np.cos(k * azimuth)
+            columns.append(np.sqrt(2.0 if order else 1.0) * norm * associated * turn)
+    return np.stack(columns, axis=1)
+
+
+def seen_colors(gaussians: Gaussians, eye: NDArray) -> NDArray[np.float64]:
+    """(N, 3) colours as seen from `eye`."""
+    rays = gaussians.means - eye
+    basis = harmonics(rays / np.linalg.norm(rays, axis=1, keepdims=True), gaussians.sh_degree)
+    return np.maximum(0.5 + np.einsum("nk,nkc->nc", basis, gaussians.sh), 0.0)
 
 
 def psnr(a: NDArray, b: NDArray) -> float:

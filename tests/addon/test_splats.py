@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import bmesh
 import bpy
@@ -139,13 +140,32 @@ def test_moving_the_object_moves_the_picture(scene, tmp_path):
     assert ewa.psnr(render_png(scene, tmp_path / "image.png"), reference(gaussians)) > 50.0
 
 
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_colours_that_depend_on_the_direction_are_seen_so(scene, tmp_path, degree):
+    """Also from an object that was turned and applied: the coefficients stay in the axes of the PLY."""
+    sh = np.random.default_rng(degree).normal(0.0, 0.3, (200, (degree + 1) ** 2, 3)).astype(np.float32)
+    gaussians = replace(cloud(200), sh=sh)
+    layer = cloud(200, seed=5).base_colors
+    added = splats.add_gaussians(gaussians, {"deutan-1.0": layer}, scene.collection)
+    turn = mathutils.Euler((0.4, 0.0, 1.0)).to_matrix().to_4x4()
+    added.matrix_world = turn
+    apply_transform(added)
+    scene.camera.matrix_world = turn @ mathutils.Matrix(POSE.tolist())
+    expected = ewa.seen_colors(gaussians, POSE[:3, 3])
+    assert np.abs(expected - ewa.seen_colors(gaussians, -POSE[:3, 3])).max() > 0.2
+    splats.show_layer(added, ORIGINAL)
+    image = render_png(scene, tmp_path / "original.png")
+    assert ewa.psnr(image, reference(gaussians, expected).clip(0.0, 1.0)) > 50.0
+    splats.show_layer(added, "deutan-1.0")
+    assert ewa.psnr(render_png(scene, tmp_path / "layer.png"), reference(gaussians, layer)) > 50.0
+
+
 @pytest.mark.parametrize("scale", [(1.7, 1.7, 1.7), (0.5, 1.0, 1.5)])
 def test_applying_the_transform_changes_nothing(scene, tmp_path, scale):
     added = splats.add_gaussians(cloud(200), {}, scene.collection)
     added.matrix_world = mathutils.Matrix.LocRotScale((0.2, 0.1, -0.3), mathutils.Euler((0.7, -0.4, 0.2)), scale)
     before = render_png(scene, tmp_path / "before.png")
-    with bpy.context.temp_override(active_object=added, object=added, selected_editable_objects=[added]):
-        bpy.ops.object.transform_apply(location=True, rotation=True, scale=True)
+    apply_transform(added)
     assert added.matrix_world == mathutils.Matrix.Identity(4)
     assert np.abs(render_png(scene, tmp_path / "after.png") - before).max() <= 1.01 / 255.0
 
@@ -217,6 +237,11 @@ def test_a_million_gaussians_take_at_most_three_seconds(scene):
     started = time.perf_counter()
     splats.add_gaussians(gaussians, {"deutan-1.0": gaussians.base_colors}, scene.collection)
     assert time.perf_counter() - started < 3.0
+
+
+def apply_transform(target: bpy.types.Object) -> None:
+    with bpy.context.temp_override(active_object=target, object=target, selected_editable_objects=[target]):
+        bpy.ops.object.transform_apply(location=True, rotation=True, scale=True)
 
 
 def one_gaussian(color, scale: float, opacity_logit: float) -> Gaussians:
