@@ -29,6 +29,26 @@ class Reporter:
         """Something the user should know; `name` is stable for programs."""
 
 
+class StageSpan(Reporter):
+    """What a part of a stage reports, as the share of the stage that it is.
+
+    Args:
+        inner: hears of the stage.
+        stage: the stage's name; the part may use another.
+        start, end: the fractions of the stage between which the part lies.
+        message: said instead of the part's own.
+    """
+
+    def __init__(self, inner: Reporter, stage: str, start: float, end: float, message: str) -> None:
+        self._inner, self._stage, self._start, self._end, self._message = inner, stage, start, end, message
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        self._inner.progress(self._stage, self._start + (self._end - self._start) * fraction, self._message)
+
+    def warning(self, name: str, message: str) -> None:
+        self._inner.warning(name, message)
+
+
 class JsonReporter(Reporter):
     """Writes events as JSON lines; progress at most every `interval` seconds, with the time left of its stage."""
 

@@ -15,9 +15,9 @@ from .capture import Capture, View, read_capture, write_capture
 from .enhance import Enhancer, LutEnhancer, make_enhancer
 from .errors import InputError
 from .evaluate.evaluation import Evaluation, Split, enhanced_path
-from .events import Reporter
+from .events import Reporter, StageSpan
 from .images import read_png, to_bytes, write_png
-from .report import SCHEMA
+from .report import SCHEMA, without_non_finite
 from .run_facts import describe_device, peak_memory_mb, versions
 from .settings import Layer, Settings
 from .splats import raster
@@ -64,10 +64,10 @@ def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
         layers = stages.fit_layers(trained.gaussians)
     with clock.measure("evaluate"):
         figures = stages.evaluate(trained.gaussians, layers)
-    return {
+    report = {
         "schema": SCHEMA,
         "versions": versions(),
-        "device": describe_device(device, stages.rasterizer.threads),
+        "device": describe_device(stages.rasterizer),
         "settings": settings.to_dict(),
         "capture": _describe_capture(capture, split),
         "gaussians": len(trained.gaussians),
@@ -79,6 +79,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
         "warnings": recorder.warnings,
         **figures,
     }
+    return without_non_finite(report)
 
 
 @dataclass(frozen=True)
@@ -121,14 +122,18 @@ class _Stages:
         A LUT is also written as ``layer.<layer>.cube``, for grading tools.
         """
         training = self._views(self.split.train)
-        total, done = len(enhancers) * (len(self.capture.views) + 1), 0
+        fit_cost = max(len(self.capture.views), 50)  # a fit takes as long as applying it to some hundred views
+        total, done = len(enhancers) * (len(self.capture.views) + fit_cost), 0
         for layer, enhancer in enhancers.items():
             self.reporter.status("enhance", f"{layer.name}: fitting the enhancer")
-            enhancer.fit([view.image for view in training], self.reporter, alphas=[view.alpha for view in training])
+            span = StageSpan(
+                self.reporter, "enhance", done / total, (done + fit_cost) / total, f"{layer.name}: fitting"
+            )
+            enhancer.fit([view.image for view in training], span, alphas=[view.alpha for view in training])
             if isinstance(enhancer, LutEnhancer) and enhancer.lut is not None:
                 cube = self.folder / f"layer.{layer.name}.cube"
                 enhancer.lut.export_cube(cube, strength=self.settings.strength, title=f"cvdgs {layer.name}")
-            done += 1
+            done += fit_cost
             for view in self.capture.views:
                 write_png(enhanced_path(self.folder, layer, view), to_bytes(enhancer(view.image)))
                 done += 1

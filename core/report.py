@@ -42,18 +42,25 @@ _STAGE_COLORS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00
 
 def finish_report(folder: Path, report: dict[str, Any]) -> None:
     """Write ``report.json`` and ``report.html`` into the run's folder, whose pictures the page embeds."""
-    report = _without_nan(report)
     (folder / "report.json").write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     (folder / "report.html").write_text(_page(folder, report), encoding="utf-8")
 
 
-def _without_nan(value: Any) -> Any:
-    """JSON has no NaN: what could not be computed is null, and the notes say why."""
+def without_non_finite(report: dict[str, Any]) -> dict[str, Any]:
+    """JSON has neither NaN nor infinity: such numbers become null, and ``notes`` says why, by the number's path."""
+    notes = dict(report["notes"])
+    return {**_clean(report, "", notes), "notes": notes}
+
+
+def _clean(value: Any, path: str, notes: dict[str, str]) -> Any:
     if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
+        return {key: _clean(item, f"{path}.{key}" if path else str(key), notes) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        return [_clean(item, f"{path}[{i}]", notes) for i, item in enumerate(value)]
+    if isinstance(value, float) and not math.isfinite(value):
+        notes[path] = "there is nothing to measure it on" if math.isnan(value) else "infinite: the images are the same"
+        return None
+    return value
 
 
 def _page(folder: Path, report: dict[str, Any]) -> str:

@@ -7,9 +7,9 @@ import platform
 import sys
 from pathlib import Path
 
-import warp as wp
-
 from .. import __version__
+from .splats.raster import Rasterizer
+from .splats.raster.runner_cpu import available_processors
 
 _PACKAGES = ("torch", "warp-lang", "numpy", "pycolmap", "OpenImageIO", "kornia", "colour-science")
 
@@ -20,11 +20,11 @@ def versions() -> dict[str, str]:
     return {"cvdgs": __version__, "python": platform.python_version(), **libraries}
 
 
-def describe_device(device: str, threads: int) -> str:
+def describe_device(rasterizer: Rasterizer) -> str:
     """One line, e.g. ``cpu: AMD EPYC, 2 threads``."""
-    if device != "cpu":
-        return f"cuda: {wp.get_device(device).name}"
-    return f"cpu: {_processor_name()}, {threads} threads"
+    if rasterizer.device.is_cuda:
+        return f"cuda: {rasterizer.device.name}"
+    return f"cpu: {_processor_name()}, {available_processors()} threads"
 
 
 def _processor_name() -> str:

@@ -17,7 +17,7 @@ REPORT = {
     "schema": "cvdgs-report-1", "versions": {"cvdgs": "0"}, "device": "cpu", "settings": {"capture": "photos"},
     "capture": {"format": "colmap", "views": 9, "train": 7, "test": 2, "width": 64, "height": 48, "points": 5},
     "gaussians": 5, "sh_degree": 0, "seconds": {"capture": 1.0, "blender": None, "total": None}, "peak_memory_mb": 1,
-    "reconstruction": {"psnr": float("nan"), "ssim": 0.5}, "layers": {}, "views_shown": [], "notes": {}, "warnings": [],
+    "reconstruction": {"psnr": None, "ssim": 0.5}, "layers": {}, "views_shown": [], "notes": {}, "warnings": [],
     "curve": [],
 }  # fmt: skip
 
@@ -29,11 +29,9 @@ def run(tmp_path):
     def start(body: str, *options: str, out: Path = tmp_path / "out", wait: bool = True):
         worker = tmp_path / "worker"
         prologue = (
-            f"#!{sys.executable}\nimport json, os, signal, sys, time\nREPORT = {REPORT!r}\n".replace(
-                "nan", "float('nan')"
-            )
-            + "request = json.loads(sys.stdin.readline())\nfolder = request['folder']\n"
-            + "def emit(event, **fields): print(json.dumps({'event': event, **fields}), flush=True)\n"
+            f"#!{sys.executable}\nimport json, os, signal, sys, time\nREPORT = {REPORT!r}\n"
+            "request = json.loads(sys.stdin.readline())\nfolder = request['folder']\n"
+            "def emit(event, **fields): print(json.dumps({'event': event, **fields}), flush=True)\n"
         )
         worker.write_text(prologue + textwrap.dedent(body))
         worker.chmod(0o755)

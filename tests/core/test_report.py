@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.images import read_png, write_png
-from cvdgs.core.report import finish_report
+from cvdgs.core.report import finish_report, without_non_finite
 
 LAYER = {
     "psnr_to_enhanced": 31.5,
@@ -62,15 +62,18 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_numbers_that_could_not_be_computed_are_null(folder):
-    finish_report(folder, report())
-    rwe = json.loads((folder / "report.json").read_text())["layers"]["deutan-1.0"]["rwe"]
-    assert rwe["ratio"] is None
-    assert rwe["absolute"] == 0.01
+def test_numbers_that_could_not_be_computed_are_null_with_a_reason(folder):
+    finish_report(folder, without_non_finite(report(reconstruction={"psnr": float("inf"), "ssim": 1.0})))
+    read = json.loads((folder / "report.json").read_text())
+    assert read["layers"]["deutan-1.0"]["rwe"]["ratio"] is None
+    assert read["layers"]["deutan-1.0"]["rwe"]["absolute"] == 0.01
+    assert "nothing" in read["notes"]["layers.deutan-1.0.rwe.ratio"]
+    assert "the same" in read["notes"]["reconstruction.psnr"]
+    assert read["notes"]["rwe"] == "no two views share enough points"
 
 
 def test_the_page_carries_its_pictures_and_asks_for_nothing_else(folder):
-    finish_report(folder, report())
+    finish_report(folder, without_non_finite(report()))
     page = (folder / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 4
     assert not re.search(r"(src|href)='(?!data:)", page)
@@ -78,7 +81,7 @@ def test_the_page_carries_its_pictures_and_asks_for_nothing_else(folder):
 
 
 def test_names_from_outside_are_shown_and_not_run(folder):
-    finish_report(folder, report())
+    finish_report(folder, without_non_finite(report()))
     page = (folder / "report.html").read_text()
     assert "<b>silk" not in page
     assert "&lt;9&gt; views" in page
@@ -86,7 +89,7 @@ def test_names_from_outside_are_shown_and_not_run(folder):
 
 def test_a_run_without_held_out_views_still_has_a_page(folder):
     curve = [{"step": 0, "seconds": 0.0, "psnr": None, "gaussians": 10}]
-    finish_report(folder, report(curve=curve, views_shown=[]))
+    finish_report(folder, without_non_finite(report(curve=curve, views_shown=[])))
     assert "no curve" in (folder / "report.html").read_text()
 
 

@@ -74,10 +74,10 @@ def views(scene):
 
 
 def test_training_recovers_a_known_scene_on_views_that_it_has_not_seen(scene, views):
-    result = train(views[:4] + views[5:], scene.means, TrainingPlan(steps=400, limit=600), held_out=[views[4]])
-    assert result.curve[0]["psnr"] < 20
-    assert result.curve[-1]["psnr"] > 28
-    assert result.curve[-1]["step"] == 400
+    result = train(views[:4] + views[5:], scene.means, TrainingPlan(steps=500, limit=2500), held_out=[views[4]])
+    assert result.curve[0]["psnr"] < 17
+    assert result.curve[-1]["psnr"] > 24
+    assert result.curve[-1]["step"] == 500
 
 
 def test_a_scene_without_points_is_trained_from_the_frustums(views):
