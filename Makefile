@@ -8,6 +8,9 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= out/demo
 BENCH_OUT ?= out/bench
 
+# Spinning OpenMP threads make everything ten times slower beside one busy neighbour.
+export OMP_WAIT_POLICY = passive
+
 .PHONY: venv demo test test-all lint bench clean
 
 venv: $(VENV)/.ready
