@@ -6,10 +6,13 @@ Parts: step (a whole training step against the prototype's loop, in one run).
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 import statistics
+import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -20,6 +23,12 @@ from cvdgs.core.capture import Capture, read_capture  # noqa: E402
 from cvdgs.core.demo import SHOWROOM  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.evaluate.prototype_loop import PrototypeLoop  # noqa: E402
+from cvdgs.core.evaluate.step_benchmark import (  # noqa: E402
+    StepTimes,
+    benchmark_camera,
+    benchmark_step,
+    random_gaussians,
+)
 from cvdgs.core.evaluate.training_step import training_step_milliseconds  # noqa: E402
 
 SHARED = _package.ROOT.parent / "shared"
@@ -55,7 +64,8 @@ def measure_step(options: argparse.Namespace) -> None:
             prototype.step_milliseconds(120, options.threads)  # its first call compiles
         else:
             print(f"no prototype at {options.prototype}: ours alone", file=sys.stderr)
-        ours, theirs = [], []
+        ours: list[float] = []
+        theirs: list[float] = []
         for round_ in range(options.rounds):
             ours.append(training_step_milliseconds(capture, STEPS, options.threads))
             if prototype:
@@ -63,7 +73,25 @@ def measure_step(options: argparse.Namespace) -> None:
             print(
                 f"round {round_ + 1}: ours {ours[-1]:.2f} ms" + (f", prototype {theirs[-1]:.2f} ms" if theirs else "")
             )
-    _write_step(options.out, capture, ours, theirs)
+    with _busy_neighbour():
+        disturbed = training_step_milliseconds(capture, STEPS, options.threads)
+    camera = capture.views[0].camera
+    scene = random_gaussians(10_000, camera.width, camera.height)
+    stages = benchmark_step(
+        scene, benchmark_camera(camera.width, camera.height), capture.views[0].image, threads=options.threads
+    )
+    _write_step(options.out, capture, ours, theirs, disturbed, stages)
+
+
+@contextlib.contextmanager
+def _busy_neighbour() -> Iterator[None]:
+    """Another process that keeps one processor busy."""
+    process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+    try:
+        yield
+    finally:
+        process.kill()
+        process.wait()
 
 
 def _default_capture() -> Path:
@@ -71,7 +99,9 @@ def _default_capture() -> Path:
     return fox if fox.is_dir() else SHOWROOM
 
 
-def _write_step(out: Path, capture: Capture, ours: list[float], theirs: list[float]) -> None:
+def _write_step(
+    out: Path, capture: Capture, ours: list[float], theirs: list[float], disturbed: float, stages: StepTimes
+) -> None:
     out.mkdir(parents=True, exist_ok=True)
     with open(out / "step.csv", "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -88,6 +118,12 @@ def _write_step(out: Path, capture: Capture, ours: list[float], theirs: list[flo
     if theirs:
         ratio = statistics.median(mine / other for mine, other in zip(ours, theirs, strict=True))
         lines += [f"- prototype {statistics.median(theirs):.1f} ms", f"- ratio {ratio:.2f}"]
+    lines += [
+        f"- ours beside one busy process {disturbed:.1f} ms",
+        "",
+        f"Stages, {stages.gaussians} random Gaussians, medians in ms: "
+        + ", ".join(f"{name} {times.wall:.1f}" for name, times in stages.stages.items()),
+    ]
     (out / "step.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))
 
