@@ -39,12 +39,14 @@ class WorkerPool:
     def run(self, tasks: Sequence[Task]) -> None:
         """Runs at most `threads` tasks at the same time, the first one here, and returns when all have ended."""
         first, *others = tasks
-        for inbox, task in zip(self._tasks, others, strict=False):
-            inbox.put(task)
+        started = 0
         try:
+            for inbox, task in zip(self._tasks, others, strict=False):
+                inbox.put(task)
+                started += 1
             first()
-        finally:
-            errors = [self._results.get() for _ in others]
+        finally:  # also when a signal's handler raises: nothing may be left running on the caller's arrays
+            errors = [self._results.get() for _ in range(started)]
         for error in errors:
             if error is not None:
                 raise error
