@@ -8,22 +8,22 @@ enum { GAUSSIANS_BETWEEN_CHECKS = 8 };
 // The literals of the inner loops. They are read through `volatile` once a tile, so that the compiler keeps them in
 // registers and on the stack: in code compiled at run time every literal is an absolute address of its own, and
 // computing those took a fifth of the loop.
-static volatile const float LITERALS[] = {12582912.0f,    0.00132764719f, 0.00967554077f, 0.0555071337f, 0.240221197f,
-                                          0.693146967f, 1.00000007f,    RASTER_TRANSMITTANCE_MIN, RASTER_ALPHA_MAX, 1.0f};
+static volatile const float EXPONENTIAL[] = EXP2_COEFFICIENTS;
+static volatile const float LITERALS[] = {EXP2_ROUNDER, RASTER_TRANSMITTANCE_MIN, RASTER_ALPHA_MAX, 1.0f};
 
 struct Literals {
     Real rounder, e5, e4, e3, e2, e1, e0, transmittance_min, alpha_max, one;
     RASTER_FN_MEMBER Literals() {
+        e5 = splat(EXPONENTIAL[0]);
+        e4 = splat(EXPONENTIAL[1]);
+        e3 = splat(EXPONENTIAL[2]);
+        e2 = splat(EXPONENTIAL[3]);
+        e1 = splat(EXPONENTIAL[4]);
+        e0 = splat(EXPONENTIAL[5]);
         rounder = splat(LITERALS[0]);
-        e5 = splat(LITERALS[1]);
-        e4 = splat(LITERALS[2]);
-        e3 = splat(LITERALS[3]);
-        e2 = splat(LITERALS[4]);
-        e1 = splat(LITERALS[5]);
-        e0 = splat(LITERALS[6]);
-        transmittance_min = splat(LITERALS[7]);
-        alpha_max = splat(LITERALS[8]);
-        one = splat(LITERALS[9]);
+        transmittance_min = splat(LITERALS[1]);
+        alpha_max = splat(LITERALS[2]);
+        one = splat(LITERALS[3]);
     }
     // As exp2_of in numeric.h.
     RASTER_FN_MEMBER Real exp2(Real x) const {

@@ -60,17 +60,17 @@ RASTER_FN Mask is_finite(Real x) { return x - x == splat(0.0f); }
 RASTER_FN float lane(Real x, int i) { return x[i]; }
 RASTER_FN bool lane_is_set(Mask m, int i) { return m[i] != 0; }
 
+#define EXP2_ROUNDER 12582912.0f  // 1.5 * 2^23: the sum's low mantissa bits hold the integer
+// Minimax in relative error on [-1/2, 1/2], highest power first.
+#define EXP2_COEFFICIENTS {0.00132764719f, 0.00967554077f, 0.0555071337f, 0.240221197f, 0.693146967f, 1.00000007f}
+
 // 2^x for -126 <= x <= 126, relative error 1.5e-7: nearest integer by the rounding of a large sum, minimax polynomial
 // for the rest. Other arguments give garbage, but no trap.
 RASTER_FN Real exp2_of(Real x) {
-    const float rounder = 12582912.0f;  // 1.5 * 2^23: the sum's low mantissa bits hold the integer
-    Real shifted = x + rounder;
-    Real f = x - (shifted - rounder);
-    Real p = f * 0.00132764969f + 0.00967554055f;
-    p = p * f + 0.0555071346f;
-    p = p * f + 0.240221202f;
-    p = p * f + 0.693146974f;
-    p = p * f + 1.00000007f;
+    Real shifted = x + EXP2_ROUNDER;
+    Real f = x - (shifted - EXP2_ROUNDER);
+    const float c[] = EXP2_COEFFICIENTS;
+    Real p = ((((f * c[0] + c[1]) * f + c[2]) * f + c[3]) * f + c[4]) * f + c[5];
     return (Real)((Mask)p + ((Mask)shifted << 23));
 }
 
