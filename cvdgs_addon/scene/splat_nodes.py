@@ -34,7 +34,7 @@ FIELD_MARGIN = 0.3  # the projection is linearised within the image and this man
 
 # Circumscribed about the unit sphere and the unit circle, so that the hull cuts nothing off.
 ICOSPHERE_RADIUS = math.sqrt(15.0 / (5.0 + 2.0 * math.sqrt(5.0)))
-DISC_CORNERS = 6  # four triangles; on fewer the rays through transparent corners cost more, on more the triangles do
+DISC_CORNERS = 8  # fewer cost more in rays through transparent corners than they save in triangles
 DISC_RADIUS = 1.0 / math.cos(math.pi / DISC_CORNERS)
 
 _X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)

@@ -15,7 +15,7 @@ from cvdgs.core.splats.ply import write_ply
 from cvdgs.cvdgs_addon.scene.cameras import Clip, add_camera, use_camera
 from cvdgs.cvdgs_addon.scene.intrinsics import Intrinsics
 
-CAMERA = Intrinsics(96, 72, 85.0, 105.0, 45.0, 39.0)
+CAMERA = Intrinsics(64, 48, 56.0, 70.0, 30.0, 26.0)
 """With fx != fy and an off-centre principal point."""
 
 CLIP = Clip(0.05, 100.0)

@@ -44,7 +44,7 @@ def test_the_low_pass_follows_the_resolution_and_the_lens(scene, view, tmp_path)
     splats.add_gaussians(gaussians, {}, scene.collection)
     view.data.lens *= 0.5
     scene.render.resolution_percentage = 200
-    camera = type(CAMERA)(192, 144, CAMERA.fx, CAMERA.fy, 2 * CAMERA.cx, 2 * CAMERA.cy)
+    camera = type(CAMERA)(128, 96, CAMERA.fx, CAMERA.fy, 2 * CAMERA.cx, 2 * CAMERA.cy)
     expected = ewa.render(gaussians, gaussians.base_colors, camera, opencv(POSE))
     image = render_png(scene, tmp_path / "image.png")
     assert ewa.psnr(image, expected) > 50.0
@@ -122,8 +122,8 @@ def test_an_orthographic_camera_shows_ellipsoids(scene, view, tmp_path):
     view.data.type, view.data.ortho_scale = "ORTHO", 3.0
     view.data.shift_x = view.data.shift_y = 0.0
     image = render_png(scene, tmp_path / "image.png")
-    columns, rows = np.meshgrid(np.arange(96) + 0.5 - 48, np.arange(72) + 0.5 - 36)
-    radius = np.hypot(columns, rows) * 3.0 / 96 / 0.2
+    columns, rows = np.meshgrid(np.arange(64) + 0.5 - 32, np.arange(48) + 0.5 - 24)
+    radius = np.hypot(columns, rows) * 3.0 / 64 / 0.2
     expected = np.exp(-0.5 * radius**2) * splat.opacities[0]
     expected[expected < 1 / 255] = 0.0
     assert np.abs(image[..., 0] - expected).max() < 2.0 / 255.0
@@ -167,7 +167,8 @@ def test_applying_the_transform_changes_nothing(scene, tmp_path, scale):
     before = render_png(scene, tmp_path / "before.png")
     apply_transform(added)
     assert added.matrix_world == mathutils.Matrix.Identity(4)
-    assert np.abs(render_png(scene, tmp_path / "after.png") - before).max() <= 1.01 / 255.0
+    # Rounding may swap two Gaussians of the same depth in a few pixels.
+    assert ewa.psnr(render_png(scene, tmp_path / "after.png"), before) > 50.0
 
 
 def test_deleting_points_deletes_gaussians(scene, tmp_path):
