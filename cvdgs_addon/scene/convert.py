@@ -18,7 +18,7 @@ from .finished_run import PARTIAL_FOLDER, FinishedRun, RunView, read_run
 from .placement import add_empty, camera_distance, near_depth, placement
 from .render_settings import Display, decode_srgb, set_background, set_cycles, set_display
 from .splat_nodes import ORIGINAL, Input
-from .splats import add_gaussians, core_bounds, set_input, show_layer
+from .splats import add_gaussians, check_gaussians, core_bounds, set_input, show_layer
 from .stills import render_still, turned_to
 
 STAGE = "blender"
@@ -26,6 +26,7 @@ BLEND_FILE = "scene.blend"
 STILLS_FOLDER = "stills"
 
 _CLIP_END = 500.0  # far end of the cameras' range in distances to the subject: generous, yet well inside float32
+_FULL_DISK = 4 << 20  # bytes; with less free, a failure to write has that reason
 # Display size of the capture's Empty, and of cameras, in distances to the subject.
 _EMPTY_SIZE, _CAMERA_SIZE = 0.2, 0.06
 
@@ -96,9 +97,12 @@ def convert(
             return _convert_in(partial, run, view, options, reporter, clock)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
-    except (OSError, RuntimeError) as error:  # bpy reports a full disk as a RuntimeError
-        raise InputError(f"scene and stills cannot be written ({_first_line(error)})", where=run.folder,
-                         remedy="free space or check the permissions") from error  # fmt: skip
+    except OSError as error:
+        raise _cannot_write(run.folder, error) from error
+    except RuntimeError as error:  # what bpy's operators raise, whatever the reason
+        if shutil.disk_usage(run.folder).free > _FULL_DISK:
+            raise
+        raise _cannot_write(run.folder, error) from error
 
 
 def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOptions = ConversionOptions()) -> LoadedRun:
@@ -109,12 +113,13 @@ def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOption
     Raises:
         InputError: the run's Gaussians or cameras cannot be used.
     """
+    check_gaussians(run.gaussians, run.layers, where=run.folder)
     center, _ = core_bounds(run.gaussians.means)
     matrix = placement(run.views, center) if options.place else np.eye(4)
-    scale = float(abs(matrix[:3, 0] @ matrix[:3, 0]) ** 0.5)
+    scale = float(np.linalg.norm(matrix[:3, 0]))
     distance = camera_distance(run.views, center)
     clip = Clip(near_depth(run.views, distance) * scale, _CLIP_END * distance * scale)
-    top = _add_collection(run.folder.resolve().name or "Capture", scene.collection)
+    top = _add_collection("Capture", scene.collection)
     empty = add_empty(matrix, _EMPTY_SIZE * distance, top)
     camera_collection = _add_collection("Cameras", top)
     cameras = {}
@@ -190,8 +195,11 @@ def _look_through_camera(scene: bpy.types.Scene) -> None:
                     space.region_3d.view_perspective = "CAMERA"
 
 
-def _first_line(error: Exception) -> str:
-    return (str(error).strip() or type(error).__name__).splitlines()[0]
+def _cannot_write(folder: Path, error: Exception) -> InputError:
+    reason = getattr(error, "strerror", None) or "the disk is full"
+    return InputError(
+        f"scene and stills cannot be written ({reason})", where=folder, remedy="free space or check the permissions"
+    )
 
 
 class _Clock:

@@ -127,11 +127,3 @@ def add_input(
     for key, value in properties.items():
         setattr(socket, key, value)
     return socket
-
-
-def input_identifier(tree: bpy.types.NodeTree, name: str) -> str:
-    """The identifier under which a modifier stores the value of the input called `name`."""
-    for item in tree.interface.items_tree:
-        if item.item_type == "SOCKET" and item.in_out == "INPUT" and item.name == name:
-            return item.identifier
-    raise KeyError(f"node group '{tree.name}' has no input '{name}'")

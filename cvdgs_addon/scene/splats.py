@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -11,11 +12,13 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.splats.gaussians import SH_C0, Gaussians
 from .harmonics_nodes import coefficient_attribute, coefficient_count
-from .nodes import input_identifier
+from .modifier_inputs import InputValue, get_modifier_input, modifier_input_path, set_modifier_input
 from .splat_material import DISC_NAME, ELLIPSOID_NAME, build_disc_material, build_ellipsoid_material
 from .splat_nodes import GROUP_NAME, ORIGINAL, Attribute, Frame, Input, build_group, color_attribute, group_name
 
 MODIFIER_NAME = "Gaussians"
+
+_RUN_AGAIN = "train it again"
 
 # The scene's radius is taken inside this part of the Gaussians: a few always float far away.
 _CORE_PERCENTILES = (5.0, 95.0)
@@ -40,7 +43,7 @@ def add_gaussians(
     Raises:
         InputError: no Gaussians, values that are not finite, or a layer of another length.
     """
-    _check(gaussians, layers)
+    check_gaussians(gaussians, layers)
     mesh = bpy.data.meshes.new(name)
     _fill_mesh(mesh, gaussians, layers)
     splats = bpy.data.objects.new(name, mesh)
@@ -51,6 +54,35 @@ def add_gaussians(
     _drive_by_render_size(splats, Input.HEIGHT, "y")
     show_layer(splats, next(iter(layers), ORIGINAL))
     return splats
+
+
+def check_gaussians(gaussians: Gaussians, layers: Mapping[str, NDArray[np.float32]], where: str | Path = "") -> None:
+    """Refuse what cannot be shown.
+
+    Args:
+        gaussians: geometry and the original colours.
+        layers: colours of further layers by name.
+        where: what the complaint names.
+
+    Raises:
+        InputError: no Gaussians, values that are not finite, or a layer of another length.
+    """
+    if len(gaussians) == 0:
+        raise InputError("it holds no Gaussians", where=where, remedy=_RUN_AGAIN)
+    arrays = {
+        "positions": gaussians.means,
+        "scales": gaussians.log_scales,
+        "rotations": gaussians.quaternions,
+        "opacities": gaussians.opacity_logits,
+        "colours": gaussians.sh,
+    }
+    for name, array in {**arrays, **layers}.items():
+        if not np.isfinite(array).all():
+            raise InputError(f"some {name} are not finite numbers", where=where, remedy=_RUN_AGAIN)
+    for name, colors in layers.items():
+        if colors.shape != (len(gaussians), 3):
+            counts = f"{len(colors)} colours for {len(gaussians)} Gaussians"
+            raise InputError(f"layer '{name}' has {counts}", where=where, remedy="use layers of the same run")
 
 
 def layer_names(splats: bpy.types.Object) -> list[str]:
@@ -73,17 +105,20 @@ def show_layer(splats: bpy.types.Object, layer: str, enhanced: float = 1.0) -> N
     set_input(splats, Input.ENHANCED, float(enhanced))
 
 
-def set_input(splats: bpy.types.Object, name: str, value: float | bool | str) -> None:
+def set_input(splats: bpy.types.Object, name: str, value: InputValue) -> None:
     """Set an input of the node group (see `splat_nodes.Input`) for this object."""
-    modifier = splats.modifiers[MODIFIER_NAME]
-    modifier[input_identifier(modifier.node_group, name)] = value
+    set_modifier_input(splats.modifiers[MODIFIER_NAME], name, value)
     splats.update_tag()
 
 
-def get_input(splats: bpy.types.Object, name: str) -> float | bool | str:
+def get_input(splats: bpy.types.Object, name: str) -> InputValue:
     """The value of an input of the node group for this object."""
-    modifier = splats.modifiers[MODIFIER_NAME]
-    return modifier[input_identifier(modifier.node_group, name)]
+    return get_modifier_input(splats.modifiers[MODIFIER_NAME], name)
+
+
+def input_path(splats: bpy.types.Object, name: str) -> str:
+    """Data path of an input of the node group from this object: for keyframes, drivers and panels."""
+    return modifier_input_path(splats.modifiers[MODIFIER_NAME], name)
 
 
 def is_splats(candidate: bpy.types.Object) -> bool:
@@ -97,20 +132,6 @@ def core_bounds(positions: NDArray[np.float32]) -> tuple[NDArray[np.float64], fl
     """Centre (3,) and radius of the part of the scene that holds most of the Gaussians, floaters left out."""
     low, high = np.percentile(positions.astype(np.float64), _CORE_PERCENTILES, axis=0)
     return (low + high) / 2.0, max(float(np.linalg.norm(high - low)) / 2.0, float(np.finfo(np.float32).eps))
-
-
-def _check(gaussians: Gaussians, layers: Mapping[str, NDArray[np.float32]]) -> None:
-    if len(gaussians) == 0:
-        raise InputError("it holds no Gaussians", remedy="train it again")
-    arrays = {"positions": gaussians.means, "scales": gaussians.log_scales, "rotations": gaussians.quaternions,
-              "opacities": gaussians.opacity_logits, "colours": gaussians.sh}  # fmt: skip
-    for name, array in {**arrays, **layers}.items():
-        if not np.isfinite(array).all():
-            raise InputError(f"some {name} are not finite numbers", remedy="train it again")
-    for name, colors in layers.items():
-        if colors.shape != (len(gaussians), 3):
-            raise InputError(f"layer '{name}' has {len(colors)} colours for {len(gaussians)} Gaussians",
-                             remedy="use layers of the same run")  # fmt: skip
 
 
 def _fill_mesh(mesh: bpy.types.Mesh, gaussians: Gaussians, layers: Mapping[str, NDArray[np.float32]]) -> None:
@@ -163,9 +184,7 @@ def _shared_group(sh_degree: int) -> bpy.types.NodeTree:
 
 def _drive_by_render_size(splats: bpy.types.Object, name: Input, axis: str) -> None:
     """Let the input follow the render size of whichever scene is shown, so that the low-pass stays in pixels."""
-    modifier = splats.modifiers[MODIFIER_NAME]
-    curve = splats.driver_add(f'modifiers["{modifier.name}"]["{input_identifier(modifier.node_group, name)}"]')
-    driver = curve.driver
+    driver = splats.driver_add(input_path(splats, name)).driver
     driver.type = "SCRIPTED"
     for variable_name, path in (("size", f"render.resolution_{axis}"), ("percent", "render.resolution_percentage")):
         variable = driver.variables.new()

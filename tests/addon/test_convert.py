@@ -15,6 +15,7 @@ import pytest
 
 from cvdgs.core.errors import InputError
 from cvdgs.core.events import Reporter
+from cvdgs.core.splats.ply import write_ply
 from cvdgs.cvdgs_addon.scene import cameras, splats, worker
 from cvdgs.cvdgs_addon.scene.convert import ConversionOptions, convert, load_run
 from cvdgs.cvdgs_addon.scene.finished_run import PARTIAL_FOLDER, read_run
@@ -23,7 +24,7 @@ from cvdgs.cvdgs_addon.scene.render_settings import Display
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 
 from . import ewa
-from .scenes import opencv, read_png, synthetic_run
+from .scenes import cloud, opencv, read_png, synthetic_run, take
 
 WORKER = Path(worker.__file__)
 
@@ -86,6 +87,18 @@ def test_an_earlier_result_survives_a_failure(run_folder):
     assert (run_folder / "scene.blend").read_text() == "earlier"
 
 
+def test_a_run_without_gaussians_or_with_broken_ones_is_refused(run_folder):
+    broken = cloud(400)
+    broken.means[3] = np.nan
+    write_ply(run_folder / "splats.ply", broken)
+    with pytest.raises(InputError, match="positions are not finite"):
+        convert(run_folder, reporter=Reporter())
+    for path in run_folder.glob("splats*.ply"):
+        write_ply(path, take(cloud(1), []))
+    with pytest.raises(InputError, match="no Gaussians"):
+        convert(run_folder, reporter=Reporter())
+
+
 def test_loading_leaves_the_open_scene_as_it_is(scene, run_folder):
     scene.render.engine = "BLENDER_WORKBENCH"
     loaded = load_run(read_run(run_folder), scene)
@@ -102,7 +115,7 @@ def test_an_upright_capture_of_sensible_size_stays_where_it_is(run_folder):
 def test_a_tilted_tiny_capture_is_set_upright_and_enlarged(run_folder):
     run = read_run(run_folder)
     tilt = np.eye(4)
-    tilt[:3, :3] = 0.01 * np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # up becomes -Y... of COLMAP
+    tilt[:3, :3] = 0.01 * np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # up becomes -Y, as in COLMAP
     tilt[:3, 3] = (5.0, 6.0, 7.0)
     views = []
     for view in run.views:

@@ -83,11 +83,9 @@ def test_the_slider_blends_original_and_layer(scene, tmp_path, enhanced):
 def test_the_slider_can_be_animated(scene, tmp_path):
     gaussians = cloud(100)
     added = splats.add_gaussians(gaussians, {"deutan-1.0": 1.0 - gaussians.base_colors}, scene.collection)
-    modifier = added.modifiers[splats.MODIFIER_NAME]
-    path = f'["{splats.input_identifier(modifier.node_group, Input.ENHANCED)}"]'
     for frame, value in ((1, 0.0), (2, 1.0)):
         splats.set_input(added, Input.ENHANCED, value)
-        modifier.keyframe_insert(path, frame=frame)
+        added.keyframe_insert(splats.input_path(added, Input.ENHANCED), frame=frame)
     scene.frame_set(1)
     assert ewa.psnr(render_png(scene, tmp_path / "1.png"), reference(gaussians)) > 50.0
     scene.frame_set(2)
