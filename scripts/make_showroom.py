@@ -9,6 +9,7 @@ The shipped capture, core/demo/showroom, is what the defaults give. Exit code 2 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import sys
 import time
 from dataclasses import replace
@@ -102,6 +103,8 @@ def main(arguments: list[str]) -> int:
     """Run the command; the exit code."""
     try:
         out, settings, threads = parse(arguments)
+        if importlib.util.find_spec("bpy") is None:
+            raise InputError("this Python has no bpy", remedy="install the bpy wheel, or run the script inside Blender")
         from cvdgs.scripts.showroom.job import make
 
         make(out, settings, ConsoleReporter(), threads)

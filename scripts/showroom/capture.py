@@ -16,6 +16,8 @@ from .settings import CameraSettings
 DEPTH_UNIT = 2e-4
 """Metres a grey level of the 16-bit depth maps; they reach 13.1 m. 0 stands for no surface, or farther."""
 
+_START_OF_SCAN, _COMMENT = 0xDA, 0xFE  # JPEG markers
+
 
 def write_transforms(path: Path, settings: CameraSettings, poses: list[Pose]) -> None:
     """transforms.json as nerfstudio reads it: OpenGL camera-to-world, pixel intrinsics, the points beside it."""
@@ -35,6 +37,19 @@ def write_transforms(path: Path, settings: CameraSettings, poses: list[Pose]) ->
         ],
     }
     path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+def drop_comments(path: Path) -> None:
+    """Remove the comment segments of a JPEG: Blender writes date and render times there, which differ every time."""
+    data = path.read_bytes()
+    kept, position = [data[:2]], 2
+    # Segments before the image data: 0xFF, marker, 16-bit length that counts itself (ITU-T T.81, annex B).
+    while (marker := data[position + 1]) != _START_OF_SCAN:
+        end = position + 2 + int.from_bytes(data[position + 2 : position + 4], "big")
+        if marker != _COMMENT:
+            kept.append(data[position:end])
+        position = end
+    path.write_bytes(b"".join([*kept, data[position:]]))
 
 
 def write_points(path: Path, positions: NDArray[np.float32], colors: NDArray[np.uint8]) -> None:

@@ -34,6 +34,7 @@ def make(out: Path, settings: CaptureSettings, reporter: Reporter, threads: int 
     for index, pose in enumerate(poses):
         paths.append(images / f"{pose.name}.jpg")
         photograph.render_view(camera, pose, paths[-1])
+        capture.drop_comments(paths[-1])
         reporter.progress("photographs", (index + 1) / len(poses), paths[-1].name)
 
     chosen = np.linspace(0, len(poses) - 1, min(settings.depth_views, len(poses))).round().astype(int)
