@@ -31,7 +31,7 @@ $(VENV_BPY45)/.ready: constraints-bpy45.txt
 	touch $@
 
 demo: venv
-	$(BIN)/python scripts/run.py core/demo/showroom --out $(DEMO_OUT)
+	$(BIN)/python scripts/run.py core/demo/showroom --iterations 3000 --out $(DEMO_OUT)
 
 test: lint $(VENV_BPY45)/.ready
 	$(BIN)/python -m pytest

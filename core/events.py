@@ -12,6 +12,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 import time
 from typing import Any, TextIO
 
@@ -87,3 +89,11 @@ class JsonReporter(Reporter):
 
     def warning(self, name: str, message: str) -> None:
         self.emit("warning", name=name, message=message)
+
+
+def claim_stdout() -> TextIO:
+    """Keep stdout for the protocol: what libraries print, from C++ too, goes to stderr from now on."""
+    protocol = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    sys.stdout = sys.stderr
+    return protocol

@@ -9,7 +9,6 @@ Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (its tra
 from __future__ import annotations
 
 import json
-import os
 import signal
 import sys
 import traceback
@@ -18,13 +17,13 @@ from pathlib import Path
 from typing import Any
 
 from .errors import Cancelled, InputError
-from .events import JsonReporter
+from .events import JsonReporter, claim_stdout
 from .settings import Settings
 
 
 def main() -> int:
     """Read the request, do the job, report; returns the exit code."""
-    reporter = JsonReporter(_claim_stdout())
+    reporter = JsonReporter(claim_stdout())
     signal.signal(signal.SIGINT, _cancel)
     signal.signal(signal.SIGTERM, _cancel)
     try:
@@ -71,11 +70,3 @@ def _explain(error: MemoryError | OSError) -> str:
 
 def _cancel(*_: object) -> None:
     raise Cancelled
-
-
-def _claim_stdout() -> Any:
-    """Keep stdout for the protocol: what libraries print, from C++ too, goes to stderr instead."""
-    protocol = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
-    sys.stdout = sys.stderr
-    return protocol

@@ -15,10 +15,10 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import _package
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
+import bootstrap
 
-_package.load()
+bootstrap.load()
 from cvdgs.core.capture import Capture, read_capture  # noqa: E402
 from cvdgs.core.demo import SHOWROOM  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
@@ -31,7 +31,7 @@ from cvdgs.core.evaluate.step_benchmark import (  # noqa: E402
 )
 from cvdgs.core.evaluate.training_step import training_step_milliseconds  # noqa: E402
 
-SHARED = _package.ROOT.parent / "shared"
+SHARED = bootstrap.ROOT.parent / "shared"
 STEPS = 300
 SIZE = 480  # pixels of the longer side: fox at 270x480, as in the notes
 

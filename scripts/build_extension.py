@@ -18,13 +18,13 @@ import tempfile
 import tomllib
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import _package
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
+import bootstrap
 
-_package.load()
+bootstrap.load()
 from cvdgs.core.errors import InputError  # noqa: E402
 
-MANIFEST = _package.ROOT / "blender_manifest.toml"
+MANIFEST = bootstrap.ROOT / "blender_manifest.toml"
 _TOOL_IN_WHEEL = "*/scripts/addons_core/bl_pkg/cli/blender_ext.py"
 
 
@@ -43,8 +43,8 @@ def build(out: Path, tool: Path) -> Path:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".build-", dir=out) as temporary:
             zip_file = Path(temporary) / name
-            _run(tool, "validate", str(_package.ROOT))
-            _run(tool, "build", "--source-dir", str(_package.ROOT), "--output-filepath", str(zip_file))
+            _run(tool, "validate", str(bootstrap.ROOT))
+            _run(tool, "build", "--source-dir", str(bootstrap.ROOT), "--output-filepath", str(zip_file))
             _run(tool, "validate", str(zip_file))
             os.replace(zip_file, out / name)
     except OSError as error:

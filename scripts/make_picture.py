@@ -1,6 +1,6 @@
 """The README's picture from a finished run: python scripts/make_picture.py RUN --out FILE.png [--view KEY].
 
-Two rows: the photograph and the enhanced scene, above as normal vision sees them, below as the layer's kind of vision does.
+Left the photograph, right the enhanced scene; above for normal vision, below as the layer's kind of vision sees them.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import _package
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
+import bootstrap
 
-_package.load()
+bootstrap.load()
 from cvdgs.core.images import read_png, write_png  # noqa: E402
 
 GAP = 6  # pixels of white between the pictures

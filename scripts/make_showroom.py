@@ -16,10 +16,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import _package
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
+import bootstrap
 
-_package.load()
+bootstrap.load()
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.events import Reporter  # noqa: E402
 from cvdgs.core.progress import format_seconds  # noqa: E402

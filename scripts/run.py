@@ -12,10 +12,10 @@ import argparse
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-import _package
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
+import bootstrap
 
-_package.load()
+bootstrap.load()
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.front import run_in_console  # noqa: E402
 from cvdgs.core.settings import CVD_TYPES, DEVICES, ENGINES, MODES, SIMULATIONS, Layer, Settings  # noqa: E402
@@ -48,9 +48,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--iterations", type=int, default=5000, metavar="N", help="of the geometry stage (5000)")
     add("--gaussians", type=number_or_auto, default=None, metavar="N", help="at most so many; auto (auto)")
     add("--sh-degree", type=number_or_auto, default=None, metavar="0..3", help="of the original colours; auto (auto)")
-    add(
-        "--max-size", type=number_or_auto, default=None, metavar="PIXELS", help="longer side for training; auto (auto)"
-    )
+    add("--max-size", type=number_or_auto, default=None, metavar="PIXELS", help="longer side for training; auto (auto)")
     add("--holdout", type=int, default=8, metavar="N", help="keep every Nth view for testing; 0 = none (8)")
     add("--device", default="auto", metavar="DEVICE", help="|".join(DEVICES) + " (auto)")
     add("--seed", type=int, default=0, metavar="N", help="of everything random (0)")

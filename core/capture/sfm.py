@@ -66,8 +66,12 @@ def estimate_cameras(
 
 
 def _start(job: SfmJob) -> subprocess.Popen[str]:
-    """Start the process with this interpreter, this package and the job."""
-    program = f"from {__package__}.sfm_process import main; main()"
+    """Start the process with this interpreter, this very tree and the job."""
+    core = Path(__file__).resolve().parents[1]
+    program = (
+        f"import sys; sys.path.insert(0, {str(core)!r}); import bootstrap; bootstrap.load(); "
+        "from cvdgs.core.capture.sfm_process import main; main()"
+    )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     process = subprocess.Popen(
         [sys.executable, "-c", program],

@@ -25,14 +25,14 @@ class LayerPlan:
         epochs: passes over the views.
         minimum_steps: for captures of few views.
         rate: step size of the degree-0 coefficients at the start; `rate_decay` of it is left at the end.
-        ssim_weight: share of 1 - SSIM in the loss.
+        ssim_weight: share of 1 - SSIM in the loss; more than for the geometry, since contrast is what a layer is for.
     """
 
     epochs: int = 6
     minimum_steps: int = 300
     rate: float = 5e-2
     rate_decay: float = 0.05
-    ssim_weight: float = 0.2
+    ssim_weight: float = 0.5
 
 
 def fit_layer(

@@ -40,7 +40,8 @@ class CloneSplitPrune:
     Attributes:
         start, stop: the fractions of the run between which Gaussians are added.
         rounds: how often between them.
-        gradient_threshold: mean norm of dL/d(centre), in normalised device units, of a region that is not fitted well.
+        gradient_threshold: mean norm of dL/d(centre), in normalised device units and from absolute values a pixel
+            (AbsGS, Ye et al. 2024), of a region that is not fitted well.
         small: largest standard deviation, in frame units, of a Gaussian that is cloned rather than split.
         split_shrink: standard deviations of the two halves are divided by this.
         min_opacity: a Gaussian below it is removed.
@@ -49,7 +50,7 @@ class CloneSplitPrune:
     start: float = 0.06
     stop: float = 0.6
     rounds: int = 25
-    gradient_threshold: float = 2e-4
+    gradient_threshold: float = 4e-4
     small: float = 0.01
     split_shrink: float = 1.6
     min_opacity: float = 0.005

@@ -153,11 +153,12 @@ class Trainer:
         image, camera, mask = target.at(self._reduction(step))
         frame = self._rasterizer.render(self._parameters, camera, self._background.color)
         self._rasterizer.photometric_loss(frame, image, self._plan.ssim_weight, mask)
-        gradients = self._rasterizer.backward(frame)
+        growing = step <= self._plan.strategy.stop * self._plan.steps
+        gradients = self._rasterizer.backward(frame, absolute=growing)
         self._adam.step(self._rasterizer, self._parameters, gradients, self._rates(step))
-        if step <= self._plan.strategy.stop * self._plan.steps:
+        if growing:
             visible = frame.visible.numpy()
-            self._gradient += np.where(visible, gradients.screen.numpy(), 0.0)
+            self._gradient += np.where(visible, gradients.screen_abs.numpy(), 0.0)
             self._observed += visible != 0
 
     def _next_target(self) -> TrainingView:

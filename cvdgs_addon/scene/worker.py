@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib.util
 import os
 import shutil
 import signal
@@ -21,7 +20,7 @@ import threading
 import traceback
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NoReturn, TextIO
+from typing import NoReturn
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -33,22 +32,19 @@ def load_package() -> None:
     # Started as a file, Python puts this folder first on the path, where our module names would hide others'.
     here = str(Path(__file__).resolve().parent)
     sys.path[:] = [entry for entry in sys.path if os.path.abspath(entry or ".") != here]
-    spec = importlib.util.spec_from_file_location("cvdgs", ROOT / "__init__.py", submodule_search_locations=[str(ROOT)])
-    if spec is None or spec.loader is None:
-        raise ImportError(f"no package at {ROOT}")
-    package = importlib.util.module_from_spec(spec)
-    sys.modules["cvdgs"] = package
-    spec.loader.exec_module(package)
+    sys.path.insert(0, str(ROOT / "core"))
+    import bootstrap
+
+    bootstrap.load()
 
 
 def main(arguments: Sequence[str]) -> NoReturn:
     """Do the job and end the process."""
-    protocol = _claim_stdout()
     load_package()
     from cvdgs.core.errors import InputError
-    from cvdgs.core.events import JsonReporter
+    from cvdgs.core.events import JsonReporter, claim_stdout
 
-    reporter = JsonReporter(protocol)
+    reporter = JsonReporter(claim_stdout())
     code = EXIT_DONE
     try:
         options = _parse(arguments)
@@ -107,14 +103,6 @@ def _conversion_options(options: argparse.Namespace):
         stills=not options.no_stills,
         place=not options.no_place,
     )
-
-
-def _claim_stdout() -> TextIO:
-    """Keep stdout for the protocol: what Blender prints, from C++ too, goes to stderr instead."""
-    protocol = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
-    sys.stdout = sys.stderr
-    return protocol
 
 
 def _end_on_signal(run_folder: Path) -> None:

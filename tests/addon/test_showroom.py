@@ -219,8 +219,8 @@ def test_the_seam_of_a_cushion_cover_is_its_border() -> None:
 PROJECTION = """
 import json, sys
 sys.path.insert(0, sys.argv[1])
-import _package
-_package.load()
+import bootstrap
+bootstrap.load()
 import bpy, mathutils, numpy as np
 from bpy_extras.object_utils import world_to_camera_view
 from cvdgs.scripts.showroom import photograph
@@ -246,7 +246,7 @@ print("WORST", worst)
 
 
 def test_cameras_project_as_blender_does() -> None:
-    command = [sys.executable, "-c", PROJECTION, str(SCRIPT.parent)]
+    command = [sys.executable, "-c", PROJECTION, str(REPOSITORY / "core")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
     assert "WORST" in done.stdout, done.stderr

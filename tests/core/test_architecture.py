@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 WORKER_ONLY = {"torch", "warp", "kornia", "colour", "pycolmap", "scipy", "safetensors"}
 # Started by any Python, Blender's included, before an environment is known.
-STANDARD_LIBRARY_ONLY = ["errors", "events", "front", "job", "progress", "report", "run_folder", "settings", "__main__"]
+STANDARD_LIBRARY_ONLY = ["bootstrap", "errors", "events", "front", "job", "progress", "report", "run_folder", "settings", "__main__"]
 NUMPY_ONLY = ["splats/gaussians", "splats/ply", "splats/scene_frame", "splats/strategy", "capture/model"]
 
 
@@ -40,7 +40,7 @@ def test_blenders_side_does_not_need_the_workers_libraries(path):
 
 @pytest.mark.parametrize("name", STANDARD_LIBRARY_ONLY)
 def test_what_any_python_starts_needs_the_standard_library_alone(name):
-    assert imported_packages(ROOT / "core" / f"{name}.py") <= set(sys.stdlib_module_names) | {"cvdgs"}
+    assert imported_packages(ROOT / "core" / f"{name}.py") <= set(sys.stdlib_module_names) | {"cvdgs", "bootstrap"}
 
 
 @pytest.mark.parametrize("name", NUMPY_ONLY)

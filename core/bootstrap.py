@@ -1,0 +1,34 @@
+"""Makes this very tree importable as ``cvdgs``, whatever its folder is called. Standard library only.
+
+For files that are started by their path, before there is a package:
+
+    sys.path.insert(0, str(ROOT / "core"))
+    import bootstrap
+
+    bootstrap.load()
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def load() -> None:
+    """Put the package that this file belongs to into ``sys.modules`` as ``cvdgs``, and take ``core/`` off the path.
+
+    On the path, the modules of ``core/`` would hide others of the same names.
+    """
+    sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != ROOT / "core"]
+    loaded = sys.modules.get("cvdgs")
+    if loaded is not None and Path(loaded.__file__ or "").resolve().parent == ROOT:
+        return
+    spec = importlib.util.spec_from_file_location("cvdgs", ROOT / "__init__.py", submodule_search_locations=[str(ROOT)])
+    assert spec is not None
+    assert spec.loader is not None
+    package = importlib.util.module_from_spec(spec)
+    sys.modules["cvdgs"] = package
+    spec.loader.exec_module(package)
