@@ -9,7 +9,18 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 WORKER_ONLY = {"torch", "warp", "kornia", "colour", "pycolmap", "scipy", "safetensors"}
 # Started by any Python, Blender's included, before an environment is known.
-STANDARD_LIBRARY_ONLY = ["bootstrap", "errors", "events", "front", "job", "progress", "report", "run_folder", "settings", "__main__"]
+STANDARD_LIBRARY_ONLY = [
+    "__main__",
+    "bootstrap",
+    "errors",
+    "events",
+    "front",
+    "job",
+    "progress",
+    "report",
+    "run_folder",
+    "settings",
+]
 NUMPY_ONLY = ["splats/gaussians", "splats/ply", "splats/scene_frame", "splats/strategy", "capture/model"]
 
 
