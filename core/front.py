@@ -91,7 +91,10 @@ def run(settings: Settings, listen: Callable[[Event], None]) -> dict[str, Any]:
             report = _finish(Job([python, str(WORKER)], request, log.line), log.event)["report"]
             if settings.blend:
                 blender_started = time.monotonic()
-                blender = _finish(Job(blender_command([str(folder.staging)]), None, log.line), log.event)
+                # A held-out view from the middle: its still can be compared with renders/.
+                shown = report["views_shown"]
+                arguments = [str(folder.staging), "--view", shown[len(shown) // 2]]
+                blender = _finish(Job(blender_command(arguments), None, log.line), log.event)
                 blender.pop("event")
                 report["blender"] = blender
                 report["seconds"]["blender"] = round(time.monotonic() - blender_started, 2)

@@ -51,7 +51,7 @@ def _ends_with(path: Path, ending: bytes) -> bool:
     with open(path, "rb") as file:
         file.seek(0, os.SEEK_END)
         file.seek(max(file.tell() - len(ending), 0))
-        return file.read() == ending
+        return file.read(len(ending)) == ending
 
 
 def read_png(path: Path) -> NDArray[np.uint8]:

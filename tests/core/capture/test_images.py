@@ -123,11 +123,6 @@ def test_full_disk_is_an_os_error() -> None:
         write_png(full, PICTURE, None)
 
 
-def test_missing_folder_is_an_os_error(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="absent"):
-        write_png(tmp_path / "absent" / "x.png", PICTURE, None)
-
-
 # --- orientation
 
 
