@@ -226,6 +226,8 @@ def _summary(out: Path, report: dict[str, Any]) -> str:
     for name, layer in report["layers"].items():
         ccpr = layer["ccpr"]
         if ccpr["rendered"] is not None:
-            lines.append(f"  {name}: contrast kept (CCPR) {ccpr['input']:.3f} -> {ccpr['rendered']:.3f}")
+            kinds = (("photographs", "input"), ("scene", "unenhanced"), ("enhanced scene", "rendered"))
+            values = ", ".join(f"{label} {ccpr[kind]:.3f}" for label, kind in kinds)
+            lines.append(f"  {name}: contrast that is left (CCPR): {values}")
     lines.append(f"  open {out / 'report.html'}" + (f" and {out / 'scene.blend'}" if report.get("blender") else ""))
     return "\n".join(lines)
