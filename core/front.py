@@ -63,7 +63,8 @@ def run_in_console(settings: Settings, *, json_events: bool) -> int:
         return EXIT_DEFECT
     finally:
         for number, handler in previous.items():
-            signal.signal(number, handler)
+            if handler is not None:  # None: set by the program around us (Blender), and Python cannot put it back
+                signal.signal(number, handler)
     display({"event": "result", "out": settings.out, "report": report})
     return EXIT_DONE
 
