@@ -48,8 +48,6 @@ def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
     with clock.measure("capture"):
         size = settings.max_size or AUTO_MAX_SIZE[device]
         capture = read_capture(Path(settings.capture), max_size=size, sfm=settings.sfm, reporter=recorder)
-        for warning in capture.warnings:
-            recorder.warning(warning.name, warning.message)
         write_capture(capture, folder / "capture")
     raster.load(device, recorder)
     split = _split(capture, settings.holdout, recorder)

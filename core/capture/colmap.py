@@ -22,6 +22,7 @@ _MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", ".")
 IMAGE_FOLDERS = ("images", "colmap/images", "input", "rgb")
 # A point that one view alone sees has no depth.
 _MIN_TRACK_LENGTH = 2
+MAX_ANAMORPHISM = 10.0  # anamorphic lenses squeeze by 2; beyond this the file is wrong
 _EXPORT_AGAIN = "copy or export the COLMAP model again"
 
 
@@ -198,7 +199,7 @@ def check_camera(camera: pycolmap.Camera, *, frame: str, where: Path) -> None:
     """Refuse intrinsics that describe no perspective or fisheye camera.
 
     Raises:
-        InputError: not finite, focal length or size not positive, or a full panorama.
+        InputError: not finite, focal length or size not positive, focal lengths of no real lens, or a full panorama.
     """
     remedy = "export the cameras again"
     if camera.is_spherical():
@@ -208,6 +209,9 @@ def check_camera(camera: pycolmap.Camera, *, frame: str, where: Path) -> None:
     focal = [camera.focal_length_x, camera.focal_length_y]
     if not np.isfinite(camera.params).all() or min(focal) <= 0.0:
         raise InputError(f"the focal length or another parameter of {frame} is unusable", where=where, remedy=remedy)
+    if max(focal) > MAX_ANAMORPHISM * min(focal):
+        values = f"{camera.focal_length_x:g} and {camera.focal_length_y:g}"
+        raise InputError(f"the focal lengths of {frame}, {values}, differ too much", where=where, remedy=remedy)
     if camera.width < 1 or camera.height < 1:
         raise InputError(f"{frame} has no image size", where=where, remedy=remedy)
 

@@ -250,6 +250,7 @@ def test_cut_file_is_refused(tmp_path: Path, part: float) -> None:
         ({"fl_x": 10**400, "frames": frames(shots(2))}, "fl_x is '1000"),
         ({"fl_x": 80.0, "frames": [{"file_path": "images/0001.png", "transform_matrix": [[10**400]]}]}, "not numbers"),
         ({"fl_x": -80.0, "frames": frames(shots(2))}, "focal length"),
+        ({"fl_x": 80.0, "fl_y": 1.0, "frames": frames(shots(2))}, "differ too much"),
         ({"fl_x": 80.0, "w": 1e9, "h": 72, "frames": frames(shots(2))}, "size"),
         ({"fl_x": 80.0, "frames": frames(shots(2)) * 2}, "same image"),
         ({"fl_x": 80.0, "frames": frames(shots(1))}, "one view only"),
