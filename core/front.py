@@ -42,8 +42,8 @@ def run_in_console(settings: Settings, *, json_events: bool) -> int:
     stages = (
         "start",
         "capture",
-        "enhance",
         "geometry",
+        "enhance",
         "layers",
         "evaluate",
         *(("blender",) if settings.blend else ()),

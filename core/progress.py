@@ -10,14 +10,13 @@ from .job import Event
 # Share of a run's time that each stage takes, measured on two cores with the embedded demo; only the estimate of the
 # time left depends on it, and that corrects itself as the run goes on.
 STAGE_SHARES = {
-    "start": 0.03,
-    "capture": 0.03,
-    "sfm": 0.0,
-    "enhance": 0.06,
-    "geometry": 0.62,
-    "layers": 0.10,
-    "evaluate": 0.06,
-    "blender": 0.10,
+    "start": 0.02,
+    "capture": 0.01,
+    "geometry": 0.68,
+    "enhance": 0.04,
+    "layers": 0.06,
+    "evaluate": 0.07,
+    "blender": 0.12,
 }
 
 

@@ -61,9 +61,9 @@ def fit_layer(
     order: list[int] = []
     for step in range(1, steps + 1):
         order = order or rng.permutation(len(targets)).tolist()
-        image, camera, mask = targets[order.pop()].at(1)
+        image, camera = targets[order.pop()].at(1)
         rendered = rasterizer.render(parameters, camera, background.color)
-        rasterizer.photometric_loss(rendered, image, plan.ssim_weight, mask)
+        rasterizer.photometric_loss(rendered, image, plan.ssim_weight)
         gradients = rasterizer.backward(rendered, colors_only=True)
         adam.step(rasterizer, parameters, gradients, _colors_only(plan.rate * plan.rate_decay ** (step / steps)))
         progress(step / steps)

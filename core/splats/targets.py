@@ -47,12 +47,12 @@ class TrainingView:
     """One view at every resolution of the schedule.
 
     Attributes:
-        levels: reduction factor -> (image (H, W, 3) uint8 device array, camera, mask (H, W) float32 or None).
+        levels: reduction factor -> (image (H, W, 3) uint8 device array, camera).
     """
 
-    levels: dict[int, tuple[Any, RasterCamera, Any]]
+    levels: dict[int, tuple[Any, RasterCamera]]
 
-    def at(self, reduction: int) -> tuple[Any, RasterCamera, Any]:
+    def at(self, reduction: int) -> tuple[Any, RasterCamera]:
         """The level for a reduction factor; full resolution where the view is too small for it."""
         return self.levels.get(reduction) or self.levels[1]
 
@@ -69,7 +69,7 @@ def _prepare(
 ) -> TrainingView:
     image = background.behind(view)
     pose = frame.world_to_camera(view.world_to_camera)
-    levels: dict[int, tuple[Any, RasterCamera, Any]] = {}
+    levels: dict[int, tuple[Any, RasterCamera]] = {}
     for factor in sorted({1, *reductions}):
         height, width = image.shape[0] // factor, image.shape[1] // factor
         if factor > 1 and min(height, width) < _SMALLEST_SIDE:
@@ -80,11 +80,8 @@ def _prepare(
             width, height, camera.fx / factor, camera.fy / factor, camera.cx / factor, camera.cy / factor, pose
         )
         pixels = image if factor == 1 else _block_mean(image, factor)
-        levels[factor] = (
-            wp.array(np.ascontiguousarray(pixels), dtype=wp.uint8, device=rasterizer.device),
-            reduced,
-            None,
-        )
+        device_pixels = wp.array(np.ascontiguousarray(pixels), dtype=wp.uint8, device=rasterizer.device)
+        levels[factor] = (device_pixels, reduced)
     return TrainingView(levels)
 
 

@@ -28,7 +28,7 @@ class TrainingPlan:
     Attributes:
         steps: optimisation steps, one view each.
         limit: most Gaussians.
-        sh_degree: of the colours; higher terms join one by one over the first half.
+        sh_degree: of the colours; terms above 0 start at zero.
         ssim_weight: λ of (1 - λ) L1 + λ (1 - SSIM).
         rates: step sizes at the start, in frame units where they are lengths; about four times those of 3DGS,
             whose runs are six times as long.
@@ -150,9 +150,9 @@ class Trainer:
     def step(self, step: int) -> None:
         """One optimisation step: render a view, measure the loss, go backward, move the parameters."""
         target = self._next_target()
-        image, camera, mask = target.at(self._reduction(step))
+        image, camera = target.at(self._reduction(step))
         frame = self._rasterizer.render(self._parameters, camera, self._background.color)
-        self._rasterizer.photometric_loss(frame, image, self._plan.ssim_weight, mask)
+        self._rasterizer.photometric_loss(frame, image, self._plan.ssim_weight)
         growing = step <= self._plan.strategy.stop * self._plan.steps
         gradients = self._rasterizer.backward(frame, absolute=growing)
         self._adam.step(self._rasterizer, self._parameters, gradients, self._rates(step))
@@ -205,12 +205,9 @@ class Trainer:
 
 
 def _psnr(rasterizer: Rasterizer, parameters: ParameterSet, view: TrainingView, background: Background) -> float:
-    image, camera, mask = view.at(1)
+    image, camera = view.at(1)
     color = np.clip(rasterizer.render(parameters, camera, background.color).color.numpy(), 0.0, 1.0)
     error = (color - image.numpy().astype(np.float32) / 255.0) ** 2
-    if mask is not None:
-        weight = mask.numpy()[..., None]
-        return float(-10.0 * np.log10(max((error * weight).sum() / max(3.0 * weight.sum(), 1.0), 1e-12)))
     return float(-10.0 * np.log10(max(error.mean(), 1e-12)))
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from cvdgs.core.progress import RunProgress, format_seconds
 
-STAGES = ("start", "capture", "enhance", "geometry", "layers", "evaluate", "blender")
+STAGES = ("start", "capture", "geometry", "enhance", "layers", "evaluate", "blender")
 
 
 def test_the_fraction_rises_from_stage_to_stage_and_ends_at_one():

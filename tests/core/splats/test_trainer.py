@@ -157,7 +157,7 @@ def test_a_reduced_target_is_the_mean_of_its_pixels_with_the_camera_to_match(vie
         views[0], image=np.kron(views[0].image, np.ones((2, 2, 1), np.uint8)), camera=views[0].camera.scaled(192, 144)
     )
     (target,) = prepare_targets(Rasterizer("cpu"), [large], frame, BLACK, {2})
-    image, camera, _ = target.at(2)
+    image, camera = target.at(2)
     np.testing.assert_array_equal(image.numpy(), views[0].image)
     assert (camera.width, camera.height, camera.fx, camera.cy) == (96, 72, views[0].camera.fx, views[0].camera.cy)
     assert target.at(4) is target.at(1)
