@@ -24,7 +24,8 @@ focal = st.floats(1.0, 1e5)
 @st.composite
 def views(draw: st.DrawFn, key: str) -> View:
     width, height = draw(st.integers(16, 40)), draw(st.integers(16, 40))
-    camera = PinholeCamera(width, height, draw(focal), draw(focal), draw(finite), draw(finite))
+    fx, squeeze = draw(focal), draw(st.floats(0.2, 5.0))
+    camera = PinholeCamera(width, height, fx, fx * squeeze, draw(finite), draw(finite))
     generator = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     pose = np.eye(4)
     pose[:3, :3] = Rotation.random(random_state=generator.integers(2**31)).as_matrix()
