@@ -159,14 +159,6 @@ class Job:
         while (event := self._queue.get()) is not None:
             yield event
 
-    def poll(self) -> list[Event]:
-        """The events since the last call, without waiting; `running` says whether more can come."""
-        found = []
-        while not self._queue.empty():
-            if (event := self._queue.get()) is not None:
-                found.append(event)
-        return found
-
     @property
     def running(self) -> bool:
         return self._process.poll() is None

@@ -1,6 +1,7 @@
 """Measures the product's own code and writes tables: python scripts/benchmark.py PART --out DIR [options].
 
-Parts: step (a whole training step against the prototype's loop, in one run).
+Parts: step (a whole training step against the prototype's loop, in one run); display (Cycles against our rasteriser on
+a finished run, encoded and linear blending).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ bootstrap.load()
 from cvdgs.core.capture import Capture, read_capture  # noqa: E402
 from cvdgs.core.demo import SHOWROOM  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
+from cvdgs.core.evaluate.display import display_fidelity  # noqa: E402
 from cvdgs.core.evaluate.prototype_loop import PrototypeLoop  # noqa: E402
 from cvdgs.core.evaluate.step_benchmark import (  # noqa: E402
     StepTimes,
@@ -39,19 +41,32 @@ SIZE = 480  # pixels of the longer side: fox at 270x480, as in the notes
 def main(arguments: list[str]) -> int:
     """Run one part; returns the exit code."""
     parser = argparse.ArgumentParser(prog="benchmark.py", description=__doc__.splitlines()[0])
-    parser.add_argument("part", choices=["step"])
+    parser.add_argument("part", choices=["step", "display"])
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--capture", type=Path, default=None, help="default: the evaluation data's fox, else the demo")
     parser.add_argument("--prototype", type=Path, default=SHARED / "prototypes" / "kernels", metavar="DIR")
     parser.add_argument("--rounds", type=int, default=5, help="interleaved repetitions; the medians count (5)")
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--run", type=Path, default=Path("out/demo"), help="finished run for 'display' (out/demo)")
+    parser.add_argument("--view", default="view_016", help="its held-out view (view_016)")
     options = parser.parse_args(arguments)
     try:
-        measure_step(options)
+        measure_step(options) if options.part == "step" else measure_display(options)
     except InputError as error:
         print(f"benchmark.py: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def measure_display(options: argparse.Namespace) -> None:
+    """Render one view of a run through Cycles in both displays and write display.md."""
+    with tempfile.TemporaryDirectory() as scratch:
+        found = display_fidelity(options.run, options.view, Path(scratch))
+    lines = [f"Cycles against our rasteriser, {options.run.name}, {options.view}, original colours:", ""]
+    lines += [f"- {display}: {value:.1f} dB" for display, value in found.items()]
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "display.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print("\n".join(lines))
 
 
 def measure_step(options: argparse.Namespace) -> None:

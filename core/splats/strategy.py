@@ -1,7 +1,7 @@
 """How the set of Gaussians changes during training: clone, split and prune. numpy only.
 
-A strategy is a value: its constants are its fields, the trainer calls `observe` after every backward pass and `refine`
-when `due`. The schedule is in fractions of the run, so that it suits a run of any length.
+A strategy is a value: its constants are its fields, the trainer adds up screen-space gradients and calls
+`refine` when `due`. The schedule is in fractions of the run, so that it suits a run of any length.
 """
 
 from __future__ import annotations

@@ -1,0 +1,46 @@
+"""How close Blender's stills come to the rasteriser's images, for both ways of showing the colours."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import torch
+
+from ..color.metrics import psnr
+from ..errors import InputError
+from ..images import read_png
+from ..job import blender_command
+
+DISPLAYS = ("photo", "scene-linear")
+
+
+def display_fidelity(run: Path, view: str, scratch: Path) -> dict[str, float]:
+    """PSNR in dB of a Cycles still against ``renders/original/<view>.png``, by display.
+
+    Args:
+        run: output folder of a finished run; left as it is.
+        view: key of a held-out view.
+        scratch: an empty folder for copies of the run.
+
+    Raises:
+        InputError: the run has no render of that view, or Blender could not show it.
+    """
+    reference = run / "renders" / "original" / f"{view}.png"
+    if not reference.is_file():
+        raise InputError("no such render", where=reference, remedy="name the folder of a run and a held-out view")
+    return {display: psnr(_tensor(reference), _tensor(_still(run, view, display, scratch))) for display in DISPLAYS}
+
+
+def _still(run: Path, view: str, display: str, scratch: Path) -> Path:
+    copy = scratch / display
+    shutil.copytree(run, copy)
+    command = blender_command([str(copy), "--view", view, "--display", display])
+    if subprocess.run(command, capture_output=True).returncode:
+        raise InputError("Blender could not render it", where=run, remedy="try scripts/run.py on the capture again")
+    return copy / "stills" / "original.png"
+
+
+def _tensor(path: Path) -> torch.Tensor:
+    return torch.from_numpy(read_png(path)).permute(2, 0, 1).to(torch.float32) / 255.0
