@@ -21,6 +21,7 @@ _OFFSET = 0.055
 _EXPONENT = 2.4
 
 _LAB_KNEE = 6.0 / 29.0  # CIE 15: the cube root gives way to a straight line at its cube
+_XYZ_TO_RGB = np.linalg.inv(RGB_TO_XYZ)
 
 
 def _power(base: Tensor, exponent: float) -> Tensor:
@@ -63,6 +64,16 @@ def xyz_to_lab(xyz: Tensor) -> Tensor:
 def srgb_to_lab(srgb: Tensor) -> Tensor:
     """Display-referred sRGB to CIELAB under D65."""
     return xyz_to_lab(linear_to_xyz(srgb_to_linear(srgb)))
+
+
+def lab_to_linear(lab: Tensor) -> Tensor:
+    """CIELAB under D65 to linear sRGB, the inverse of `linear_to_xyz` and `xyz_to_lab`; not clipped to the gamut."""
+    white = torch.as_tensor(RGB_TO_XYZ.sum(1), dtype=lab.dtype, device=lab.device)[:, None, None]
+    lightness, a, b = lab.unbind(-3)
+    y = (lightness + 16.0) / 116.0
+    root = torch.stack([y + a / 500.0, y, y - b / 200.0], -3)
+    straight = 3.0 * _LAB_KNEE**2 * (root - 4.0 / 29.0)
+    return apply_matrix(_XYZ_TO_RGB, white * torch.where(root > _LAB_KNEE, root**3, straight))
 
 
 def image_to_tensor(image: NDArray) -> Tensor:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from cvdgs.core.color.difference import delta_e_76, delta_e_2000
 from cvdgs.core.color.spaces import (
     image_to_tensor,
+    lab_to_linear,
     linear_to_srgb,
     linear_to_xyz,
     srgb_to_lab,
@@ -33,6 +34,11 @@ def test_xyz_and_lab_agree_with_colorspacious_to_the_rounding_of_its_matrix() ->
     np.testing.assert_allclose(linear_to_xyz(srgb_to_linear(AS_TENSOR))[..., 0].T.numpy(), expected, atol=3e-4)
     lab = cspace_convert(COLORS, "sRGB1", "CIELab")
     np.testing.assert_allclose(srgb_to_lab(AS_TENSOR)[..., 0].T.numpy(), lab, atol=0.05)
+
+
+def test_lab_leads_back_to_linear_light() -> None:
+    linear = srgb_to_linear(AS_TENSOR)
+    torch.testing.assert_close(lab_to_linear(srgb_to_lab(AS_TENSOR)), linear, atol=1e-6, rtol=0)
 
 
 @given(st.floats(-0.5, 1.5))
