@@ -1,4 +1,4 @@
-"""What recolours views for an observer, behind one protocol: fit to a scene, then call for each image."""
+"""The protocol of what recolours views for an observer: fit to a scene, then call for each image."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ from ..errors import InputError
 from ..events import Reporter
 from .lut import ColorLut, as_float
 from .teacher import TeacherSettings, fit_lut
-
-ENHANCERS = ("lut", "none")
-"""Enhancers that `make_enhancer` knows by name."""
 
 
 class Enhancer(Protocol):
@@ -73,7 +70,7 @@ class LutEnhancer:
         settings: TeacherSettings | None = None,
     ) -> None:
         check_simulation(cvd, severity, simulation)
-        _check_strength(strength)
+        check_strength(strength)
         self._cvd, self._severity, self._simulation = cvd, severity, simulation
         self._strength, self._seed, self._settings = strength, seed, settings or TeacherSettings()
         self._lut: ColorLut | None = None
@@ -118,26 +115,7 @@ class LutEnhancer:
         return self._lut(image, self._strength)
 
 
-def make_enhancer(
-    name: str, cvd: str, severity: float, simulation: str = "machado", strength: float = 1.0, seed: int = 0
-) -> Enhancer:
-    """The enhancer of this name ("lut", "none") for an observer.
-
-    Raises:
-        InputError: an enhancer that is unknown or not available yet, an observer that cannot be simulated, or a
-            strength outside [0, 1].
-    """
-    if name == "cgan" or name.endswith(".safetensors"):
-        raise InputError(f"the enhancer {name!r} is not available yet", remedy="use --enhancer lut")
-    if name not in ENHANCERS:
-        raise InputError(f"{name!r} is not an enhancer", remedy=f"use --enhancer {' or '.join(ENHANCERS)}")
-    check_simulation(cvd, severity, simulation)
-    _check_strength(strength)
-    if name == "none":
-        return IdentityEnhancer()
-    return LutEnhancer(cvd, severity, simulation, strength, seed)
-
-
-def _check_strength(strength: float) -> None:
+def check_strength(strength: float) -> None:
+    """Raise `InputError` unless the strength is in [0, 1]."""
     if not 0.0 <= strength <= 1.0:  # also refuses NaN
         raise InputError(f"strength {strength:g} is out of range", remedy="give a number from 0 to 1")

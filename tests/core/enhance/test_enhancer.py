@@ -144,9 +144,8 @@ def test_an_enhancer_must_be_fitted_first() -> None:
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("cgan", "deutan", 1.0), "not available yet.*--enhancer lut"),
-        (("weights/best.safetensors", "deutan", 1.0), "not available yet.*--enhancer lut"),
-        (("magic", "deutan", 1.0), "magic.*--enhancer lut or none"),
+        (("weights/best.safetensors", "deutan", 1.0), "best.safetensors.*cannot be read"),
+        (("magic", "deutan", 1.0), "magic.*cgan, lut, none or a .safetensors file"),
         (("lut", "deutan", 1.5), "severity"),
         (("none", "nobody", 1.0), "nobody"),
         (("lut", "tritan", 1.0, "vienot"), "tritan"),

@@ -1,0 +1,94 @@
+"""The enhancer that is trained beforehand: a conditional GAN, steered by the observer and by the scene's palette."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ..color.matrices import check_simulation
+from ..color.spaces import image_to_tensor, tensor_to_image
+from ..events import Reporter
+from .enhancer import check_strength
+from .gan.apply import average_statistics, enhance, record_statistics
+from .gan.conditioning import Observer, palette
+from .gan.generator import Statistics
+from .gan.weights import SHIPPED, load_generator
+from .lut import as_float
+
+_SCENE_VIEWS = 16
+"""Views from which a normalised network takes its statistics; more hardly change them."""
+
+
+class CganEnhancer:
+    """Recolours with a U-Net. Views agree because what steers it is taken from all of them together.
+
+    Args:
+        cvd, severity, simulation: the observer, as for `simulate`.
+        strength: 0 leaves the image as it is, 1 applies the network's change in full.
+        weights: a file of `gan.weights`; None for the shipped one.
+        device: of torch: "cpu" or "cuda".
+
+    At severity 0 or strength 0 images are returned unchanged.
+
+    Raises:
+        InputError: an observer that cannot be simulated, or weights that cannot be used.
+    """
+
+    def __init__(
+        self,
+        cvd: str,
+        severity: float,
+        simulation: str = "machado",
+        strength: float = 1.0,
+        weights: Path | None = None,
+        device: str = "cpu",
+    ) -> None:
+        check_simulation(cvd, severity, simulation)
+        check_strength(strength)
+        self._observer, self._strength, self._device = Observer(cvd, severity, simulation), strength, device
+        self._generator = load_generator(weights or SHIPPED).to(device)
+        self._palette: Tensor | None = None
+        self._statistics: Statistics | None = None
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether images are returned unchanged."""
+        return self._observer.severity == 0.0 or self._strength == 0.0
+
+    def fit(
+        self,
+        images: Sequence[NDArray[np.uint8]],
+        reporter: Reporter | None = None,
+        *,
+        alphas: Sequence[NDArray[np.uint8] | None] | None = None,
+    ) -> None:
+        """Take the scene's palette, and for a network with `scene` normalisation its statistics. Nothing is learnt."""
+        if self.is_identity:
+            return
+        self._palette = palette(images, alphas)
+        if self._generator.config.normalisation != "scene":
+            return
+        chosen = np.unique(np.linspace(0, len(images) - 1, min(len(images), _SCENE_VIEWS)).round().astype(int))
+        self._statistics = average_statistics(
+            [record_statistics(self._generator, self._tensor(images[i]), self._observer, self._palette) for i in chosen]
+        )
+
+    def __call__(self, image: NDArray) -> NDArray[np.float32]:
+        """The recoloured image."""
+        if self.is_identity:
+            return as_float(image)
+        if self._palette is None:
+            raise RuntimeError("fit the enhancer to the scene before it is applied")
+        enhanced = enhance(
+            self._generator, self._tensor(image), self._observer, self._palette, self._statistics, self._strength
+        )
+        return tensor_to_image(enhanced)
+
+    def _tensor(self, image: NDArray) -> Tensor:
+        with torch.no_grad():
+            return image_to_tensor(image).to(self._device)

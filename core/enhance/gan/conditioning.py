@@ -1,0 +1,118 @@
+"""What the networks are told besides the image: who looks (the observer), and which colours the whole scene has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ...color.matrices import CVD_TYPES, SIMULATION_MODELS, LinearSimulation, linear_simulation
+from ...color.spaces import linear_to_srgb, srgb_to_linear
+from ..lut import as_float
+
+OBSERVER_FEATURES = len(CVD_TYPES) + len(SIMULATION_MODELS)
+"""Length of an observer's vector."""
+
+PALETTE_BINS = 8
+"""Bins of the palette along each channel of sRGB."""
+
+PALETTE_FEATURES = PALETTE_BINS**3
+"""Length of a palette."""
+
+_PALETTE_PIXELS = 60_000  # drawn from each image for its palette
+
+
+@dataclass(frozen=True)
+class Observer:
+    """For whom an image is enhanced: arguments of `core.color.simulation.simulate`."""
+
+    cvd: str
+    severity: float
+    simulation: str = "machado"
+
+    def features(self) -> Tensor:
+        """(OBSERVER_FEATURES,): the severity in the place of the type, and which simulation model is meant."""
+        kind = [self.severity * (self.cvd == name) for name in CVD_TYPES]
+        model = [float(self.simulation == name) for name in SIMULATION_MODELS]
+        return torch.tensor([*kind, *model], dtype=torch.float32)
+
+
+class ObserverBatch:
+    """One observer for each image of a batch, simulated together.
+
+    Args:
+        observers: as many as the batch has images.
+        device: where the images are.
+    """
+
+    def __init__(self, observers: Sequence[Observer], device: torch.device | str = "cpu") -> None:
+        models = [linear_simulation(o.cvd, float(o.severity), o.simulation) for o in observers]
+        self._above = _stack([m.matrix for m in models], device)
+        self._below = _stack([m.matrix if m.matrix_below is None else m.matrix_below for m in models], device)
+        self._separator = _stack([_separator(m) for m in models], device)
+        self._piecewise = any(m.matrix_below is not None for m in models)
+        self.features = torch.stack([o.features() for o in observers]).to(device)
+        self.severities = torch.tensor([float(o.severity) for o in observers], device=device)
+
+    def simulate_linear(self, linear: Tensor) -> Tensor:
+        """S between linear images: (B, 3, H, W) linear sRGB to the same, clipped to [0, 1]."""
+        pixels = linear.flatten(2)
+        result = self._above @ pixels
+        if self._piecewise:
+            result = torch.where(self._separator[:, None] @ pixels >= 0.0, result, self._below @ pixels)
+        return result.clamp(0.0, 1.0).view_as(linear)
+
+    def simulate(self, images: Tensor) -> Tensor:
+        """S of (B, 3, H, W) display-referred sRGB, as `core.color.simulation.simulate` of each image."""
+        return linear_to_srgb(self.simulate_linear(srgb_to_linear(images)))
+
+
+def _stack(arrays: Sequence[NDArray[np.float64]], device: torch.device | str) -> Tensor:
+    return torch.as_tensor(np.stack(arrays), dtype=torch.float32, device=device)
+
+
+def _separator(model: LinearSimulation) -> NDArray[np.float64]:
+    return np.zeros(3) if model.separator is None else model.separator
+
+
+def palette(
+    images: Sequence[NDArray], alphas: Sequence[NDArray[np.uint8] | None] | None = None, seed: int = 0
+) -> Tensor:
+    """(PALETTE_FEATURES,) the scene's colours, whatever the number and the order of its views.
+
+    The square root of each bin's share of the pixels (so that small areas are seen as well), every pixel shared out
+    linearly between the eight bins around it (so that a slightly different light changes it only slightly).
+
+    Args:
+        images: (H, W, 3) uint8, or float in [0, 1]; all count alike.
+        alphas: (H, W) coverage per image or None; uncovered pixels do not count.
+        seed: draws the pixels of large images.
+    """
+    shares = np.zeros(PALETTE_FEATURES)
+    generator = np.random.default_rng(seed)
+    for view, image in enumerate(images):
+        alpha = None if alphas is None else alphas[view]
+        colors = image.reshape(-1, 3) if alpha is None else image[np.asarray(alpha) > 0]
+        if len(colors) > _PALETTE_PIXELS:
+            colors = colors[generator.integers(0, len(colors), _PALETTE_PIXELS)]
+        if len(colors):
+            shares += _soft_histogram(as_float(colors)) / len(colors)
+    total = shares.sum()
+    return torch.from_numpy(np.sqrt(shares / total if total else shares).astype(np.float32))
+
+
+def _soft_histogram(colors: NDArray[np.float32]) -> NDArray[np.float64]:
+    position = np.clip(colors, 0.0, 1.0) * (PALETTE_BINS - 1)
+    lower = np.minimum(position.astype(np.int64), PALETTE_BINS - 2)
+    fraction = position - lower
+    histogram = np.zeros(PALETTE_FEATURES)
+    for corner in np.ndindex(2, 2, 2):
+        red, green, blue = (lower + corner).T
+        weight = np.where(np.array(corner, bool), fraction, 1.0 - fraction).prod(1)
+        index = (red * PALETTE_BINS + green) * PALETTE_BINS + blue
+        histogram += np.bincount(index, weight, PALETTE_FEATURES)
+    return histogram

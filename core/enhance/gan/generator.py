@@ -1,0 +1,193 @@
+"""The generator: a U-Net that says how much each pixel's colour has to change for one observer.
+
+As in pix2pix (Isola et al. 2017) convolutions of stride 2 lead down and skip connections back up; different are
+
+- the finest level, which sees single pixels only (1×1): recolouring is a function of the pixel's colour, steered by
+  features of its surroundings from half resolution downwards. That halves the cost of an image;
+- nearest-neighbour upsampling before a convolution, which leaves no checkerboard;
+- feature-wise modulation (FiLM, Perez et al. 2018) of every level by the observer and the scene's palette;
+- the residual's last layer, which starts at zero: training starts from the identity;
+- the severity as a factor of the residual: at severity 0 the network is the identity, whatever its weights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from .conditioning import OBSERVER_FEATURES, PALETTE_FEATURES
+
+NORMALISATIONS = ("none", "instance", "scene")
+_SLOPE = 0.2  # of leaky ReLUs, as in pix2pix
+_EPSILON = 1e-5  # added to variances
+
+Statistics = dict[int, tuple[Tensor, Tensor]]
+"""Mean and variance, (B, C, 1, 1) each, of every normalised layer by its number."""
+
+
+@dataclass(frozen=True)
+class GeneratorConfig:
+    """The network's shape; stored with its weights.
+
+    Attributes:
+        widths: channels at full resolution, at half, at a quarter, ...
+        normalisation: of the inner levels: "none"; "instance", by the statistics of the image at hand; or "scene", by
+            those of all views of a scene together, which are taken when the enhancer is fitted. The latter two train
+            alike.
+        palette: whether the scene's palette steers the network.
+        embedding: width of the vector that steers.
+    """
+
+    widths: tuple[int, ...] = (16, 24, 32, 64, 96, 128)
+    normalisation: str = "none"
+    palette: bool = True
+    embedding: int = 64
+
+    @property
+    def levels(self) -> int:
+        """Number of halvings of the resolution."""
+        return len(self.widths) - 1
+
+    @property
+    def stride(self) -> int:
+        """Sides of the network's input are multiples of this."""
+        return 2**self.levels
+
+    @property
+    def reach(self) -> int:
+        """An output pixel depends on no input further away than this, in pixels, rounded up to a whole stride.
+
+        Going down, a 4×4 kernel reaches 2 pixels of the level it reads; coming up, a 3×3 kernel reaches 1 and nearest
+        neighbours shift by at most 1.
+        """
+        down = sum(2 * 2**level for level in range(self.levels))
+        up = sum(2 * 2**level for level in range(self.levels))
+        return -(-(down + up) // self.stride) * self.stride
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready; `from_dict` reads it back."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> GeneratorConfig:
+        """The configuration of `to_dict`; ValueError or TypeError when it describes no network of ours."""
+        config = cls(**{**values, "widths": tuple(int(width) for width in values["widths"])})
+        plausible = 2 <= len(config.widths) <= 9 and all(1 <= w <= 1024 for w in (*config.widths, config.embedding))
+        if not plausible or config.normalisation not in NORMALISATIONS or not isinstance(config.palette, bool):
+            raise ValueError("no generator of this shape")
+        return config
+
+
+class Generator(nn.Module):
+    """See the module's text."""
+
+    def __init__(self, config: GeneratorConfig = GeneratorConfig()) -> None:
+        super().__init__()
+        self.config = config
+        full, *inner = config.widths
+        self.embed = nn.Sequential(
+            nn.Linear(OBSERVER_FEATURES + PALETTE_FEATURES * config.palette, config.embedding),
+            nn.LeakyReLU(_SLOPE),
+            nn.Linear(config.embedding, config.embedding),
+            nn.LeakyReLU(_SLOPE),
+        )
+        self.down = nn.ModuleList(
+            _Modulated(nn.Conv2d(before, after, 4, stride=2, padding=1), config.embedding)
+            for before, after in zip((6, *inner[:-1]), inner, strict=True)
+        )
+        self.up = nn.ModuleList(
+            _Modulated(nn.Conv2d(below + here, here, 3, padding=1), config.embedding)
+            for below, here in zip(reversed(inner[1:]), reversed(inner[:-1]), strict=True)
+        )
+        self.steer = nn.Conv2d(inner[0], full, 1)
+        self.pixel = _Modulated(nn.Conv2d(6, full, 1), config.embedding)
+        self.mix = nn.Conv2d(full, full, 1)
+        self.residual = nn.Conv2d(full, 3, 1)
+        nn.init.zeros_(self.residual.weight)
+        nn.init.zeros_(self.residual.bias)
+
+    def forward(
+        self,
+        image: Tensor,
+        simulated: Tensor,
+        observer: Tensor,
+        severity: Tensor,
+        palette: Tensor,
+        statistics: Statistics | None = None,
+        record: Statistics | None = None,
+    ) -> Tensor:
+        """(B, 3, H, W) what to add to `image`; not clipped.
+
+        Args:
+            image: (B, 3, H, W) sRGB in [0, 1], sides multiples of `config.stride`.
+            simulated: S(image), likewise.
+            observer: (B, OBSERVER_FEATURES).
+            severity: (B,).
+            palette: (B, PALETTE_FEATURES); ignored by a network without palette.
+            statistics: normalise by these instead of the images' own.
+            record: is filled with the images' own.
+        """
+        norm = _Normaliser(self.config.normalisation != "none", statistics, record)
+        steering = self.embed(torch.cat([observer, palette], 1) if self.config.palette else observer)
+        # The difference to the simulation is what the observer loses; it is small, so it is scaled up.
+        seen = torch.cat([image - 0.5, (simulated - image) * 2.0], 1).contiguous(memory_format=torch.channels_last)
+        skips, features = [], seen
+        for level, layer in enumerate(self.down):
+            # As in pix2pix, the outermost layer is not normalised.
+            features = layer(features, steering, norm if level else None)
+            skips.append(features)
+        features = skips.pop()
+        for layer in self.up:
+            wider = functional.interpolate(features, scale_factor=2.0, mode="nearest")
+            features = layer(torch.cat([wider, skips.pop()], 1), steering, norm)
+        surroundings = functional.interpolate(
+            self.steer(features), scale_factor=2.0, mode="bilinear", align_corners=False
+        )
+        features = self.pixel(seen, steering, None, surroundings)
+        features = functional.leaky_relu(self.mix(features), _SLOPE)
+        return self.residual(features) * severity[:, None, None, None]
+
+
+class _Normaliser:
+    """Instance normalisation by given statistics or the images' own, layer after layer in the order of calls."""
+
+    def __init__(self, active: bool, statistics: Statistics | None, record: Statistics | None) -> None:
+        self._active, self._statistics, self._record, self._layer = active, statistics, record, 0
+
+    def __call__(self, features: Tensor) -> Tensor:
+        if not self._active:
+            return features
+        if self._statistics is None:
+            variance, mean = torch.var_mean(features, (2, 3), correction=0, keepdim=True)
+        else:
+            mean, variance = self._statistics[self._layer]
+        if self._record is not None:
+            self._record[self._layer] = (mean, variance)
+        self._layer += 1
+        return (features - mean) * torch.rsqrt(variance + _EPSILON)
+
+
+class _Modulated(nn.Module):
+    """A convolution whose output channels are scaled and shifted by the steering vector, then rectified."""
+
+    def __init__(self, convolution: nn.Conv2d, embedding: int) -> None:
+        super().__init__()
+        self.convolution = convolution
+        self.modulate = nn.Linear(embedding, 2 * convolution.out_channels)
+        nn.init.zeros_(self.modulate.weight)
+        nn.init.zeros_(self.modulate.bias)
+
+    def forward(
+        self, features: Tensor, steering: Tensor, norm: _Normaliser | None, surroundings: Tensor | None = None
+    ) -> Tensor:
+        features = self.convolution(features)
+        if norm is not None:
+            features = norm(features)
+        scale, shift = self.modulate(steering)[:, :, None, None].chunk(2, 1)
+        if surroundings is not None:
+            shift = shift + surroundings
+        return functional.leaky_relu(torch.addcmul(shift, features, 1.0 + scale), _SLOPE)

@@ -1,0 +1,261 @@
+"""Trains the conditional GAN on a paired dataset, on CPU or CUDA, resumable from a checkpoint.
+
+The generator minimises L_GAN + λ_cd L_cd + λ_1 L1 (the seed's Eq. 5), the discriminator its halved cross entropy; both
+by Adam, whose rate falls linearly to zero after half of the steps. Step k draws its batch from (seed, k) alone, so a
+resumed training sees what an uninterrupted one would have seen.
+"""
+
+from __future__ import annotations
+
+import copy
+import csv
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from ...color.metrics import ccpr, ssim
+from ...color.spaces import linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
+from ...events import Reporter
+from .batches import Batch, Examples
+from .checkpoint import load_checkpoint, save_checkpoint
+from .conditioning import ObserverBatch
+from .discriminator import Discriminator
+from .generator import Generator, GeneratorConfig
+from .losses import contrast_distance, discriminator_loss, generator_loss
+from .weights import save_generator
+
+CHECKPOINT = "checkpoint.safetensors"
+WEIGHTS = "enhancer.safetensors"
+LOG = "log.csv"
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """What a training run depends on besides its data.
+
+    Attributes:
+        steps: generator updates; 0.5 `steps` at the full rate.
+        batch, crop: images a step and their sides in pixels, a multiple of the generator's stride.
+        learning_rate, beta1: of Adam, for both networks.
+        l1_weight, contrast_weight: λ_1 and λ_cd.
+        adversarial_weight: of L_GAN; 0 trains without discriminator.
+        contrast_windows: sides of L_cd's windows in pixels.
+        one_sided: see `contrast_distance`.
+        discriminator_width: channels of the discriminator's first layer.
+        hard_share: share of the batch drawn by how much the teacher changes a pair; the rest is drawn evenly.
+        average_decay: of the running mean of the weights, which is what is kept.
+        seed: of initial weights and batches.
+        generator: the network's shape.
+    """
+
+    steps: int = 30_000
+    batch: int = 4
+    crop: int = 128
+    learning_rate: float = 2e-4
+    beta1: float = 0.5
+    l1_weight: float = 100.0
+    contrast_weight: float = 20.0
+    adversarial_weight: float = 1.0
+    contrast_windows: tuple[int, ...] = (3, 11)
+    one_sided: bool = True
+    discriminator_width: int = 16
+    hard_share: float = 0.5
+    average_decay: float = 0.999
+    seed: int = 0
+    generator: GeneratorConfig = field(default_factory=GeneratorConfig)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return asdict(self)
+
+    def rate(self, step: int) -> float:
+        """Factor of the learning rate at a step."""
+        return min(1.0, 2.0 * (1.0 - step / self.steps))
+
+
+class Training:
+    """A training run in a folder: ``checkpoint.safetensors``, ``enhancer.safetensors`` and ``log.csv``.
+
+    Args:
+        folder: continues the run found there, which has to have the same settings apart from `steps`.
+        examples: what to learn from.
+        validation: what the log measures on; not learnt from.
+        settings: see there.
+        device: of torch.
+
+    Raises:
+        InputError: the folder's checkpoint is damaged or of other settings.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        examples: Examples,
+        validation: Examples,
+        settings: TrainingSettings,
+        device: str = "cpu",
+    ) -> None:
+        self.settings, self.folder, self.step = settings, folder, 0
+        self._examples, self._validation, self._device = examples, validation, device
+        torch.manual_seed(settings.seed)
+        self.generator = Generator(settings.generator).to(device, memory_format=torch.channels_last)
+        self._discriminator = Discriminator(settings.discriminator_width).to(device, memory_format=torch.channels_last)
+        self.average = copy.deepcopy(self.generator).requires_grad_(False)
+        self._optimizers = {
+            name: torch.optim.Adam(network.parameters(), settings.learning_rate, (settings.beta1, 0.999))
+            for name, network in (("generator", self.generator), ("discriminator", self._discriminator))
+        }
+        folder.mkdir(parents=True, exist_ok=True)
+        if (folder / CHECKPOINT).is_file():
+            self.step = load_checkpoint(folder / CHECKPOINT, self._networks(), self._optimizers, settings.to_dict())
+
+    def run(
+        self, reporter: Reporter | None = None, *, log_every: int = 500, notes: dict[str, str] | None = None
+    ) -> None:
+        """Train to the last step; a checkpoint is written at every log line and when the run is interrupted."""
+        reporter = reporter or Reporter()
+        losses: list[dict[str, float]] = []
+        with ThreadPoolExecutor(1) as loader:
+            coming = loader.submit(self._batch, self.step)
+            try:
+                while self.step < self.settings.steps:
+                    batch = coming.result()
+                    coming = loader.submit(self._batch, self.step + 1)
+                    losses.append(self._update(batch))
+                    self.step += 1
+                    message = f"step {self.step}, L1 {losses[-1]['l1']:.4f}, contrast {losses[-1]['contrast']:.4f}"
+                    reporter.progress("train", self.step / self.settings.steps, message)
+                    if self.step % log_every == 0 or self.step == self.settings.steps:
+                        self._log(losses)
+                        losses.clear()
+                        self.save(notes)
+            except BaseException:
+                self.save(notes)
+                raise
+
+    def save(self, notes: dict[str, str] | None = None) -> None:
+        """Write the checkpoint and the weights as they are now."""
+        save_checkpoint(
+            self.folder / CHECKPOINT, self._networks(), self._optimizers, self.step, self.settings.to_dict()
+        )
+        save_generator(self.average, self.folder / WEIGHTS, {"step": str(self.step), **(notes or {})})
+
+    def _networks(self) -> dict[str, nn.Module]:
+        return {"generator": self.generator, "discriminator": self._discriminator, "average": self.average}
+
+    def _batch(self, step: int) -> Batch:
+        generator = np.random.default_rng([self.settings.seed, step])
+        return self._examples.draw(generator, self.settings.batch, self.settings.crop, self.settings.hard_share)
+
+    def _update(self, batch: Batch) -> dict[str, float]:
+        """One step of both networks; returns the losses."""
+        settings = self.settings
+        for optimizer in self._optimizers.values():
+            optimizer.param_groups[0]["lr"] = settings.learning_rate * settings.rate(self.step)
+        observers = ObserverBatch(batch.observers, self._device)
+        original, target = batch.original.to(self._device), batch.target.to(self._device)
+        palettes = batch.palettes.to(self._device)
+        linear = srgb_to_linear(original)
+        simulated = observers.simulate(original)
+        residual = self.generator(original, simulated, observers.features, observers.severities, palettes)
+        mapped = original + residual
+        candidate = mapped.clamp(0.0, 1.0)
+        seen = xyz_to_lab(linear_to_xyz(observers.simulate_linear(srgb_to_linear(candidate))))
+        contrast = contrast_distance(
+            xyz_to_lab(linear_to_xyz(linear)), seen, settings.contrast_windows, settings.one_sided
+        )
+        # Unclipped, so that a pixel that left the gamut still finds back.
+        distance = (mapped - target).abs().mean()
+        loss = settings.l1_weight * distance + settings.contrast_weight * contrast
+        adversarial = 0.0
+        if settings.adversarial_weight:
+            self._discriminator.requires_grad_(False)
+            judged = generator_loss(self._discriminator(original, candidate, observers.features))
+            loss = loss + settings.adversarial_weight * judged
+            adversarial = float(judged)
+        self._step("generator", loss)
+        judged_loss = 0.0
+        if settings.adversarial_weight:
+            judged_loss = self._update_discriminator(original, target, candidate.detach(), observers.features)
+        self._update_average()
+        return {
+            "l1": float(distance),
+            "contrast": float(contrast),
+            "adversarial": adversarial,
+            "discriminator": judged_loss,
+        }
+
+    def _update_discriminator(self, original: Tensor, target: Tensor, candidate: Tensor, features: Tensor) -> float:
+        self._discriminator.requires_grad_(True)
+        loss = discriminator_loss(
+            self._discriminator(original, target, features), self._discriminator(original, candidate, features)
+        )
+        self._step("discriminator", loss)
+        return float(loss)
+
+    def _step(self, name: str, loss: Tensor) -> None:
+        optimizer = self._optimizers[name]
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        optimizer.step()
+
+    def _update_average(self) -> None:
+        # The first steps would weigh too long in a mean of fixed memory.
+        decay = min(self.settings.average_decay, (1.0 + self.step) / (10.0 + self.step))
+        with torch.no_grad():
+            for mean, value in zip(self.average.parameters(), self.generator.parameters(), strict=True):
+                mean.lerp_(value, 1.0 - decay)
+
+    def _log(self, losses: Sequence[dict[str, float]]) -> None:
+        row: dict[str, Any] = {"step": self.step, "time": round(time.time(), 1)}
+        row |= {name: round(float(np.mean([loss[name] for loss in losses])), 5) for name in losses[0]}
+        row |= {name: round(value, 5) for name, value in validate(self.average, self._validation, self._device).items()}
+        path = self.folder / LOG
+        new = not path.is_file()
+        with open(path, "a", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(row))
+            if new:
+                writer.writeheader()
+            writer.writerow(row)
+
+
+def validate(generator: Generator, examples: Examples, device: str = "cpu", batch: int = 8) -> dict[str, float]:
+    """How a generator does on examples that it has not learnt from.
+
+    Returns:
+        `distance`: mean absolute difference to the teacher; `shift`: mean ΔE76 to the original; CCPR (τ = 6), averaged
+        over images, of the simulated original (`ccpr_input`), of the teacher's (`ccpr_teacher`) and of the generator's
+        (`ccpr`); likewise SSIM(original, S(·)); `shift_teacher`: the teacher's mean ΔE76.
+    """
+    totals: dict[str, list[float]] = {}
+    for first in range(0, len(examples), batch):
+        part = examples.whole(range(first, min(first + batch, len(examples))))
+        observers = ObserverBatch(part.observers, device)
+        original = part.original.to(device)
+        with torch.inference_mode():
+            simulated = observers.simulate(original)
+            residual = generator(
+                original, simulated, observers.features, observers.severities, part.palettes.to(device)
+            )
+            candidate = (original + residual).clamp(0.0, 1.0)
+            target = part.target.to(device)
+            for suffix, image in (("_input", original), ("_teacher", target), ("", candidate)):
+                pairs = list(zip(original, observers.simulate(image), strict=True))
+                totals.setdefault(f"ccpr{suffix}", []).extend(ccpr(*pair)[0] for pair in pairs)
+                totals.setdefault(f"ssim{suffix}", []).extend(ssim(*pair) for pair in pairs)
+            totals.setdefault("distance", []).extend((candidate - target).abs().mean((1, 2, 3)).tolist())
+            for name, image in (("shift", candidate), ("shift_teacher", target)):
+                totals.setdefault(name, []).extend(_shift(original, image))
+    return {name: float(np.nanmean(values)) for name, values in totals.items()}
+
+
+def _shift(original: Tensor, image: Tensor) -> list[float]:
+    difference: Tensor = srgb_to_lab(original) - srgb_to_lab(image)
+    return difference.norm(dim=1).mean((1, 2)).tolist()

@@ -1,0 +1,91 @@
+"""Weights on disk: safetensors with the network's shape, a checksum and where they come from. Never a pickle."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from ...errors import InputError
+from .generator import Generator, GeneratorConfig
+
+SHIPPED = Path(__file__).parent / "weights" / "enhancer.safetensors"
+"""The weights that come with the repository; see the model card beside them."""
+
+_FORMAT = "cvdgs-enhancer"
+_VERSION = "1"  # of the network's code: raised when the same weights would give other images
+_MAX_BYTES = 512 * 2**20  # larger files are no enhancer of ours
+
+
+def save_generator(generator: Generator, path: Path, notes: dict[str, str] | None = None) -> None:
+    """Write the weights, readable by `load_generator`.
+
+    Args:
+        notes: what else to keep with them, such as settings, seed and date.
+    """
+    tensors = {name: value.detach().cpu().contiguous() for name, value in generator.state_dict().items()}
+    metadata = {
+        **(notes or {}),
+        "format": _FORMAT,
+        "version": _VERSION,
+        "config": json.dumps(generator.config.to_dict()),
+        "sha256": _checksum(tensors),
+    }
+    save_file(tensors, path, metadata=metadata)
+
+
+def load_generator(path: Path) -> Generator:
+    """The generator of a file, ready to be applied.
+
+    Raises:
+        InputError: the file is missing, damaged, made by another version, or something else.
+    """
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError("the file is too large to be an enhancer's weights", where=path, remedy=_REMEDY)
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            _check_header(metadata, path)
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no dictionary
+    except (OSError, SafetensorError) as error:
+        raise InputError(f"the enhancer's weights cannot be read ({error})", where=path, remedy=_REMEDY) from None
+    if _checksum(tensors) != metadata.get("sha256"):
+        raise InputError("the enhancer's weights are damaged (wrong checksum)", where=path, remedy=_REMEDY)
+    try:
+        generator = Generator(GeneratorConfig.from_dict(json.loads(metadata["config"])))
+        generator.load_state_dict({name: value.float() for name, value in tensors.items()})
+    except (KeyError, TypeError, ValueError, RuntimeError):
+        raise InputError("the weights do not fit the network they describe", where=path, remedy=_REMEDY) from None
+    if not all(torch.isfinite(value).all() for value in tensors.values()):
+        raise InputError("the enhancer's weights are not all finite", where=path, remedy=_REMEDY)
+    return generator.eval().requires_grad_(False).to(memory_format=torch.channels_last)
+
+
+_REMEDY = "give a file that scripts/train_enhancer.py made, or use --enhancer cgan for the one that is shipped"
+
+
+def _check_header(metadata: dict[str, str], path: Path) -> None:
+    if metadata.get("format") != _FORMAT:
+        raise InputError("the file holds no enhancer", where=path, remedy=_REMEDY)
+    if metadata.get("version") != _VERSION:
+        found = metadata.get("version", "unknown")
+        raise InputError(
+            f"the weights are of version {found}, this program reads version {_VERSION}",
+            where=path,
+            remedy="train them again with this version's scripts/train_enhancer.py",
+        )
+
+
+def _checksum(tensors: dict[str, Tensor]) -> str:
+    """SHA-256 over names, types, shapes and values."""
+    digest = hashlib.sha256()
+    for name in sorted(tensors):
+        value = tensors[name].contiguous()
+        digest.update(f"{name} {value.dtype} {tuple(value.shape)}\n".encode())
+        digest.update(value.view(-1).view(torch.uint8).numpy().tobytes())
+    return digest.hexdigest()
