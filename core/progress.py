@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from .job import Event
@@ -28,11 +29,13 @@ class RunProgress:
         stages: the stages that this run has, in order.
         stage: the one that it is in.
         message: what it last said.
+        shares: of the time, by stage.
     """
 
     stages: tuple[str, ...]
     stage: str = ""
     message: str = ""
+    shares: Mapping[str, float] = field(default_factory=lambda: STAGE_SHARES)
     _fraction: float = 0.0
     _reached: float = 0.0
     _stage_seconds_left: float | None = None
@@ -55,8 +58,8 @@ class RunProgress:
     def fraction(self) -> float:
         """Of the whole run, in [0, 1]; it stands still in a stage that was not expected."""
         if self.stage in self.stages:
-            before = sum(STAGE_SHARES.get(name, 0.0) for name in self.stages[: self.stages.index(self.stage)])
-            here = STAGE_SHARES.get(self.stage, 0.0) * self._fraction
+            before = sum(self.shares.get(name, 0.0) for name in self.stages[: self.stages.index(self.stage)])
+            here = self.shares.get(self.stage, 0.0) * self._fraction
             self._reached = max(self._reached, min((before + here) / self._total, 1.0))
         return self._reached
 
@@ -68,15 +71,15 @@ class RunProgress:
         if self._stage_seconds_left is None or self.stage not in self.stages:
             return overall
         in_stage = max(self._stage_seconds_left - (time.monotonic() - self._updated), 0.0)
-        share = STAGE_SHARES.get(self.stage, 0.0) * (1.0 - self._fraction)
-        later = sum(STAGE_SHARES.get(name, 0.0) for name in self.stages[self.stages.index(self.stage) + 1 :])
+        share = self.shares.get(self.stage, 0.0) * (1.0 - self._fraction)
+        later = sum(self.shares.get(name, 0.0) for name in self.stages[self.stages.index(self.stage) + 1 :])
         if share <= 0.0:
             return overall
         return in_stage + (overall or 0.0) * later / (share + later)
 
     @property
     def _total(self) -> float:
-        return sum(STAGE_SHARES.get(name, 0.0) for name in self.stages) or 1.0
+        return sum(self.shares.get(name, 0.0) for name in self.stages) or 1.0
 
 
 def format_seconds(seconds: float) -> str:

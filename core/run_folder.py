@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO
 
@@ -18,7 +19,7 @@ from .errors import InputError
 _STAGING = ".partial"
 _RETIRED = ".replaced"
 _LOCK = ".lock"
-# What a run may have written, by the contract of design.md. Nothing else in the folder is touched.
+# What scripts/run.py may have written, by the contract of design.md.
 _OWN_NAMES = (
     "capture",
     "enhanced",
@@ -33,15 +34,31 @@ _OWN_NAMES = (
 _OWN_PATTERNS = ("splats*.ply", "layer.*.cube")
 
 
+def files_of_a_run(out: Path) -> list[Path]:
+    """What an earlier run of scripts/run.py may have left in `out`, whether it is there or not."""
+    return [out / name for name in _OWN_NAMES] + [path for pattern in _OWN_PATTERNS for path in out.glob(pattern)]
+
+
 class RunFolder:
     """Owns the output folder for the time of one run.
+
+    Args:
+        out: the folder; made when it is missing.
+        earlier_files: what an earlier run has left in a folder, and a new one replaces. Nothing else there is touched.
+        last: the staged file that vouches for the others, and so is put in place after them.
 
     Raises (on construction):
         InputError: the folder cannot be made or written, or another run is using it.
     """
 
-    def __init__(self, out: str | Path) -> None:
+    def __init__(
+        self,
+        out: str | Path,
+        earlier_files: Callable[[Path], list[Path]] = files_of_a_run,
+        last: str = "report.json",
+    ) -> None:
         self.out = Path(out).absolute()
+        self._earlier_files, self._last = earlier_files, last
         self._created = [p for p in (self.out, *self.out.parents) if not p.exists()]
         self.staging = self.out / _STAGING
         self._lock: IO[str] | None = None
@@ -75,12 +92,10 @@ class RunFolder:
         """Put the staged files in place of an earlier run's; each is a rename, and the old ones go only afterwards."""
         retired = self.out / _RETIRED
         retired.mkdir(exist_ok=True)
-        old = [self.out / name for name in _OWN_NAMES]
-        old += [path for pattern in _OWN_PATTERNS for path in self.out.glob(pattern)]
-        for path in old:
+        for path in self._earlier_files(self.out):
             if path.exists():
                 os.replace(path, retired / path.name)
-        for path in sorted(self.staging.iterdir(), key=lambda p: p.name == "report.json"):  # the report vouches: last
+        for path in sorted(self.staging.iterdir(), key=lambda p: p.name == self._last):
             os.replace(path, self.out / path.name)
         self.staging.rmdir()
         shutil.rmtree(retired, ignore_errors=True)

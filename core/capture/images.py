@@ -42,12 +42,14 @@ class ImageHeader:
         width, height: in pixels, as stored.
         orientation: EXIF orientation, 1 (upright) to 8.
         color_profile: description of an embedded ICC profile, or an empty string.
+        bits: of a channel.
     """
 
     width: int
     height: int
     orientation: int
     color_profile: str = ""
+    bits: int = 8
 
     @property
     def upright_size(self) -> tuple[int, int]:
@@ -55,25 +57,37 @@ class ImageHeader:
         transposed = _ORIENTATION_STEPS[self.orientation][2]
         return (self.height, self.width) if transposed else (self.width, self.height)
 
+    @property
+    def is_foreign(self) -> bool:
+        """Whether an embedded profile says that the colours are not sRGB."""
+        return bool(self.color_profile) and "srgb" not in self.color_profile.lower()
 
-def read_header(path: Path) -> ImageHeader:
+
+def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
     """Read size and orientation without the pixels.
 
     Raises:
-        InputError: not an image, beyond `MAX_SIDE` or `MAX_MEGAPIXELS`, below `MIN_SIDE`, or CMYK.
+        InputError: not an image, beyond `MAX_SIDE` or `MAX_MEGAPIXELS`, below `min_side`, or CMYK.
     """
     file = _open(path)
     try:
         spec = file.spec()
-        _check_header(spec, path)
+        _check_header(spec, path, min_side)
         return ImageHeader(
-            spec.width, spec.height, _orientation(spec), spec.get_string_attribute("ICCProfile:profile_description")
+            spec.width,
+            spec.height,
+            _orientation(spec),
+            spec.get_string_attribute("ICCProfile:profile_description"),
+            # Fewer than a format's whole bytes (PNG palettes, bitmaps) are reported apart from the decoded type.
+            max(spec.get_int_attribute("oiio:BitsPerSample", 0), 8 * spec.format.size()),
         )
     finally:
         file.close()
 
 
-def read_pixels(path: Path, *, upright: bool = False) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def read_pixels(
+    path: Path, *, upright: bool = False, min_side: int = MIN_SIDE
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Decode an image to display-referred sRGB.
 
     Integer images are taken as sRGB; floating-point ones (EXR, HDR, float TIFF) as linear with Rec. 709 primaries and
@@ -82,6 +96,7 @@ def read_pixels(path: Path, *, upright: bool = False) -> tuple[NDArray[np.uint8]
     Args:
         path: the image file.
         upright: apply the EXIF orientation.
+        min_side: smaller images are refused.
 
     Returns:
         (H, W, 3) uint8 and (H, W) uint8 coverage, or None where there is no alpha channel or it is opaque everywhere.
@@ -92,7 +107,7 @@ def read_pixels(path: Path, *, upright: bool = False) -> tuple[NDArray[np.uint8]
     file = _open(path)
     try:
         spec = file.spec()
-        _check_header(spec, path)
+        _check_header(spec, path, min_side)
         linear = spec.format.basetype in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE)
         pixels = file.read_image(oiio.FLOAT if linear else oiio.UINT8)
         # The JPEG and TIFF readers fill what is missing with grey or black, return it, and leave an error behind.
@@ -162,7 +177,7 @@ def _open(path: Path) -> oiio.ImageInput:
     return file
 
 
-def _check_header(spec: oiio.ImageSpec, path: Path) -> None:
+def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
     width, height = spec.width, spec.height
     if max(width, height) > MAX_SIDE or width * height > MAX_MEGAPIXELS * 1_000_000:
         raise InputError(
@@ -170,9 +185,9 @@ def _check_header(spec: oiio.ImageSpec, path: Path) -> None:
             where=path,
             remedy="export it smaller",
         )
-    if min(width, height) < MIN_SIDE:
+    if min(width, height) < min_side:
         raise InputError(
-            f"the image is {width} x {height} pixels, too small to train on (at least {MIN_SIDE} a side)",
+            f"the image is {width} x {height} pixels, too small to train on (at least {min_side} a side)",
             where=path,
             remedy="export it larger or remove it from the capture",
         )

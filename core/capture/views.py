@@ -58,7 +58,7 @@ def plan_views(model: SourceModel, max_size: int | None) -> list[ViewPlan]:
     rotated = sum(plan.upright and plan.header.orientation != 1 for plan in plans)
     if rotated:
         model.warn("exif-rotated", f"{model.file}: {rotated} photographs are turned upright as their EXIF data says")
-    foreign = Counter(plan.header.color_profile for plan in plans if _is_foreign(plan.header.color_profile))
+    foreign = Counter(plan.header.color_profile for plan in plans if plan.header.is_foreign)
     if foreign:
         model.warn(
             "color-profile",
@@ -92,10 +92,6 @@ def read_views(plans: Sequence[ViewPlan], reporter: Reporter) -> list[View]:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return views
-
-
-def _is_foreign(profile: str) -> bool:
-    return bool(profile) and "srgb" not in profile.lower()
 
 
 def _plan_view(key: str, view: SourceView, max_size: int | None) -> ViewPlan:
