@@ -1,146 +1,160 @@
-"""Measures the product's own code and writes tables: python scripts/benchmark.py PART --out DIR [options].
-
-Parts: step (a whole training step against the prototype's loop, in one run); display (Cycles against our rasteriser on
-a finished run, encoded and linear blending).
-"""
+"""Measures the product's own code and writes tables: python scripts/benchmark.py PART --out DIR [options]."""
 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import csv
-import statistics
-import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
-from cvdgs.core.capture import Capture, read_capture  # noqa: E402
+from cvdgs.core.capture import read_capture  # noqa: E402
 from cvdgs.core.demo import SHOWROOM  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.evaluate.display import display_fidelity  # noqa: E402
-from cvdgs.core.evaluate.prototype_loop import PrototypeLoop  # noqa: E402
-from cvdgs.core.evaluate.step_benchmark import (  # noqa: E402
-    StepTimes,
-    benchmark_camera,
-    benchmark_step,
-    random_gaussians,
-)
-from cvdgs.core.evaluate.training_step import training_step_milliseconds  # noqa: E402
+from cvdgs.core.evaluate.enhancer_benchmark import EnhancerBenchmark  # noqa: E402
+from cvdgs.core.evaluate.step_comparison import compare_steps, write_steps  # noqa: E402
+from cvdgs.core.events import Reporter  # noqa: E402
 
 SHARED = bootstrap.ROOT.parent / "shared"
-STEPS = 300
-SIZE = 480  # pixels of the longer side: fox at 270x480, as in the notes
+PHOTOS = SHARED / "data" / "photos"
+FOX = SHARED / "data" / "fox"
+STEP_SIZE = 480  # pixels of the longer side: fox at 270x480, as in the notes
+QUICK: dict[str, Any] = {
+    "types": ("protan", "deutan"),
+    "severities": (1.0,),
+    "size": 256,
+    "plates": 10,
+    "textiles": 6,
+    "most_photographs": 6,
+    "other_models": False,
+    "trade_off": False,
+}
+"""What `enhancer --quick` measures: enough to steer a training by, in less than a minute without the LUT."""
+
+
+class ConsoleReporter(Reporter):
+    """Says on stderr how far the work is."""
+
+    def status(self, stage: str, message: str) -> None:
+        print(f"{stage}: {message}", file=sys.stderr)
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        print(f"\r{stage}: {100.0 * fraction:3.0f} % {message:60.60}", end="", file=sys.stderr)
+        if fraction >= 1.0:
+            print(file=sys.stderr)
+
+    def warning(self, name: str, message: str) -> None:
+        print(f"warning: {message}", file=sys.stderr)
 
 
 def main(arguments: list[str]) -> int:
     """Run one part; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="benchmark.py", description=__doc__.splitlines()[0])
-    parser.add_argument("part", choices=["step", "display"])
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--capture", type=Path, default=None, help="default: the evaluation data's fox, else the demo")
-    parser.add_argument("--prototype", type=Path, default=SHARED / "prototypes" / "kernels", metavar="DIR")
-    parser.add_argument("--rounds", type=int, default=5, help="interleaved repetitions; the medians count (5)")
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--run", type=Path, default=Path("out/demo"), help="finished run for 'display' (out/demo)")
-    parser.add_argument("--view", default="view_016", help="its held-out view (view_016)")
-    options = parser.parse_args(arguments)
+    options = build_parser().parse_args(arguments)
     try:
-        measure_step(options) if options.part == "step" else measure_display(options)
+        options.out.mkdir(parents=True, exist_ok=True)
+        print(options.measure(options))
     except InputError as error:
         print(f"benchmark.py: {error}", file=sys.stderr)
         return 2
     return 0
 
 
-def measure_display(options: argparse.Namespace) -> None:
-    """Render one view of a run through Cycles in both displays and write display.md."""
+def build_parser() -> argparse.ArgumentParser:
+    """A subcommand for each part, all with --out."""
+    parser = argparse.ArgumentParser(prog="benchmark.py", description=__doc__)
+    parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
+    _add_step(parts.add_parser("step", help="a whole training step against the prototype's loop, in one run"))
+    _add_display(parts.add_parser("display", help="Cycles against our rasteriser on a finished run"))
+    _add_enhancer(parts.add_parser("enhancer", help="enhancers compared on photographs, plates and textiles"))
+    for part in parts.choices.values():
+        part.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the tables")
+    return parser
+
+
+def _add_step(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--capture", type=Path, default=None, help="default: the evaluation data's fox, else the demo")
+    parser.add_argument("--prototype", type=Path, default=SHARED / "prototypes" / "kernels", metavar="DIR")
+    parser.add_argument("--rounds", type=int, default=5, help="interleaved repetitions; the medians count (5)")
+    parser.add_argument("--threads", type=int, default=2)
+    parser.set_defaults(measure=measure_step)
+
+
+def measure_step(options: argparse.Namespace) -> str:
+    """Time our step and the prototype's by turns; writes step.csv and step.md."""
+    capture = read_capture(options.capture or (FOX if FOX.is_dir() else SHOWROOM), max_size=STEP_SIZE)
+    found = compare_steps(capture, options.prototype, options.rounds, options.threads, ConsoleReporter())
+    return write_steps(options.out, capture, found)
+
+
+def _add_display(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--run", type=Path, default=Path("out/demo"), help="a finished run (out/demo)")
+    parser.add_argument("--view", default="view_016", help="its held-out view (view_016)")
+    parser.set_defaults(measure=measure_display)
+
+
+def measure_display(options: argparse.Namespace) -> str:
+    """Render one view of a run through Cycles in both displays; writes display.md."""
     with tempfile.TemporaryDirectory() as scratch:
         found = display_fidelity(options.run, options.view, Path(scratch))
     lines = [f"Cycles against our rasteriser, {options.run.name}, {options.view}, original colours:", ""]
     lines += [f"- {display}: {value:.1f} dB" for display, value in found.items()]
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "display.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print("\n".join(lines))
+    text = "\n".join(lines) + "\n"
+    (options.out / "display.md").write_text(text, encoding="utf-8")
+    return text
 
 
-def measure_step(options: argparse.Namespace) -> None:
-    """Time our step and the prototype's by turns, write step.csv and step.md, and print the ratio."""
-    capture = read_capture(options.capture or _default_capture(), max_size=SIZE)
-    with tempfile.TemporaryDirectory() as scratch:
-        prototype = None
-        if PrototypeLoop.is_there(options.prototype):
-            prototype = PrototypeLoop(options.prototype, capture, Path(scratch))
-            prototype.step_milliseconds(120, options.threads)  # its first call compiles
-        else:
-            print(f"no prototype at {options.prototype}: ours alone", file=sys.stderr)
-        ours: list[float] = []
-        theirs: list[float] = []
-        for round_ in range(options.rounds):
-            ours.append(training_step_milliseconds(capture, STEPS, options.threads))
-            if prototype:
-                theirs.append(prototype.step_milliseconds(STEPS, options.threads))
-            print(
-                f"round {round_ + 1}: ours {ours[-1]:.2f} ms" + (f", prototype {theirs[-1]:.2f} ms" if theirs else "")
-            )
-    with _busy_neighbour():
-        disturbed = training_step_milliseconds(capture, STEPS, options.threads)
-    camera = capture.views[0].camera
-    scene = random_gaussians(10_000, camera.width, camera.height)
-    stages = benchmark_step(
-        scene, benchmark_camera(camera.width, camera.height), capture.views[0].image, threads=options.threads
+def _add_enhancer(parser: argparse.ArgumentParser) -> None:
+    add, usual = parser.add_argument, EnhancerBenchmark(methods=())
+    add("--enhancers", type=_names, default=("none", "gain", "lut"), metavar="A,B", help="names or weight files")
+    add(
+        "--images",
+        type=_named_folder,
+        action="append",
+        metavar="NAME=FOLDER",
+        help="photographs; may be given again (the folders of the evaluation data's photographs)",
     )
-    _write_step(options.out, capture, ours, theirs, disturbed, stages)
+    add("--cvd", type=_names, dest="types", metavar="A,B", help=f"types ({','.join(usual.types)})")
+    add("--severity", type=_numbers, dest="severities", metavar="A,B", help="severities (0.4,0.7,1)")
+    add("--size", type=int, metavar="PIXELS", help=f"longer side of the images ({usual.size})")
+    add("--plates", type=int, metavar="N", help=f"for each type ({usual.plates})")
+    add("--textiles", type=int, metavar="N", help=f"in all ({usual.textiles})")
+    add("--quick", action="store_true", help="fewer and smaller images, protan and deutan 1.0, Machado alone")
+    parser.set_defaults(measure=measure_enhancers)
 
 
-@contextlib.contextmanager
-def _busy_neighbour() -> Iterator[None]:
-    """Another process that keeps one processor busy."""
-    process = subprocess.Popen([sys.executable, "-c", "while True: pass"])
-    try:
-        yield
-    finally:
-        process.kill()
-        process.wait()
+def measure_enhancers(options: argparse.Namespace) -> str:
+    """Compare enhancers; writes enhancer.csv, enhancer.md, the trade-off and contact sheets."""
+    folders = options.images if options.images is not None else _photo_folders()
+    asked = {name: getattr(options, name) for name in ("types", "severities", "size", "plates", "textiles")}
+    asked = {name: value for name, value in asked.items() if value is not None}
+    benchmark = EnhancerBenchmark(options.enhancers, dict(folders), **{**(QUICK if options.quick else {}), **asked})
+    return benchmark.run(options.out, ConsoleReporter())
 
 
-def _default_capture() -> Path:
-    fox = SHARED / "data" / "fox"
-    return fox if fox.is_dir() else SHOWROOM
+def _photo_folders() -> list[tuple[str, Path]]:
+    """The evaluation data's sets of photographs, where the data is there."""
+    folders = sorted(PHOTOS.iterdir()) if PHOTOS.is_dir() else []
+    return [(folder.name, folder) for folder in folders if folder.is_dir()]
 
 
-def _write_step(
-    out: Path, capture: Capture, ours: list[float], theirs: list[float], disturbed: float, stages: StepTimes
-) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    with open(out / "step.csv", "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["round", "ours_ms", "prototype_ms"])
-        for round_, mine in enumerate(ours):
-            writer.writerow([round_ + 1, f"{mine:.3f}", f"{theirs[round_]:.3f}" if theirs else ""])
-    camera, count = capture.views[0].camera, len(capture.points)
-    lines = [
-        f"Whole training step, {capture.source.name} at {camera.width}x{camera.height}, {count} Gaussians; "
-        f"medians of {len(ours)} runs of {STEPS} steps:",
-        "",
-        f"- ours {statistics.median(ours):.1f} ms",
-    ]
-    if theirs:
-        ratio = statistics.median(mine / other for mine, other in zip(ours, theirs, strict=True))
-        lines += [f"- prototype {statistics.median(theirs):.1f} ms", f"- ratio {ratio:.2f}"]
-    lines += [
-        f"- ours beside one busy process {disturbed:.1f} ms",
-        "",
-        f"Stages, {stages.gaussians} random Gaussians, medians in ms: "
-        + ", ".join(f"{name} {times.wall:.1f}" for name, times in stages.stages.items()),
-    ]
-    (out / "step.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    print("\n".join(lines))
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    return tuple(float(number) for number in _names(text))
+
+
+def _named_folder(text: str) -> tuple[str, Path]:
+    name, separator, folder = text.partition("=")
+    if not separator or not name or not folder:
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=FOLDER")
+    return name, Path(folder)
 
 
 if __name__ == "__main__":

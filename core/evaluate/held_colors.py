@@ -1,0 +1,39 @@
+"""Which pixels of a photograph an enhancer had better leave alone: greys, whites, and colours like skin.
+
+Greys and whites are near the neutral axis of CIELAB. Skin-like colours are those in the box of Chai and Ngan, "Face
+segmentation using skin-color map in videophone applications" (IEEE TCSVT 9(4), 1999): Cr in [133, 173] and Cb in
+[77, 127] in ITU-R BT.601 at 8 bits. Wood, sand and bread lie in the box too: "like skin" is meant literally.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..color.spaces import srgb_to_lab
+
+HELD_COLORS = ("grey", "white", "skin")
+
+_NEUTRAL_CHROMA = 4.0  # CIELAB; below it few would name a hue
+_WHITE_LIGHTNESS = 85.0  # CIELAB
+
+_SKIN_CB = (77.0, 127.0)
+_SKIN_CR = (133.0, 173.0)
+# ITU-R BT.601, 8 bits: offset and excursion of the colour difference signals, and the luma weights.
+_CHROMA_OFFSET, _CHROMA_RANGE = 128.0, 224.0
+_RED_WEIGHT, _GREEN_WEIGHT, _BLUE_WEIGHT = 0.299, 0.587, 0.114
+
+
+def held_masks(image: Tensor) -> dict[str, Tensor]:
+    """(H, W) bool by the names of `HELD_COLORS` for a (3, H, W) sRGB image; whites are greys as well."""
+    lightness, a, b = srgb_to_lab(image).unbind(-3)
+    grey = torch.hypot(a, b) < _NEUTRAL_CHROMA
+    return {"grey": grey, "white": grey & (lightness > _WHITE_LIGHTNESS), "skin": _skin_like(image)}
+
+
+def _skin_like(image: Tensor) -> Tensor:
+    red, green, blue = image.unbind(-3)
+    luma = _RED_WEIGHT * red + _GREEN_WEIGHT * green + _BLUE_WEIGHT * blue
+    cb = _CHROMA_OFFSET + _CHROMA_RANGE * 0.5 * (blue - luma) / (1.0 - _BLUE_WEIGHT)
+    cr = _CHROMA_OFFSET + _CHROMA_RANGE * 0.5 * (red - luma) / (1.0 - _RED_WEIGHT)
+    return (cb >= _SKIN_CB[0]) & (cb <= _SKIN_CB[1]) & (cr >= _SKIN_CR[0]) & (cr <= _SKIN_CR[1])
