@@ -44,7 +44,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
     clock = _Clock()
     recorder = _Recorder(reporter)
     device = _choose_device(settings.device)
-    enhancers = _make_enhancers(settings)  # refuses what cannot be simulated before anything takes time
+    enhancers = _make_enhancers(settings, device)  # refuses what cannot be simulated before anything takes time
     with clock.measure("capture"):
         size = settings.max_size or AUTO_MAX_SIZE[device]
         capture = read_capture(Path(settings.capture), max_size=size, sfm=settings.sfm, reporter=recorder)
@@ -177,10 +177,16 @@ def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
     return Split([i for i in range(count) if i not in test], test)
 
 
-def _make_enhancers(settings: Settings) -> dict[Layer, Enhancer]:
+def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:
     return {
         layer: make_enhancer(
-            settings.enhancer, layer.cvd, layer.severity, settings.simulation, settings.strength, settings.seed
+            settings.enhancer,
+            layer.cvd,
+            layer.severity,
+            settings.simulation,
+            settings.strength,
+            settings.seed,
+            device,
         )
         for layer in settings.layers
     }

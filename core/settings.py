@@ -13,6 +13,8 @@ SIMULATIONS = ("machado", "vienot", "brettel")
 MODES = ("layers", "joint", "post")
 DEVICES = ("auto", "cpu", "cuda")
 ENGINES = ("cycles", "eevee", "workbench")
+ENHANCERS = ("cgan", "lut", "none")
+WEIGHTS_SUFFIX = ".safetensors"
 
 MIN_SIZE = 32  # pixels of the longer side; below that SSIM's 11-pixel window sees little else than its own border
 
@@ -46,7 +48,7 @@ class Settings:
         layers: the colour layers to make, in order, without repeats.
         simulation: model behind the CVD simulation.
         strength: 0 (leave as is) to 1 (full enhancement).
-        enhancer: "lut", "none", "cgan" or the path of a .safetensors file.
+        enhancer: one of `ENHANCERS` or the path of a .safetensors file.
         mode: how colour and geometry are fitted.
         iterations: optimisation steps of the geometry stage.
         gaussians: upper bound of their number.
@@ -67,7 +69,7 @@ class Settings:
     layers: tuple[Layer, ...] = (Layer("deutan", 1.0),)
     simulation: str = "machado"
     strength: float = 1.0
-    enhancer: str = "lut"
+    enhancer: str = "cgan"
     mode: str = "layers"
     iterations: int = 5000
     gaussians: int | None = None
@@ -98,6 +100,12 @@ class Settings:
         )
         _one_of(self.simulation, SIMULATIONS, "--simulation")
         _within(self.strength, 0.0, 1.0, "--strength")
+        _check(
+            is_enhancer(self.enhancer),
+            f"'{self.enhancer}' is not known",
+            "--enhancer",
+            f"use one of {', '.join(ENHANCERS)}, or a {WEIGHTS_SUFFIX} file that train_enhancer.py made",
+        )
         _one_of(self.mode, MODES, "--mode")
         _at_least(self.iterations, 1, "--iterations")
         _at_least(self.gaussians, 1, "--gaussians")
@@ -128,12 +136,6 @@ class Settings:
             "use --engine cycles",
         )
         _check(not self.resume, "adding to a finished run is not implemented yet", "--resume", "leave it out")
-        _check(
-            self.enhancer in ("lut", "none"),
-            f"enhancer '{self.enhancer}' is not implemented yet",
-            "--enhancer",
-            "use --enhancer lut or none",
-        )
 
     def to_dict(self) -> dict[str, Any]:
         """A JSON-ready dictionary; `from_dict` reads it back."""
@@ -153,6 +155,11 @@ class Settings:
             return cls(**{**values, "layers": layers} if "layers" in values else values)
         except (TypeError, KeyError) as error:
             raise InputError(f"unusable settings ({error})", remedy="send what Settings.to_dict() gives") from None
+
+
+def is_enhancer(name: str) -> bool:
+    """Whether `name` is one of `ENHANCERS` or names a file of weights; the file may still be missing."""
+    return name in ENHANCERS or name.endswith(WEIGHTS_SUFFIX)
 
 
 def _check(condition: bool, what: str, where: str, remedy: str) -> None:

@@ -18,7 +18,7 @@ import bootstrap
 bootstrap.load()
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.front import run_in_console  # noqa: E402
-from cvdgs.core.settings import CVD_TYPES, DEVICES, ENGINES, MODES, SIMULATIONS, Layer, Settings  # noqa: E402
+from cvdgs.core.settings import CVD_TYPES, DEVICES, ENGINES, ENHANCERS, MODES, SIMULATIONS, Layer, Settings  # noqa: E402
 
 
 class _Parser(argparse.ArgumentParser):
@@ -43,7 +43,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--severity", action="append", type=float, metavar="0..1", help="one for all layers, or one per --cvd (1)")
     add("--simulation", default="machado", metavar="MODEL", help="|".join(SIMULATIONS) + " (machado)")
     add("--strength", type=float, default=1.0, metavar="0..1", help="of the enhancement (1)")
-    add("--enhancer", default="lut", metavar="NAME", help="lut|none (lut)")
+    add("--enhancer", default="cgan", metavar="NAME", help="|".join(ENHANCERS) + "|FILE.safetensors (cgan)")
     add("--mode", default="layers", metavar="MODE", help="|".join(MODES) + " (layers; the others are not there yet)")
     add("--iterations", type=int, default=5000, metavar="N", help="of the geometry stage (5000)")
     add("--gaussians", type=number_or_auto, default=None, metavar="N", help="at most so many; auto (auto)")

@@ -3,15 +3,13 @@
 from .cgan import CganEnhancer
 from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer
 from .lut import ColorLut
-from .registry import ENHANCERS, is_enhancer, make_enhancer
+from .registry import make_enhancer
 
 __all__ = [
-    "ENHANCERS",
     "CganEnhancer",
     "ColorLut",
     "Enhancer",
     "IdentityEnhancer",
     "LutEnhancer",
-    "is_enhancer",
     "make_enhancer",
 ]

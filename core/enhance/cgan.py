@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..color.matrices import check_simulation
+from ..color.observer import Observer
 from ..color.spaces import image_to_tensor, tensor_to_image
 from ..events import Reporter
 from .enhancer import check_strength
 from .gan.apply import average_statistics, enhance, record_statistics
-from .gan.conditioning import Observer, palette
+from .gan.conditioning import palette
 from .gan.generator import Statistics
 from .gan.weights import SHIPPED, load_generator
 from .lut import as_float

@@ -6,18 +6,9 @@ from pathlib import Path
 
 from ..color.matrices import check_simulation
 from ..errors import InputError
+from ..settings import ENHANCERS, WEIGHTS_SUFFIX, is_enhancer
 from .cgan import CganEnhancer
 from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer, check_strength
-
-ENHANCERS = ("cgan", "lut", "none")
-"""Enhancers that `make_enhancer` knows by name."""
-
-WEIGHTS_SUFFIX = ".safetensors"
-
-
-def is_enhancer(name: str) -> bool:
-    """Whether `name` is one of `ENHANCERS` or names a file of weights; the file may still be missing."""
-    return name in ENHANCERS or name.endswith(WEIGHTS_SUFFIX)
 
 
 def make_enhancer(

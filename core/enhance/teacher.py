@@ -28,7 +28,7 @@ from torch import Tensor
 
 from ..color.difference import delta_e_76
 from ..color.metrics import CCPR_THRESHOLD
-from ..color.simulation import simulate_linear
+from ..color.observer import Observer
 from ..color.spaces import linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
 from ..events import Reporter
 from .lut import ColorLut, interpolate
@@ -119,19 +119,6 @@ def fit_lut(
     reporter.progress(stage, 1.0)
     description = {"cvd": cvd, "severity": repr(float(severity)), "simulation": model}
     return ColorLut(residual.detach(), description)
-
-
-@dataclass(frozen=True)
-class Observer:
-    """For whom the LUT is fitted: arguments of `simulate`."""
-
-    cvd: str
-    severity: float
-    model: str
-
-    def lab(self, linear: Tensor) -> Tensor:
-        """CIELAB of what the observer sees of (3, P, 2) linear colours."""
-        return xyz_to_lab(linear_to_xyz(simulate_linear(linear, self.cvd, self.severity, self.model)))
 
 
 @contextmanager

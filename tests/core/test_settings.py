@@ -45,12 +45,21 @@ def test_unusable_values_name_their_option_in_one_line(changes, option):
         {"turntable": 36},
         {"engine": "eevee"},
         {"resume": True},
-        {"enhancer": "cgan"},
     ],
 )
 def test_what_is_not_implemented_yet_is_refused_and_not_ignored(changes):
     with pytest.raises(InputError, match="not implemented yet"):
         settings(**changes)
+
+
+@pytest.mark.parametrize("enhancer", ["cgan", "lut", "none", "trained/enhancer.safetensors"])
+def test_enhancers_are_names_or_files_of_weights(enhancer):
+    assert settings(enhancer=enhancer).enhancer == enhancer
+
+
+def test_an_unknown_enhancer_is_refused():
+    with pytest.raises(InputError, match="--enhancer.*magic.*cgan"):
+        settings(enhancer="magic")
 
 
 @pytest.mark.parametrize(

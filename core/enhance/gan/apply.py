@@ -6,8 +6,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from ...color.observer import Observer
 from ...color.simulation import simulate
-from .conditioning import Observer
+from .conditioning import observer_features
 from .generator import Generator, Statistics
 
 TILE_SIZE = 2048
@@ -97,7 +98,7 @@ def _residual(
     residual = generator(
         batch[:1],
         batch[1:],
-        observer.features().to(image.device)[None],
+        observer_features(observer).to(image.device)[None],
         torch.tensor([float(observer.severity)], device=image.device),
         palette.to(image.device)[None],
         statistics,

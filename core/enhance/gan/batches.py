@@ -10,9 +10,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ...color.observer import Observer
 from ...events import Reporter
 from ..data.dataset import PairedDataset
-from .conditioning import Observer, palette
+from .conditioning import palette
 
 
 @dataclass(frozen=True)

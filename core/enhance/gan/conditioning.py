@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ...color.matrices import CVD_TYPES, SIMULATION_MODELS, LinearSimulation, linear_simulation
+from ...color.observer import Observer
 from ...color.spaces import linear_to_srgb, srgb_to_linear
 from ..lut import as_float
 
@@ -26,19 +26,11 @@ PALETTE_FEATURES = PALETTE_BINS**3
 _PALETTE_PIXELS = 60_000  # drawn from each image for its palette
 
 
-@dataclass(frozen=True)
-class Observer:
-    """For whom an image is enhanced: arguments of `core.color.simulation.simulate`."""
-
-    cvd: str
-    severity: float
-    simulation: str = "machado"
-
-    def features(self) -> Tensor:
-        """(OBSERVER_FEATURES,): the severity in the place of the type, and which simulation model is meant."""
-        kind = [self.severity * (self.cvd == name) for name in CVD_TYPES]
-        model = [float(self.simulation == name) for name in SIMULATION_MODELS]
-        return torch.tensor([*kind, *model], dtype=torch.float32)
+def observer_features(observer: Observer) -> Tensor:
+    """(OBSERVER_FEATURES,): the severity in the place of the type, and which simulation model is meant."""
+    kind = [observer.severity * (observer.cvd == name) for name in CVD_TYPES]
+    model = [float(observer.simulation == name) for name in SIMULATION_MODELS]
+    return torch.tensor([*kind, *model], dtype=torch.float32)
 
 
 class ObserverBatch:
@@ -55,7 +47,7 @@ class ObserverBatch:
         self._below = _stack([m.matrix if m.matrix_below is None else m.matrix_below for m in models], device)
         self._separator = _stack([_separator(m) for m in models], device)
         self._piecewise = any(m.matrix_below is not None for m in models)
-        self.features = torch.stack([o.features() for o in observers]).to(device)
+        self.features = torch.stack([observer_features(o) for o in observers]).to(device)
         self.severities = torch.tensor([float(o.severity) for o in observers], device=device)
 
     def simulate_linear(self, linear: Tensor) -> Tensor:

@@ -174,21 +174,20 @@ class Training:
         # Unclipped, so that a pixel that left the gamut still finds back.
         distance = (mapped - target).abs().mean()
         loss = settings.l1_weight * distance + settings.contrast_weight * contrast
-        adversarial = 0.0
+        adversarial = torch.zeros(())
         if settings.adversarial_weight:
             self._discriminator.requires_grad_(False)
-            judged = generator_loss(self._discriminator(original, candidate, observers.features))
-            loss = loss + settings.adversarial_weight * judged
-            adversarial = float(judged)
+            adversarial = generator_loss(self._discriminator(original, candidate, observers.features))
+            loss = loss + settings.adversarial_weight * adversarial
         self._step("generator", loss)
         judged_loss = 0.0
         if settings.adversarial_weight:
             judged_loss = self._update_discriminator(original, target, candidate.detach(), observers.features)
         self._update_average()
         return {
-            "l1": float(distance),
-            "contrast": float(contrast),
-            "adversarial": adversarial,
+            "l1": distance.item(),
+            "contrast": contrast.item(),
+            "adversarial": adversarial.item(),
             "discriminator": judged_loss,
         }
 
@@ -198,7 +197,7 @@ class Training:
             self._discriminator(original, target, features), self._discriminator(original, candidate, features)
         )
         self._step("discriminator", loss)
-        return float(loss)
+        return loss.item()
 
     def _step(self, name: str, loss: Tensor) -> None:
         optimizer = self._optimizers[name]
