@@ -1,4 +1,4 @@
-"""A worker job as its user meets it on a console: signals, progress, one-line errors, exit codes. Standard library only."""
+"""A worker's job as its user meets it on a console: signals, progress, errors, exit codes. Standard library only."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
     {"job": "inspect", "capture": "FOLDER"}              what the folder holds, without reading pixels
     {"job": "run", "settings": {...}, "folder": "DIR"}   the whole pipeline up to Blender, written into DIR
+    {"job": "enhance", "request": {...}, "folder": "DIR"}   photographs alone, recoloured into DIR
 
 Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (its traceback goes to stderr, so to the log).
 """
@@ -16,6 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from .enhance_front import EnhanceRequest
 from .errors import Cancelled, InputError
 from .events import JsonReporter, claim_stdout
 from .settings import Settings
@@ -57,13 +59,19 @@ def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
         from .pipeline import run
 
         return {"report": run(settings, Path(request["folder"]), reporter)}
+    if job == "enhance":
+        enhance_request = EnhanceRequest.from_dict(request["request"])
+        reporter.status("start", "loading")
+        from .enhance.folder import enhance_folder
+
+        return {"summary": enhance_folder(enhance_request, Path(request["folder"]), reporter)}
     raise InputError(f"unknown job '{job}'", remedy="update the program that sends it")
 
 
 def _explain(error: MemoryError | OSError) -> str:
     """One line for a fault of the machine rather than of ours or of the input."""
     if isinstance(error, MemoryError):
-        return "the memory is used up - give a smaller --max-size, or a smaller --gaussians"
+        return "the memory is used up - give smaller photographs or --max-size, or a smaller --gaussians"
     name = f"{error.filename}: " if error.filename else ""
     return f"{name}{error.strerror or error} - free space or check the permissions, then run again"
 

@@ -1,0 +1,86 @@
+"""Photographs alone, without cameras: recoloured so that people with a colour vision deficiency tell more apart.
+
+    python scripts/enhance.py IMAGES|FOLDER... --out DIR [options]
+    blender -b -P scripts/enhance.py -- IMAGES|FOLDER... --out DIR [options]
+
+For example: python scripts/enhance.py fabrics/ --out friendly --cvd protan --severity 0.7
+
+Writes DIR/<name>.png for every photograph, metrics.csv and sheet.html (before, after, and both as the observer sees
+them). Needs the standard library only: a worker process with its own interpreter does the work (see core/job.py).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
+import bootstrap
+
+bootstrap.load()
+from cvdgs.core.enhance_front import EnhanceRequest, enhance_in_console  # noqa: E402
+from cvdgs.core.errors import InputError  # noqa: E402
+from cvdgs.core.settings import CVD_TYPES, DEVICES, ENHANCERS, SIMULATIONS, WEIGHTS_SUFFIX  # noqa: E402
+
+
+class _Parser(argparse.ArgumentParser):
+    """Complains in one line, as the contract wants."""
+
+    def error(self, message: str) -> None:  # type: ignore[override]
+        raise InputError(message, remedy="see --help")
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The options of design.md; their values are checked by the worker."""
+    parser = _Parser(
+        prog="enhance.py",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    default = EnhanceRequest(inputs=(), out="")
+    add = parser.add_argument
+    add("inputs", nargs="+", metavar="IMAGES|FOLDER", help="photographs; folders are searched with their subfolders")
+    add("--out", required=True, metavar="DIR", help="folder for the results; replaced only when all succeeds")
+    add("--cvd", default=default.cvd, metavar="TYPE", help=f"{'|'.join(CVD_TYPES)} ({default.cvd})")
+    add("--severity", type=float, default=default.severity, metavar="0..1", help=f"({default.severity:g})")
+    add(
+        "--simulation",
+        default=default.simulation,
+        metavar="MODEL",
+        help=f"{'|'.join(SIMULATIONS)} ({default.simulation})",
+    )
+    add("--strength", type=float, default=default.strength, metavar="0..1", help=f"({default.strength:g})")
+    add(
+        "--enhancer",
+        default=default.enhancer,
+        metavar="NAME",
+        help=f"{'|'.join(ENHANCERS)}|FILE{WEIGHTS_SUFFIX} ({default.enhancer})",
+    )
+    add("--seed", type=int, default=default.seed, metavar="N", help=f"of everything random ({default.seed})")
+    add("--device", default=default.device, metavar="DEVICE", help=f"{'|'.join(DEVICES)} ({default.device})")
+    add("--separately", action="store_true", help="each photograph on its own; by default all are one scene")
+    add("--skip-unreadable", action="store_true", help="leave damaged photographs out; by default they are refused")
+    add("--json", action="store_true", help="events on stdout, one JSON object a line, instead of a progress bar")
+    return parser
+
+
+def main(arguments: list[str]) -> int:
+    """Parse, enhance, and return the exit code of the contract."""
+    try:
+        options = vars(build_parser().parse_args(arguments))
+    except InputError as error:
+        print(f"enhance.py: {error}", file=sys.stderr)
+        return 2
+    json_events = options.pop("json")
+    return enhance_in_console(
+        EnhanceRequest(**{**options, "inputs": tuple(options["inputs"])}), json_events=json_events
+    )
+
+
+if __name__ == "__main__":
+    inside_blender = "bpy" in sys.modules and "--" in sys.argv
+    code = main(sys.argv[sys.argv.index("--") + 1 :] if inside_blender else sys.argv[1:])
+    sys.stdout.flush()
+    sys.exit(code)
