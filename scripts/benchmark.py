@@ -16,9 +16,19 @@ from cvdgs.core.capture import read_capture  # noqa: E402
 from cvdgs.core.demo import SHOWROOM  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.evaluate.display import display_fidelity  # noqa: E402
+from cvdgs.core.evaluate.drift import (  # noqa: E402
+    RECONSTRUCTION_STEPS,
+    cached_matches,
+    measure_drift,
+    write_drift,
+)
 from cvdgs.core.evaluate.enhancer_benchmark import EnhancerBenchmark  # noqa: E402
+from cvdgs.core.evaluate.enhancer_methods import method_factory  # noqa: E402
+from cvdgs.core.evaluate.enhancer_scores import ENHANCED_FOR  # noqa: E402
+from cvdgs.core.evaluate.selection import measure_selection, read_frames, write_selection  # noqa: E402
 from cvdgs.core.evaluate.step_comparison import compare_steps, write_steps  # noqa: E402
 from cvdgs.core.events import Reporter  # noqa: E402
+from cvdgs.core.settings import Layer  # noqa: E402
 
 SHARED = bootstrap.ROOT.parent / "shared"
 PHOTOS = SHARED / "data" / "photos"
@@ -71,6 +81,8 @@ def build_parser() -> argparse.ArgumentParser:
     _add_step(parts.add_parser("step", help="a whole training step against the prototype's loop, in one run"))
     _add_display(parts.add_parser("display", help="Cycles against our rasteriser on a finished run"))
     _add_enhancer(parts.add_parser("enhancer", help="enhancers compared on photographs, plates and textiles"))
+    _add_drift(parts.add_parser("drift", help="how much enhanced views contradict each other before reconstruction"))
+    _add_select(parts.add_parser("select", help="hard frames and sequences of a folder, and what easy frames keep"))
     for part in parts.choices.values():
         part.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the tables")
     return parser
@@ -134,6 +146,48 @@ def measure_enhancers(options: argparse.Namespace) -> str:
     asked = {name: value for name, value in asked.items() if value is not None}
     benchmark = EnhancerBenchmark(options.enhancers, dict(folders), **{**(QUICK if options.quick else {}), **asked})
     return benchmark.run(options.out, ConsoleReporter())
+
+
+def _add_drift(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--capture", type=Path, action="append", help="beside the demo; may be given again (the evaluation data's fox)")
+    add("--enhancers", type=_names, default=("none", "lut"), metavar="A,B", help="names or weight files (none,lut)")
+    add("--cvd", type=_names, default=("deutan",), metavar="A,B", help="types (deutan)")
+    add("--severity", type=float, default=1.0, metavar="0..1")
+    add("--max-size", type=int, default=480, metavar="PIXELS", help="longer side of the views (480)")
+    add("--steps", type=int, default=RECONSTRUCTION_STEPS, help=f"of the reconstruction ({RECONSTRUCTION_STEPS})")
+    parser.set_defaults(measure=measure_drifts)
+
+
+def measure_drifts(options: argparse.Namespace) -> str:
+    """Measure drift on the demo and other captures; writes drift.csv and drift.md, keeps correspondences as .npz."""
+    reporter = ConsoleReporter()
+    captures = options.capture if options.capture is not None else [FOX] if FOX.is_dir() else []
+    observers = [Layer(cvd, options.severity) for cvd in options.cvd]
+    rows = []
+    for folder in [SHOWROOM, *captures]:
+        capture = read_capture(folder, max_size=options.max_size, reporter=reporter)
+        matches = cached_matches(options.out, capture, options.steps, reporter)
+        rows += measure_drift(capture, matches, options.enhancers, observers, reporter)
+    return write_drift(options.out, rows)
+
+
+def _add_select(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("frames", type=Path, metavar="FOLDER", help="photographs in order, or a capture")
+    add("--enhancer", default="lut", help="name or weight file (lut)")
+    add("--cvd", default="deutan", metavar="TYPE", help="type (deutan)")
+    add("--severity", type=float, default=1.0, metavar="0..1")
+    add("--max-size", type=int, default=640, metavar="PIXELS", help="longer side of the frames (640)")
+    parser.set_defaults(measure=measure_frames)
+
+
+def measure_frames(options: argparse.Namespace) -> str:
+    """Select among the frames of a folder; writes selection.csv and selection.md."""
+    frames = read_frames(options.frames, options.max_size)
+    observer = Layer(options.cvd, options.severity)
+    enhancer = method_factory(options.enhancer)(observer.cvd, observer.severity, ENHANCED_FOR)
+    return write_selection(options.out, measure_selection(frames, enhancer, observer, reporter=ConsoleReporter()))
 
 
 def _photo_folders() -> list[tuple[str, Path]]:

@@ -12,18 +12,20 @@ from numpy.typing import NDArray
 from ..enhance import Enhancer, make_enhancer
 from ..enhance.controls import ContrastGain
 from ..enhance.fidaner import FidanerEnhancer
+from ..enhance.gradient_teacher import GradientTeacher
 from ..errors import InputError
 from ..images import to_bytes
+from ..settings import WEIGHTS_SUFFIX
 from .enhancer_scores import Enhanced
 
 NONE, GAIN, LUT, NETWORK = "none", "gain", "lut", "cgan"
-WEIGHTS_SUFFIX = ".safetensors"
 
 MethodFactory = Callable[[str, float, str], Enhancer]
 """(cvd, severity, simulation) to an enhancer."""
 
 METHODS: Mapping[str, MethodFactory] = {
     "fidaner": FidanerEnhancer,
+    "gradient": GradientTeacher,
 }
 """Enhancers of the comparison alone, beside those that `make_enhancer` knows; one line adds another."""
 

@@ -11,20 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture import Capture, View
-from ..consistency import Correspondences, find_correspondences, relative_warping_error, view_pairs
 from ..events import Reporter
 from ..images import read_png, write_png
 from ..settings import Layer
 from ..splats.gaussians import Gaussians
 from ..splats.renderer import SceneRenderer
 from .layer_scores import LayerImages, average, score_view, simulated_bytes
+from .matches import SceneMatches
 
 STAGE = "evaluate"
 # The metrics cost about 0.3 s a view on two cores; more views than this move their means little.
 MOST_SCORED_VIEWS = 24
-# A run of neighbouring views, so that pairs of the defined distance exist however many views there are.
-MOST_CONSISTENCY_VIEWS = 48
-SHORT_RANGE, LONG_RANGE = 1, 7  # steps between the views of a pair, in file order (notes/colour.md)
 VIEWS_SHOWN = 3
 
 
@@ -74,7 +71,7 @@ class Evaluation:
         self.reporter.status(STAGE, f"rendering {len(tested)} views")
         unenhanced = self._render_original(original, tested)
         fidelity = [self.scene.fidelity(i, unenhanced[i]) for i in scored]
-        matches = _Matches.find(self.scene, original, len(self.capture.views))
+        matches = SceneMatches.find(self.scene, original, len(self.capture.views))
         self._advance("matching points between views")
         if not matches.pairs:
             notes["rwe"] = "no two views share enough points that both see"
@@ -103,7 +100,7 @@ class Evaluation:
         tested: Sequence[int],
         scored: Sequence[int],
         unenhanced: dict[int, NDArray[np.uint8]],
-        matches: _Matches,
+        matches: SceneMatches,
     ) -> dict[str, Any]:
         scores = []
         for i in tested:
@@ -131,45 +128,6 @@ class Evaluation:
     def _advance(self, message: str) -> None:
         self._done += 1
         self.reporter.progress(STAGE, self._done / self._steps, message)
-
-
-@dataclass(frozen=True)
-class _Matches:
-    """Points that pairs of views share, found once on the unenhanced reconstruction and used for every layer."""
-
-    views: list[int]
-    short: list[Correspondences]
-    long: list[Correspondences]
-
-    @classmethod
-    def find(cls, scene: SceneRenderer, gaussians: Gaussians, count: int) -> _Matches:
-        views = list(range(min(count, MOST_CONSISTENCY_VIEWS)))
-        depths, alphas = zip(*(scene.depth(gaussians, i) for i in views), strict=True)
-        cameras = [scene.views[i] for i in views]
-        short, long = (
-            find_correspondences(depths, alphas, cameras, view_pairs(len(views), step))
-            for step in (SHORT_RANGE, LONG_RANGE)
-        )
-        return cls(views, short, long)
-
-    @property
-    def pairs(self) -> int:
-        """Pairs of neighbouring views that share points."""
-        return sum(len(found) > 0 for found in self.short)
-
-    def warping_errors(
-        self, originals: Sequence[NDArray], enhanced: Sequence[NDArray], rendered: Sequence[NDArray]
-    ) -> dict[str, float | int]:
-        """RWE of the rendered layer against the photographs, and of the enhanced views before reconstruction."""
-        short = relative_warping_error(originals, rendered, self.short)
-        return {
-            "ratio": short.ratio,
-            "absolute": short.absolute,
-            "long_range_ratio": relative_warping_error(originals, rendered, self.long).ratio,
-            "normalised_ratio": short.normalised_ratio,
-            "enhanced_ratio": relative_warping_error(originals, enhanced, self.short).ratio,
-            "pairs": self.pairs,
-        }
 
 
 def enhanced_path(folder: Path, layer: Layer, view: View) -> Path:
