@@ -19,6 +19,7 @@ from ..color.simulation import simulate
 from ..color.spaces import image_to_tensor, tensor_to_image
 from ..errors import InputError
 from ..events import Reporter
+from .enhancer import check_strength
 from .lut import as_float
 
 # M, from the (red, green, blue) error to what is added. Red-green observers keep blue and overall lightness, so the
@@ -44,8 +45,7 @@ class FidanerEnhancer:
                 f"error redistribution is not defined for {cvd} vision",
                 remedy=f"use {', '.join(_REDISTRIBUTION)}, or another enhancer",
             )
-        if not 0.0 <= strength <= 1.0:  # also refuses NaN
-            raise InputError(f"strength {strength:g} is out of range", remedy="give a number from 0 to 1")
+        check_strength(strength)
         self._observer = (cvd, severity, simulation)
         self._matrix = _REDISTRIBUTION[cvd] * np.float32(strength)
 

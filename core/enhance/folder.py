@@ -84,7 +84,8 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
     rows = []
     with Sheet(observer, request.enhancer) as sheet:
         for number, photograph in enumerate(readable):
-            reporter.progress(STAGE, start + (1.0 - start) * number / count, f"photograph {number + 1} of {count}")
+            reporter.status(STAGE, f"photograph {number + 1} of {count}")
+            reporter.progress(STAGE, start + (1.0 - start) * number / count)
             rows.append(_enhance_one(photograph, recolour, observer, sheet, folder))
         means = mean_scores(rows)
         sheet.write(folder / SHEET_NAME, means, count)
@@ -163,7 +164,7 @@ def _has_colour(image: Pixels, alpha: Pixels | None) -> bool:
 
 
 def _notes(image: Pixels, alpha: Pixels | None) -> tuple[str, ...]:
-    return () if _has_colour(image, alpha) else ("grey: left as it is",)
+    return () if _has_colour(image, alpha) else ("no colour is visible: left as it is",)
 
 
 def _choose_device(asked: str) -> str:

@@ -35,7 +35,7 @@ from torch import Tensor
 
 from ..color.difference import delta_e_76
 from ..color.matrices import check_simulation
-from ..color.simulation import simulate_linear
+from ..color.observer import Observer
 from ..color.spaces import (
     image_to_tensor,
     lab_to_linear,
@@ -45,8 +45,8 @@ from ..color.spaces import (
     tensor_to_image,
     xyz_to_lab,
 )
-from ..errors import InputError
 from ..events import Reporter
+from .enhancer import check_strength
 from .lut import as_float
 from .pairs import PairSampling, sample_pairs
 
@@ -124,9 +124,8 @@ class GradientTeacher:
         settings: GradientSettings | None = None,
     ) -> None:
         check_simulation(cvd, severity, simulation)
-        if not 0.0 <= strength <= 1.0:  # also refuses NaN
-            raise InputError(f"strength {strength:g} is out of range", remedy="give a number from 0 to 1")
-        self._observer = (cvd, severity, simulation)
+        check_strength(strength)
+        self._observer = Observer(cvd, severity, simulation)
         self._strength, self._seed, self._settings = strength, seed, settings or GradientSettings()
         self._directions: SceneDirections | None = None
 
@@ -138,7 +137,7 @@ class GradientTeacher:
     @property
     def is_identity(self) -> bool:
         """Whether images are returned unchanged."""
-        return self._observer[1] == 0.0 or self._strength == 0.0
+        return self._observer.severity == 0.0 or self._strength == 0.0
 
     def fit(
         self,
@@ -160,7 +159,7 @@ class GradientTeacher:
         if directions.gain == 0.0:
             return pixels
         linear = srgb_to_linear(image_to_tensor(pixels))
-        lab, seen = _lab(linear), self._seen(linear)
+        lab, seen = _lab(linear), self._observer.lab(linear)
         change = self._change(lab, seen, directions) * self._strength
         mapped = tensor_to_image(_into_gamut(lab, change * directions.visible[:, None, None]))
         untouched = (change == 0.0).numpy()[..., None]
@@ -173,7 +172,7 @@ class GradientTeacher:
         generator = np.random.default_rng(self._seed)
         colors = sample_pairs(images, settings.pairs, generator, settings.sampling, alphas)
         linear = srgb_to_linear(torch.from_numpy(colors).double().permute(2, 0, 1) / 255.0)  # (3, P, 2)
-        lab, seen = _lab(linear), self._seen(linear)
+        lab, seen = _lab(linear), self._observer.lab(linear)
         lost_vectors = (lab - seen).flatten(1)
         lost = torch.linalg.eigh(lost_vectors @ lost_vectors.T).eigenvectors[:, -1]
         lost = lost * torch.sign(lost[lost.abs().argmax()])
@@ -187,7 +186,7 @@ class GradientTeacher:
             visible = np.cos(angle) * first + np.sin(angle) * second
             for gain in settings.gains:
                 mapped = lab_to_linear(lab + gain * amount * visible[:, None, None]).clamp(0.0, 1.0)
-                cost = self._cost(lab, self._seen(mapped), _lab(mapped))
+                cost = self._cost(lab, self._observer.lab(mapped), _lab(mapped))
                 if cost < least:
                     seen_direction = self._seen_direction(lab, visible)
                     least = cost
@@ -206,7 +205,7 @@ class GradientTeacher:
     def _seen_direction(self, lab: Tensor, visible: Tensor) -> Tensor:
         """v': the mean change of what the observer sees per ΔE76 along `visible`."""
         step = 0.5 * _PROBE * visible[:, None, None]
-        ahead, behind = (self._seen(lab_to_linear(lab + sign * step).clamp(0.0, 1.0)) for sign in (1.0, -1.0))
+        ahead, behind = (self._observer.lab(lab_to_linear(lab + sign * step).clamp(0.0, 1.0)) for sign in (1.0, -1.0))
         return (ahead - behind).flatten(1).mean(1) / _PROBE
 
     def _change(self, lab: Tensor, seen: Tensor, directions: SceneDirections) -> Tensor:
@@ -233,10 +232,6 @@ class GradientTeacher:
         # Without a bound a difference of which little is lost, but in the other sense, would be turned round.
         bound = self._settings.largest_amplification * directions.gain * lost.abs()
         return torch.sign(lost) * torch.minimum(root, bound)
-
-    def _seen(self, linear: Tensor) -> Tensor:
-        """CIELAB of what the observer sees of (3, H, W) linear sRGB."""
-        return _lab(simulate_linear(linear, *self._observer))
 
 
 def _screened_poisson(

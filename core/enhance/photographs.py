@@ -142,12 +142,11 @@ def survey(
 
 
 def _search(folder: Path, out: Path, reporter: Reporter) -> list[Path]:
-    resolved = out.resolve()
-    if folder.resolve() == resolved:
+    """The images in `folder` and below, without those in `out`; warns of files that are none."""
+    if _real(folder) == _real(out):
         raise InputError("is the folder of photographs itself", where=out, remedy="choose another --out")
-    images = [folder / name for name in list_images(folder)]
-    images = [path for path in images if not path.resolve().is_relative_to(resolved)]
-    others = _other_files(folder, set(images), resolved)
+    images = [path for path in (folder / name for name in list_images(folder)) if not _is_inside(path, out)]
+    others = _other_files(folder, set(images), out)
     if not images:
         held = f" ({quote_first(others)})" if others else ""
         raise InputError(f"no image is in this folder{held}", where=folder, remedy="name a folder of photographs")
@@ -160,16 +159,21 @@ def _other_files(folder: Path, images: set[Path], out: Path) -> list[str]:
     """Names of the visible files below `folder`, outside `out`, that are not in `images`."""
     names = []
     for directory, subfolders, files in os.walk(folder):
-        subfolders[:] = [
-            name for name in subfolders if not name.startswith(".") and Path(directory, name).resolve() != out
-        ]
+        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
         paths = [Path(directory, file) for file in files if not file.startswith(".")]
         names += [
-            path.relative_to(folder).as_posix()
-            for path in paths
-            if path not in images and not path.resolve().is_relative_to(out)
+            path.relative_to(folder).as_posix() for path in paths if not (path in images or _is_inside(path, out))
         ]
     return sorted(names, key=natural_key)
+
+
+def _is_inside(path: Path, folder: Path) -> bool:
+    return _real(path).is_relative_to(_real(folder))
+
+
+def _real(path: Path) -> Path:
+    """The path without symbolic links; unlike `Path.resolve` it puts up with a cycle of them."""
+    return Path(os.path.realpath(path))
 
 
 def _existing(path: Path) -> Path:
@@ -181,16 +185,16 @@ def _existing(path: Path) -> Path:
 
 def _keep_foreign_files(photographs: Sequence[Photograph], out: Path) -> None:
     """Refuse to replace a file that no earlier run made, or a photograph of this one."""
-    ours = {path.resolve() for path in earlier_files(out)}
+    ours = {_real(path) for path in earlier_files(out)}
     for photograph in photographs:
-        if photograph.path.resolve() in ours:
+        if _real(photograph.path) in ours:
             raise InputError(
                 "the photograph is the result of an earlier run, which this one would replace",
                 where=photograph.path,
                 remedy="choose another --out",
             )
         target = out / photograph.output
-        if target.exists() and target.resolve() not in ours:
+        if target.exists() and _real(target) not in ours:
             raise InputError(
                 "is there already and was not made by an earlier run", where=target, remedy="choose another --out"
             )
