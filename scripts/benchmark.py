@@ -135,6 +135,7 @@ def _add_enhancer(parser: argparse.ArgumentParser) -> None:
     add("--size", type=int, metavar="PIXELS", help=f"longer side of the images ({usual.size})")
     add("--plates", type=int, metavar="N", help=f"for each type ({usual.plates})")
     add("--textiles", type=int, metavar="N", help=f"in all ({usual.textiles})")
+    add("--processes", type=int, default=1, metavar="N", help="that share the work (1)")
     add("--quick", action="store_true", help="fewer and smaller images, protan and deutan 1.0, Machado alone")
     parser.set_defaults(measure=measure_enhancers)
 
@@ -144,7 +145,8 @@ def measure_enhancers(options: argparse.Namespace) -> str:
     folders = options.images if options.images is not None else _photo_folders()
     asked = {name: getattr(options, name) for name in ("types", "severities", "size", "plates", "textiles")}
     asked = {name: value for name, value in asked.items() if value is not None}
-    benchmark = EnhancerBenchmark(options.enhancers, dict(folders), **{**(QUICK if options.quick else {}), **asked})
+    usual = QUICK if options.quick else {}
+    benchmark = EnhancerBenchmark(options.enhancers, dict(folders), processes=options.processes, **{**usual, **asked})
     return benchmark.run(options.out, ConsoleReporter())
 
 

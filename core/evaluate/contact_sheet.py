@@ -50,7 +50,7 @@ def _labels(labels: Sequence[str], width: int) -> NDArray[np.float32]:
     for column, label in enumerate(labels):
         left = column * (_TILE + _GAP) + _GAP
         oiio.ImageBufAlgo.render_text(canvas, left, _LABEL_SIZE, label, _LABEL_SIZE, "", (0.0, 0.0, 0.0))
-    return canvas.get_pixels(oiio.FLOAT)[..., :3]
+    return np.asarray(canvas.get_pixels(oiio.FLOAT))[..., :3]
 
 
 def _tile(image: Pixels) -> Pixels:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 
+from ..enhance.data.plates import SMALLEST_PLATE
 from ..errors import InputError
 from ..events import Reporter
 from ..settings import Layer
@@ -33,6 +34,7 @@ class EnhancerBenchmark:
         most_photographs: of a set; None for all.
         other_models: whether Viénot and Brettel judge too.
         trade_off: whether the trade-off is measured and drawn.
+        processes: how many share the work.
     """
 
     methods: tuple[str, ...]
@@ -45,6 +47,7 @@ class EnhancerBenchmark:
     most_photographs: int | None = None
     other_models: bool = True
     trade_off: bool = True
+    processes: int = 1
 
     def run(self, folder: Path, reporter: Reporter | None = None) -> str:
         """Measure and write everything into `folder`; returns the text of ``enhancer.md``.
@@ -54,13 +57,17 @@ class EnhancerBenchmark:
         """
         if not self.methods:
             raise InputError("no enhancer is named", where="--enhancers", remedy="name some, e.g. none,gain,lut")
+        if self.size < SMALLEST_PLATE:
+            remedy = f"give at least {SMALLEST_PLATE}"
+            raise InputError(f"images of {self.size} pixels are too small", where="--size", remedy=remedy)
         image_sets = self._image_sets()
         observers = tuple(Layer(cvd, severity) for severity, cvd in product(self.severities, self.types))
         plan = ComparisonPlan(self.methods, observers, self.other_models, self.trade_off)
-        comparison = compare_enhancers(image_sets, plan, reporter)
+        comparison = compare_enhancers(image_sets, plan, reporter, self.processes)
         text = write_comparison(folder, comparison, image_sets, self._candidate(), self._describe(image_sets))
-        if comparison.trade_offs:
-            write_chart(folder / "enhancer.svg", comparison.trade_offs, "CCPR of hard images against change")
+        points = [point for point in comparison.trade_offs if point.image_set in self.photographs]
+        if points:
+            write_chart(folder / "enhancer.svg", points, "CCPR of hard photographs against change")
         for name, observer in dict.fromkeys((shown.image_set, shown.observer) for shown in comparison.shown):
             images = [x.versions for x in comparison.shown if (x.image_set, x.observer) == (name, observer)]
             write_contact_sheet(folder / f"sheet-{name}-{observer.name}.png", images, observer, ENHANCED_FOR)

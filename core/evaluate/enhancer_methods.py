@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +48,7 @@ def is_network(name: str) -> bool:
     return name == NETWORK or name.endswith(WEIGHTS_SUFFIX)
 
 
-def gain_references(names: list[str]) -> list[str]:
+def gain_references(names: Sequence[str]) -> list[str]:
     """Which of the methods contrast gain is matched to: every network, the LUT where there is none.
 
     Raises:

@@ -6,11 +6,15 @@ as much as the network does (`gain`). Each method is fitted to the image at hand
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from itertools import product
+from multiprocessing import get_context
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from ..enhance.enhancer import Enhancer
@@ -33,6 +37,8 @@ from .evaluation import spread
 from .image_sets import ImageSet, TestImage
 
 STAGE = "enhancers"
+
+_IMAGES_AT_A_TIME = 4  # enough that loading a network does not count, few enough that processes finish together
 
 STRENGTHS = (0.25, 0.5, 0.75, 1.0)
 
@@ -76,6 +82,12 @@ class Comparison:
     shown: list[Shown] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
 
+    def add(self, part: Comparison) -> None:
+        """Append what was found on other images."""
+        self.scores.extend(part.scores)
+        self.trade_offs.extend(part.trade_offs)
+        self.shown.extend(part.shown)
+
 
 @dataclass(frozen=True)
 class ComparisonPlan:
@@ -95,75 +107,122 @@ class ComparisonPlan:
     trade_off: bool = True
     shown: int = 3
 
+    @property
+    def enhancers(self) -> tuple[str, ...]:
+        """The methods without contrast gain, `none` first."""
+        return NONE, *(name for name in self.methods if name not in (NONE, GAIN))
+
 
 def compare_enhancers(
-    image_sets: Sequence[ImageSet], plan: ComparisonPlan, reporter: Reporter | None = None
+    image_sets: Sequence[ImageSet], plan: ComparisonPlan, reporter: Reporter | None = None, processes: int = 1
 ) -> Comparison:
     """Measure every method on every image for every observer.
+
+    Args:
+        image_sets, plan: what is compared.
+        reporter: hears of the progress.
+        processes: how many share the work; with more than one, each uses one thread.
 
     Raises:
         InputError: a method that does not exist, or gain without anything to match.
     """
     reporter = reporter or Reporter()
-    names = [NONE, *(name for name in plan.methods if name not in (NONE, GAIN))]
-    references = gain_references(list(plan.methods)) if GAIN in plan.methods else []
-    comparison = Comparison()
-    strongest = max(observer.severity for observer in plan.observers)
-    work = list(_work(image_sets, plan))
-    _time_methods(names, plan.observers[0], image_sets[0].images[0], comparison)
-    enhancers: dict[Layer, dict[str, Enhancer]] = {}
-    for done, (observer, image_set, image, is_shown) in enumerate(work):
-        if observer not in enhancers:
-            enhancers[observer] = {
-                name: method_factory(name)(observer.cvd, observer.severity, ENHANCED_FOR) for name in names
-            }
-        judge = Judge(image_set.name, image, observer, other_models=plan.other_models)
-        candidates = {
-            name: enhance(method_label(name), enhancer, image.pixels) for name, enhancer in enhancers[observer].items()
-        }
-        for reference in references:
-            change = judge.delta_e_76(candidates[reference].pixels)
-            candidates[f"{GAIN} {reference}"] = matched_gain(reference, image.pixels, change)
-        made = list(candidates.values())
-        comparison.scores.extend(judge.score(candidate) for candidate in made)
-        if observer.severity == strongest:
-            if plan.trade_off and image_class(judge.ccpr_input) == "hard":
-                comparison.trade_offs.extend(_trade_offs(judge, image_set, image, observer, made))
-            if is_shown:
-                versions = {candidate.method: candidate.pixels for candidate in made}
-                comparison.shown.append(Shown(image_set.name, observer, versions))
-        reporter.progress(STAGE, (done + 1) / len(work), f"{observer.name}, {image_set.name}")
+    if GAIN in plan.methods:
+        gain_references(plan.methods)  # refuses before anything takes time
+    comparison = Comparison(seconds=_time_methods(plan, image_sets[0].images[0]))
+    parts = list(_parts(image_sets, plan))
+    with contextlib.ExitStack() as stack:
+        results: Iterable[Comparison] = map(_compare, parts)
+        if processes > 1:
+            # Not forked: torch's threads do not survive it.
+            pool = ProcessPoolExecutor(
+                processes, get_context("spawn"), initializer=torch.set_num_threads, initargs=(1,)
+            )
+            results = stack.enter_context(pool).map(_compare, parts)
+        for done, (part, found) in enumerate(zip(parts, results, strict=True)):
+            comparison.add(found)
+            message = f"{part.observer.name}, {part.image_set}"
+            reporter.progress(STAGE, (done + 1) / len(parts), message)
     return comparison
 
 
-def _work(image_sets: Sequence[ImageSet], plan: ComparisonPlan) -> Iterator[tuple[Layer, ImageSet, TestImage, bool]]:
-    """Every image for every observer whom it concerns, and whether it is one of those to look at."""
+@dataclass(frozen=True)
+class _Part:
+    """Some images of a set for one observer: what a process does at a time.
+
+    Attributes:
+        plan: of the whole comparison.
+        observer, image_set: for whom, and the set's name.
+        images: of the set.
+        shown: names of those to keep.
+    """
+
+    plan: ComparisonPlan
+    observer: Layer
+    image_set: str
+    images: tuple[TestImage, ...]
+    shown: frozenset[str]
+
+
+def _parts(image_sets: Sequence[ImageSet], plan: ComparisonPlan) -> Iterator[_Part]:
+    """Every image for every observer whom it concerns."""
     for observer, image_set in product(plan.observers, image_sets):
         images = [image for image in image_set.images if image.cvd in (None, observer.cvd)]
-        shown = spread(range(len(images)), plan.shown)
-        for index, image in enumerate(images):
-            yield observer, image_set, image, index in shown
+        shown = frozenset(images[index].name for index in spread(range(len(images)), plan.shown))
+        for start in range(0, len(images), _IMAGES_AT_A_TIME):
+            some = tuple(images[start : start + _IMAGES_AT_A_TIME])
+            yield _Part(plan, observer, image_set.name, some, shown)
 
 
-def _time_methods(names: Sequence[str], observer: Layer, image: TestImage, comparison: Comparison) -> None:
-    for name in names:
-        enhancer = method_factory(name)(observer.cvd, observer.severity, ENHANCED_FOR)
-        comparison.seconds[method_label(name)] = seconds_per_megapixel(enhancer, image.pixels)
+def _compare(part: _Part) -> Comparison:
+    plan, observer = part.plan, part.observer
+    enhancers = {name: _make(name, observer) for name in plan.enhancers}
+    is_strongest = observer.severity == max(other.severity for other in plan.observers)
+    found = Comparison()
+    for image in part.images:
+        judge = Judge(part.image_set, image, observer, other_models=plan.other_models)
+        made = _candidates(enhancers, plan, image, judge)
+        found.scores.extend(judge.score(candidate) for candidate in made)
+        if is_strongest and plan.trade_off and image_class(judge.ccpr_input) == "hard":
+            found.trade_offs.extend(_trade_offs(judge, part, image, made))
+        if is_strongest and image.name in part.shown:
+            versions = {candidate.method: candidate.pixels for candidate in made}
+            found.shown.append(Shown(part.image_set, observer, versions))
+    return found
 
 
-def _trade_offs(
-    judge: Judge, image_set: ImageSet, image: TestImage, observer: Layer, candidates: Sequence[Enhanced]
-) -> list[TradeOff]:
+def _make(name: str, observer: Layer) -> Enhancer:
+    return method_factory(name)(observer.cvd, observer.severity, ENHANCED_FOR)
+
+
+def _candidates(
+    enhancers: Mapping[str, Enhancer], plan: ComparisonPlan, image: TestImage, judge: Judge
+) -> list[Enhanced]:
+    """What each enhancer makes of the image, and the contrast gains that change it as much."""
+    made = {name: enhance(method_label(name), enhancer, image.pixels) for name, enhancer in enhancers.items()}
+    references = gain_references(plan.methods) if GAIN in plan.methods else []
+    changes = {name: judge.delta_e_76(made[name].pixels) for name in references}
+    return [*made.values(), *(matched_gain(name, image.pixels, change) for name, change in changes.items())]
+
+
+def _time_methods(plan: ComparisonPlan, image: TestImage) -> dict[str, float]:
+    return {
+        method_label(name): seconds_per_megapixel(_make(name, plan.observers[0]), image.pixels)
+        for name in plan.enhancers
+    }
+
+
+def _trade_offs(judge: Judge, part: _Part, image: TestImage, candidates: Sequence[Enhanced]) -> list[TradeOff]:
     points = []
     for candidate in candidates:
         for strength in STRENGTHS if candidate.method != NONE else STRENGTHS[-1:]:
             pixels = blend(image.pixels, candidate.pixels, strength)
             points.append(
                 TradeOff(
-                    image_set=image_set.name,
+                    image_set=part.image_set,
                     image=image.name,
-                    cvd=observer.cvd,
-                    severity=observer.severity,
+                    cvd=part.observer.cvd,
+                    severity=part.observer.severity,
                     method=candidate.method,
                     strength=strength,
                     ccpr=judge.ccpr(pixels),

@@ -228,3 +228,5 @@ def test_a_benchmark_of_nothing_is_refused(tmp_path):
         EnhancerBenchmark(()).run(tmp_path)
     with pytest.raises(InputError, match="no images"):
         EnhancerBenchmark(("none",), plates=0, textiles=0).run(tmp_path)
+    with pytest.raises(InputError, match="too small"):
+        EnhancerBenchmark(("none",), size=64).run(tmp_path)
