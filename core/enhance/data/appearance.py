@@ -53,15 +53,15 @@ def _fold(
 ) -> tuple[Field, Field, Field]:
     """Soft folds: the slope of a relief displaces the pattern and takes light."""
     shape = (height * oversampling, width * oversampling)
-    scale = oversampling * max(height, width) * generator.uniform(0.04, 0.35)
-    folds = relief(*shape, scale, generator)
-    slope_y, slope_x = (slope * scale for slope in np.gradient(folds))
+    scale = oversampling * max(height, width) * generator.uniform(0.1, 0.6)
+    slope_y, slope_x = (slope / (slope.std() + 1e-12) for slope in np.gradient(relief(*shape, scale, generator)))
     depth = generator.uniform(0.1, 1.0)
-    bend = depth * scale / oversampling * 0.12
+    # A tenth of the folds' size at most: more would turn the cloth into a liquid.
+    bend = 0.1 * depth * generator.random() * scale / oversampling
     light = generator.uniform(0.0, 2.0 * np.pi)
     facing = np.cos(light) * slope_x + np.sin(light) * slope_y
     strength = depth * generator.uniform(0.05, 0.3)
-    shading = np.exp(np.clip(strength * facing / (facing.std() + 1e-6), -1.6, 0.7))
+    shading = np.exp(np.clip(strength * facing, -1.6, 0.7))
     return across + bend * slope_x, along + bend * slope_y, shading
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ...color.matrices import RGB_TO_XYZ
+from ...color import spaces
 from ...color.simulation import simulate_linear
 from ...color.spaces import linear_to_srgb, linear_to_xyz, srgb_to_linear, xyz_to_lab
 from ...images import to_bytes
@@ -14,7 +14,6 @@ from ...images import to_bytes
 Colors = NDArray[np.float64]
 Image = NDArray[np.float32]
 
-_LAB_KNEE = 6.0 / 29.0  # CIE 15
 _GAMUT_BISECTIONS = 12  # chroma to 1 / 4096
 
 
@@ -42,11 +41,7 @@ def simulated_lab(colors: NDArray, cvd: str, severity: float = 1.0, model: str =
 
 def lab_to_linear(lab: NDArray) -> Colors:
     """(..., 3) CIELAB under D65 to linear sRGB, which may lie outside [0, 1]."""
-    lightness, a, b = np.moveaxis(np.asarray(lab, np.float64), -1, 0)
-    y = (lightness + 16.0) / 116.0
-    roots = np.stack([y + a / 500.0, y, y - b / 200.0], -1)
-    relative = np.where(roots > _LAB_KNEE, roots**3, 3.0 * _LAB_KNEE**2 * (roots - 4.0 / 29.0))
-    return relative * RGB_TO_XYZ.sum(1) @ np.linalg.inv(RGB_TO_XYZ).T
+    return _channels_last(spaces.lab_to_linear(_channels_first(np.asarray(lab))), np.shape(lab))
 
 
 def lch_to_linear(lightness: NDArray, chroma: NDArray, hue: NDArray) -> Colors:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from .fields import power_noise
-from .light import Colors, encode, linear_to_lab, simulated_lab
+from .light import Colors, decode, encode, linear_to_lab, simulated_lab
 from .palettes import draw_confused_pair
 
 SMALLEST_PLATE = 96
@@ -65,8 +65,6 @@ def draw_plate(cvd: str, size: int, generator: np.random.Generator) -> Plate:
 
 def _differs(plate: Plate, cvd: str) -> bool:
     """Whether a plate keeps its promise; rounding and jitter spoil about one in a hundred."""
-    from .light import decode
-
     parts = [decode(plate.image[mask]) for mask in (plate.figure, plate.ground)]
     normal, seen = (
         np.linalg.norm(np.subtract(*(lab(part).mean(0) for part in parts)))
