@@ -29,8 +29,10 @@ DEUTAN, PROTAN = Layer("deutan", 1.0), Layer("protan", 1.0)
 
 
 def patches(seed=0, size=48):
-    """An image of random patches: some contrasts survive the simulation, some do not."""
-    colors = np.random.default_rng(seed).integers(60, 200, (size // 8, size // 8, 3))
+    """An image of random patches whose contrasts, of red and green for the most part, are lost in the simulation."""
+    generator = np.random.default_rng(seed)
+    kinds = generator.integers(0, 2, (size // 8, size // 8))
+    colors = np.array([(181, 109, 109), (109, 139, 109)])[kinds] + generator.integers(-9, 10, (*kinds.shape, 3))
     return colors.repeat(8, 0).repeat(8, 1).astype(np.uint8)
 
 
