@@ -66,6 +66,12 @@ def load_generator(path: Path) -> Generator:
     return generator.eval().requires_grad_(False).to(memory_format=torch.channels_last)
 
 
+def read_notes(path: Path) -> dict[str, str]:
+    """What `save_generator` was told to keep; the file is one that `load_generator` takes."""
+    with safe_open(path, framework="pt") as file:
+        return dict(file.metadata() or {})
+
+
 _REMEDY = "give a file that scripts/train_enhancer.py made, or use --enhancer cgan for the one that is shipped"
 
 

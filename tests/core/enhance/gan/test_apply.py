@@ -34,7 +34,7 @@ def test_any_size_keeps_its_size_and_its_range(height, width):
     image = noise(height, width)
     result = enhance(random_generator(), image, DEUTAN, palette_of(image))
     assert result.shape == image.shape
-    assert 0.0 <= result.min()
+    assert result.min() >= 0.0
     assert result.max() <= 1.0
 
 

@@ -41,7 +41,7 @@ def test_a_flipped_bit_is_noticed(saved):
     content = bytearray(saved.read_bytes())
     content[-3] ^= 16
     saved.write_bytes(content)
-    with pytest.raises(InputError, match="damaged.*checksum"):
+    with pytest.raises(InputError, match=r"damaged.*checksum"):
         load_generator(saved)
 
 
@@ -52,7 +52,7 @@ def test_a_truncated_file_is_refused(saved):
 
 
 def test_weights_of_another_version_are_refused(saved):
-    with pytest.raises(InputError, match="version 99.*train them again"):
+    with pytest.raises(InputError, match=r"version 99.*train them again"):
         load_generator(rewritten(saved, version="99"))
 
 

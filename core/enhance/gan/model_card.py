@@ -1,0 +1,94 @@
+"""Publishes weights: copies them to where the package ships them, with a model card that says what they are."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import itertools
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+from ...errors import InputError
+from .training import LOG, WEIGHTS
+from .weights import SHIPPED, load_generator, read_notes
+
+_PURPOSE = """\
+Recolours photographs, view by view, so that people with a colour vision deficiency can tell apart what others can.
+Made for textiles photographed from several sides; `scripts/run.py` and `scripts/enhance.py` use it unless told
+otherwise. Observers: protan, deutan, tritan and achromat, severity 0 to 1, under the simulations of Machado, Viénot and
+Brettel. At severity 0 it is the identity by construction.
+
+It is no diagnosis and no aid in traffic, medicine or wherever a colour's meaning is fixed. Trained on drawn and
+rendered images alone, without a single photograph of a person or of anyone's property."""
+
+
+def publish(training: Path, evaluation: Path, folder: Path = SHIPPED.parent) -> Path:
+    """Copy a training's weights into `folder` and write ``MODEL_CARD.md`` beside them; returns the card's path.
+
+    Args:
+        training: folder of a finished training.
+        evaluation: folder of ``benchmark.py enhancer`` for these weights.
+
+    Raises:
+        InputError: one of the folders lacks what is needed.
+    """
+    weights, report = training / WEIGHTS, evaluation / "enhancer.md"
+    load_generator(weights)  # refuses what could not be used
+    if not report.is_file():
+        raise InputError("there is no comparison", where=report, remedy="run benchmark.py enhancer first")
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(weights, folder / SHIPPED.name)
+    card = folder / "MODEL_CARD.md"
+    card.write_text(_card(weights, training / LOG, report.read_text(encoding="utf-8")), encoding="utf-8")
+    return card
+
+
+def _card(weights: Path, log: Path, report: str) -> str:
+    notes = read_notes(weights)
+    generator = load_generator(weights)
+    settings, dataset = json.loads(notes["settings"]), json.loads(notes["dataset"])
+    parameters = sum(value.numel() for value in generator.parameters())
+    sections = [
+        "# Model card: the shipped enhancer",
+        _PURPOSE,
+        f"| file | `{SHIPPED.name}`, {weights.stat().st_size / 1e6:.1f} MB, {parameters:,} parameters |\n|---|---|\n"
+        f"| SHA-256 | `{hashlib.sha256(weights.read_bytes()).hexdigest()}` |\n"
+        f"| trained | {notes['date']} on {notes['device']}, seed {settings['seed']}, step {notes['step']} of "
+        f"{settings['steps']}{_duration(log)} |\n"
+        "| licence | GPL-3.0-or-later, as the code |",
+        "## Data",
+        _data(dataset),
+        "## Settings",
+        "\n".join(f"- {name}: {json.dumps(value)}" for name, value in settings.items()),
+        "## Measured",
+        _measured(report),
+    ]
+    return "\n\n".join(sections) + "\n"
+
+
+def _duration(log: Path) -> str:
+    """The time between the first and the last line of the log, pauses of more than five minutes left out."""
+    if not log.is_file():
+        return ""
+    with open(log, newline="", encoding="utf-8") as file:
+        times = [float(row["time"]) for row in csv.DictReader(file)]
+    worked = sum(gap for before, after in itertools.pairwise(times) if (gap := after - before) < 300.0)
+    return f", about {worked / 60.0:.0f} minutes"
+
+
+def _data(dataset: dict[str, Any]) -> str:
+    kinds = ", ".join(f"{count} {kind}" for kind, count in dataset["kinds"].items())
+    return (
+        f"{dataset['samples']} images of {dataset['size']} pixels ({kinds}), {dataset['observers']} observers each, "
+        f"seed {dataset['seed']}; made by `scripts/train_enhancer.py` with the {dataset['teacher']} teacher, nothing "
+        "downloaded. `photograph` stands for crops of renders by `scripts/make_showroom.py`."
+    )
+
+
+def _measured(report: str) -> str:
+    """The description and the headline of a comparison."""
+    before, _, rest = report.partition("\n## Figures to reach")
+    headline = rest.partition("\n## ")[0].partition("\n")[2]
+    return f"By `scripts/benchmark.py enhancer`. {before.partition(chr(10))[2].strip()}\n\n{headline.strip()}"

@@ -1,0 +1,152 @@
+"""Trains the conditional GAN: makes the pairs, trains on them, writes the weights. Run again to go on.
+
+python scripts/train_enhancer.py out/enhancer                        what two cores manage (about an hour and a half)
+python scripts/train_enhancer.py out/enhancer --preset full --device cuda
+python scripts/train_enhancer.py out/enhancer --sweep all            short trainings behind the settings
+python scripts/run.py CAPTURE --out DIR --enhancer out/enhancer/training/enhancer.safetensors
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # before torch is loaded: see the Makefile
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
+import bootstrap
+
+bootstrap.load()
+import torch  # noqa: E402
+
+from cvdgs.core.console import ConsoleReporter  # noqa: E402
+from cvdgs.core.enhance.data.dataset import DatasetSettings, PairedDataset, make_dataset  # noqa: E402
+from cvdgs.core.enhance.gan.batches import Examples  # noqa: E402
+from cvdgs.core.enhance.gan.model_card import publish  # noqa: E402
+from cvdgs.core.enhance.gan.presets import PRESETS  # noqa: E402
+from cvdgs.core.enhance.gan.sweep import CHANGES, changed, sweep  # noqa: E402
+from cvdgs.core.enhance.gan.training import Training, TrainingSettings  # noqa: E402
+from cvdgs.core.errors import InputError  # noqa: E402
+from cvdgs.core.events import Reporter  # noqa: E402
+
+VALIDATION_SHARE = 24  # every so manieth sample is kept from training
+SWEEP_STEPS = 1500
+
+
+def main(arguments: list[str]) -> int:
+    """Train, sweep or publish; returns the exit code."""
+    options = build_parser().parse_args(arguments)
+    try:
+        if options.publish:
+            print(f"wrote {publish(options.out / 'training', options.publish)}")
+        else:
+            train(options, ConsoleReporter(sys.stderr))
+    except InputError as error:
+        print(f"train_enhancer.py: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("train_enhancer.py: stopped; run again to go on", file=sys.stderr)
+        return 130
+    return 0
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The options."""
+    parser = argparse.ArgumentParser(
+        prog="train_enhancer.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add = parser.add_argument
+    add("out", type=Path, metavar="DIR", help="gets pairs/, training/ and sweep/; what is there is used again")
+    add("--preset", choices=list(PRESETS), default="cpu", help="size of data, network and training (cpu)")
+    add("--pairs", type=Path, metavar="DIR", help="the paired dataset, if not DIR/pairs")
+    add("--photographs", type=Path, action="append", default=[], metavar="FOLDER", help="more inputs; repeatable")
+    add("--teacher", choices=["lut", "gradient"], default="lut", help="whose recolouring is learnt (lut)")
+    add("--processes", type=int, default=os.cpu_count() or 1, metavar="N", help="that make pairs (all cores)")
+    add("--device", choices=["auto", "cpu", "cuda"], default="auto", help="(auto)")
+    add("--seed", type=int, default=0, metavar="N", help="of data and training (0)")
+    add(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a setting of the training, e.g. steps=5000 or generator.palette=false; repeatable",
+    )
+    add("--publish", type=Path, metavar="BENCH", help="ship DIR's weights, with a card of what BENCH measured")
+    add("--sweep", nargs="+", metavar="VARIANT", help=f"all, or some of: {', '.join(CHANGES)}")
+    return parser
+
+
+def train(options: argparse.Namespace, reporter: Reporter) -> None:
+    """Make what is missing of the pairs, then train or sweep."""
+    preset = PRESETS[options.preset]
+    settings = changed(replace(preset.settings, seed=options.seed), _overrides(options.set))
+    device = _device(options.device)
+    pairs = options.pairs or options.out / "pairs"
+    if options.pairs is None:
+        wanted = DatasetSettings(
+            count=preset.samples,
+            size=preset.size,
+            seed=options.seed,
+            teacher=options.teacher,
+            processes=options.processes,
+            photographs=tuple(str(folder) for folder in options.photographs),
+        )
+        make_dataset(pairs, wanted, reporter)
+    dataset = PairedDataset(pairs)
+    kept = range(0, len(dataset), VALIDATION_SHARE)
+    validation = Examples(dataset, kept, reporter)
+    examples = Examples(dataset, [i for i in range(len(dataset)) if i not in kept], reporter)
+    if options.sweep:
+        names = list(CHANGES) if options.sweep == ["all"] else options.sweep
+        unknown = ", ".join(sorted(set(names) - set(CHANGES)))
+        if unknown:
+            raise InputError(f"no variant is called {unknown}", where="--sweep", remedy="see --help")
+        base = settings if "steps" in _overrides(options.set) else replace(settings, steps=SWEEP_STEPS)
+        sweep(options.out / "sweep", examples, validation, base, names, device, reporter)
+        print((options.out / "sweep" / "sweep.md").read_text(encoding="utf-8"))
+        return
+    notes = {
+        "settings": json.dumps(settings.to_dict()),
+        "dataset": json.dumps(dataset.summary),
+        "date": datetime.date.today().isoformat(),
+        "device": f"{torch.get_num_threads()} processor cores" if device == "cpu" else torch.cuda.get_device_name(),
+    }
+    Training(options.out / "training", examples, validation, settings, device).run(reporter, notes=notes)
+    print(f"wrote {options.out / 'training'}")
+
+
+def _overrides(assignments: list[str]) -> dict[str, Any]:
+    """The settings of ``--set``; values are JSON."""
+    known: Mapping[str, Any] = TrainingSettings().to_dict()
+    result: dict[str, Any] = {}
+    for assignment in assignments:
+        name, _, value = assignment.partition("=")
+        shape = name.removeprefix("generator.")
+        if name not in known and not (name != shape and shape in known["generator"]):
+            raise InputError(f"there is no setting {name!r}", where="--set", remedy=f"use one of {', '.join(known)}")
+        try:
+            parsed = json.loads(value)
+        except json.JSONDecodeError:
+            raise InputError(
+                f"{value!r} is no value for {name}", where="--set", remedy="give JSON, as in [3, 11]"
+            ) from None
+        result[name] = tuple(parsed) if isinstance(parsed, list) else parsed
+    return result
+
+
+def _device(asked: str) -> str:
+    there = torch.cuda.is_available()
+    if asked == "cuda" and not there:
+        raise InputError("no CUDA device is found", where="--device", remedy="use --device cpu, or check the driver")
+    torch.set_float32_matmul_precision("high")  # TensorFloat-32 where there is any
+    return "cuda" if there and asked != "cpu" else "cpu"
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
