@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
 
+from ..color.held_colors import HELD_COLORS
 from .enhancer_figures import figures_to_reach
 from .enhancer_means import (
     CLASSES,
@@ -20,7 +21,6 @@ from .enhancer_means import (
 )
 from .enhancer_scores import EnhancerScores
 from .enhancer_table import Comparison, TradeOff
-from .held_colors import HELD_COLORS
 from .image_sets import ImageSet
 from .tables import markdown_table, number, write_csv
 

@@ -24,6 +24,7 @@ CHANGES: Mapping[str, dict[str, Any]] = {
     "window 11": {"contrast_windows": (11,)},
     "windows 3, 11, 31": {"contrast_windows": (3, 11, 31)},
     "two-sided contrast": {"one_sided": False},
+    "no protection of skin": {"protection": 0.0},
     "no discriminator": {"adversarial_weight": 0.0},
     "learning rate 2e-4": {"learning_rate": 2e-4},
     "instance norm": {"generator.normalisation": "instance"},

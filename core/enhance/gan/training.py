@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from ...color.held_colors import skin_like
 from ...color.metrics import ccpr, ssim
 from ...color.spaces import linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
 from ...events import Reporter
@@ -49,6 +50,8 @@ class TrainingSettings:
         contrast_windows: sides of L_cd's windows in pixels.
         one_sided: see `contrast_distance`.
         discriminator_width: channels of the discriminator's first layer.
+        protection: how far the targets of skin-like colours are moved back to the original; the teacher does not know
+            that people look at faces.
         hard_share: share of the batch drawn by how much the teacher changes a pair; the rest is drawn evenly.
         average_decay: of the running mean of the weights, which is what is kept.
         seed: of initial weights and batches.
@@ -66,6 +69,7 @@ class TrainingSettings:
     contrast_windows: tuple[int, ...] = (3, 11)
     one_sided: bool = True
     discriminator_width: int = 16
+    protection: float = 0.6
     hard_share: float = 0.5
     average_decay: float = 0.999
     seed: int = 0
@@ -160,7 +164,8 @@ class Training:
         for optimizer in self._optimizers.values():
             optimizer.param_groups[0]["lr"] = settings.learning_rate * settings.rate(self.step)
         observers = ObserverBatch(batch.observers, self._device)
-        original, target = batch.original.to(self._device), batch.target.to(self._device)
+        original = batch.original.to(self._device)
+        target = _protect(original, batch.target.to(self._device), settings.protection)
         palettes = batch.palettes.to(self._device)
         linear = srgb_to_linear(original)
         simulated = observers.simulate(original)
@@ -223,6 +228,11 @@ class Training:
             if new:
                 writer.writeheader()
             writer.writerow(row)
+
+
+def _protect(original: Tensor, target: Tensor, protection: float) -> Tensor:
+    """(B, 3, H, W) targets, those of skin-like colours moved back to the original."""
+    return torch.lerp(target, original, protection * skin_like(original)[:, None].to(original))
 
 
 def validate(generator: Generator, examples: Examples, device: str = "cpu", batch: int = 8) -> dict[str, float]:

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from cvdgs.core.color.spaces import image_to_tensor
-from cvdgs.core.evaluate.held_colors import held_masks
+from cvdgs.core.color.held_colors import held_masks
 
 
 def held(*color):

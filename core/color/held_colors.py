@@ -10,7 +10,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from ..color.spaces import srgb_to_lab
+from .spaces import srgb_to_lab
 
 HELD_COLORS = ("grey", "white", "skin")
 
@@ -25,13 +25,14 @@ _RED_WEIGHT, _GREEN_WEIGHT, _BLUE_WEIGHT = 0.299, 0.587, 0.114
 
 
 def held_masks(image: Tensor) -> dict[str, Tensor]:
-    """(H, W) bool by the names of `HELD_COLORS` for a (3, H, W) sRGB image; whites are greys as well."""
+    """(..., H, W) bool by the names of `HELD_COLORS` for a (..., 3, H, W) sRGB image; whites are greys as well."""
     lightness, a, b = srgb_to_lab(image).unbind(-3)
     grey = torch.hypot(a, b) < _NEUTRAL_CHROMA
-    return {"grey": grey, "white": grey & (lightness > _WHITE_LIGHTNESS), "skin": _skin_like(image)}
+    return {"grey": grey, "white": grey & (lightness > _WHITE_LIGHTNESS), "skin": skin_like(image)}
 
 
-def _skin_like(image: Tensor) -> Tensor:
+def skin_like(image: Tensor) -> Tensor:
+    """(..., H, W) bool: the pixels of a (..., 3, H, W) sRGB image whose colour is like skin."""
     red, green, blue = image.unbind(-3)
     luma = _RED_WEIGHT * red + _GREEN_WEIGHT * green + _BLUE_WEIGHT * blue
     cb = _CHROMA_OFFSET + _CHROMA_RANGE * 0.5 * (blue - luma) / (1.0 - _BLUE_WEIGHT)
