@@ -28,9 +28,10 @@ _POINTWISE = (IdentityEnhancer, LutEnhancer)
 """Enhancers whose result is a function of the colour alone, so that rows can be done one after the other."""
 
 _BLOCK_PIXELS = 4_000_000
-"""Pixels that a pointwise enhancer does at once; it needs some 60 bytes for each."""
+"""Pixels that a pointwise enhancer does at once; it needs some 40 bytes for each."""
 
-_SCENE_FIT_SHARE = 0.1  # of the time of the stage, for the progress bar
+_FIT_PHOTOGRAPHS = 4
+"""A fit takes about as long as so many photographs of 0.4 megapixels with their figures, for the progress bar."""
 
 Pixels = NDArray[np.uint8]
 
@@ -76,10 +77,8 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
     if request.separately:
         start, recolour = 0.0, _Separately(make)
     else:
-        start, recolour = (
-            _SCENE_FIT_SHARE,
-            _Scene(enhancer, found, StageSpan(reporter, STAGE, 0.0, _SCENE_FIT_SHARE, "")),
-        )
+        start = _FIT_PHOTOGRAPHS / (_FIT_PHOTOGRAPHS + count)
+        recolour = _Scene(enhancer, found, StageSpan(reporter, STAGE, 0.0, start, "fitting the enhancer"))
     del found  # and with it the pixels that only the fit needs
     rows = []
     with Sheet(observer, request.enhancer) as sheet:

@@ -52,7 +52,7 @@ from .pairs import PairSampling, sample_pairs
 
 _PROBE = 5.0  # ΔE76 of the step by which v' is measured; small beside the contrasts that matter, large beside rounding
 _GAMUT_BISECTIONS = 6  # to 1/64 of the change
-_GAMUT_TOLERANCE = 1e-4  # linear light; a fifth of the smallest step of 8 bits
+_GAMUT_TOLERANCE = 1e-4  # linear light; a third of the smallest step of 8 bits
 _LEAST_LOSS = 1e-3  # ΔE76 along e below which there is nothing to restore
 
 
@@ -110,7 +110,7 @@ class GradientTeacher:
         seed: draws the pairs on which the directions are chosen.
         settings: constants; None for the defaults.
 
-    An image that is given before `fit` is a scene of its own. Memory: about 150 bytes a pixel, for the change of a
+    An image that is given before `fit` is a scene of its own. Memory: some 180 bytes a pixel, for the change of a
     pixel depends on all others.
     """
 

@@ -42,3 +42,9 @@ def test_a_stage_that_was_not_expected_does_not_move_the_bar():
 
 def test_times_are_written_for_people():
     assert [format_seconds(s) for s in (0.4, 59.6, 61, 3725)] == ["0:00", "1:00", "1:01", "1:02:05"]
+
+
+def test_another_job_brings_the_shares_of_its_own_stages():
+    progress = RunProgress(("read", "enhance"), shares={"read": 1.0, "enhance": 3.0})
+    progress.update({"event": "progress", "stage": "enhance", "fraction": 0.5, "seconds_left": 1.0})
+    assert progress.fraction == pytest.approx(0.625)

@@ -78,3 +78,12 @@ def test_a_folder_that_cannot_be_written_is_refused_in_one_line(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="--out"):
         RunFolder(tmp_path / "file" / "out")
+
+
+def test_another_job_says_what_it_replaces(tmp_path):
+    (tmp_path / "report.json").write_text("of a run")
+    (tmp_path / "old.png").write_text("ours")
+    folder = RunFolder(tmp_path, lambda out: [out / "old.png"], "table.csv")
+    (folder.staging / "new.png").write_text("new")
+    folder.commit()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new.png", "report.json"]
