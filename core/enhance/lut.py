@@ -103,13 +103,20 @@ class ColorLut:
 
 
 def interpolate(table: Tensor, colors: Tensor) -> Tensor:
-    """Trilinear interpolation of an (N, N, N, 3) table [red, green, blue] at (B, P, 3) colours in [0, 1]; (B, P, 3).
+    """Trilinear interpolation of residual tables [red, green, blue] at colours in [0, 1].
 
     Differentiable with respect to the table; colours outside [0, 1] take the value of the nearest face. torch works on
     the B rows in parallel.
+
+    Args:
+        table: (N, N, N, 3), or (B, N, N, N, 3) for a table of its own for each row.
+        colors: (B, P, 3).
+
+    Returns:
+        (B, P, 3).
     """
     # grid_sample's first coordinate runs along the last axis of its volume, so red has to become the last.
-    volume = table.permute(3, 2, 1, 0).expand(len(colors), -1, -1, -1, -1)
+    volume = table.expand(len(colors), *table.shape[-4:]).permute(0, 4, 3, 2, 1)
     grid = (colors * 2.0 - 1.0)[:, None, None]
     sampled = torch.nn.functional.grid_sample(volume, grid, padding_mode="border", align_corners=True)
     return sampled[:, :, 0, 0].transpose(1, 2)

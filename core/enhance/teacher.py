@@ -29,6 +29,7 @@ from torch import Tensor
 from ..color.difference import delta_e_76
 from ..color.metrics import CCPR_THRESHOLD
 from ..color.observer import Observer
+from ..color.simulation import simulate_linear
 from ..color.spaces import linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
 from ..events import Reporter
 from .lut import ColorLut, interpolate
@@ -95,30 +96,69 @@ def fit_lut(
     Raises:
         InputError: an observer that cannot be simulated.
     """
+    return fit_luts(
+        images,
+        [Observer(cvd, severity, model)],
+        alphas=alphas,
+        settings=settings,
+        seed=seed,
+        reporter=reporter,
+        stage=stage,
+    )[0]
+
+
+def fit_luts(
+    images: Sequence[NDArray[np.uint8]],
+    observers: Sequence[Observer],
+    *,
+    alphas: Sequence[NDArray[np.uint8] | None] | None = None,
+    settings: TeacherSettings = TeacherSettings(),
+    seed: int = 0,
+    reporter: Reporter | None = None,
+    stage: str = "enhance",
+) -> list[ColorLut]:
+    """Fit one recolouring of a scene for each observer, to the same pairs; arguments and errors as for `fit_lut`.
+
+    Each result is that of `fit_lut`. With few pairs a step, where torch's overhead counts, this is faster.
+    """
     reporter = reporter or Reporter()
     generator = np.random.default_rng(seed)
-    observer = Observer(cvd, severity, model)
     neighbours = torch.from_numpy(sample_neighbours(images, _NEIGHBOURS, generator, alphas)).float() / 255.0
-    residual = torch.zeros(*(settings.nodes,) * 3, 3, requires_grad=True)
-    optimizer = torch.optim.Adam([residual], lr=settings.learning_rate)
+    residuals = [torch.zeros(*(settings.nodes,) * 3, 3, requires_grad=True) for _ in observers]
+    optimizer = torch.optim.Adam(residuals, lr=settings.learning_rate)
     rounds = [settings.steps] + [settings.relaxation_steps] * settings.relaxations
+    hard = list(range(len(observers)))
     done = 0
     with _one_thread():
         for relaxation, steps in enumerate(rounds):
-            if relaxation and _ccpr(residual.detach(), neighbours, observer) >= settings.sufficient_ccpr:
+            if relaxation:
+                hard = [
+                    index
+                    for index in hard
+                    if _ccpr(residuals[index].detach(), neighbours, observers[index]) < settings.sufficient_ccpr
+                ]
+            if not hard:
                 break
             naturalness_weight = settings.naturalness_weight / 2.0**relaxation
+            viewers = [observers[index] for index in hard]
             samples = sample_pairs(images, steps * settings.pairs, generator, settings.sampling, alphas)
             for batch in torch.from_numpy(samples).view(steps, settings.pairs, 2, 3):
-                loss = _objective(residual, batch.float() / 255.0, observer, settings, naturalness_weight)
-                optimizer.zero_grad()
+                tables = torch.stack([residuals[index] for index in hard])
+                loss = _objectives(tables, batch.float() / 255.0, viewers, settings, naturalness_weight).sum()
+                optimizer.zero_grad()  # to None: Adam leaves the tables alone that are fitted
                 loss.backward()
                 optimizer.step()
                 done += 1
                 reporter.progress(stage, done / sum(rounds), f"loss {loss.item():.3f}")
     reporter.progress(stage, 1.0)
-    description = {"cvd": cvd, "severity": repr(float(severity)), "simulation": model}
-    return ColorLut(residual.detach(), description)
+    return [
+        ColorLut(residual.detach(), _description(observer))
+        for residual, observer in zip(residuals, observers, strict=True)
+    ]
+
+
+def _description(observer: Observer) -> dict[str, str]:
+    return {"cvd": observer.cvd, "severity": repr(float(observer.severity)), "simulation": observer.simulation}
 
 
 @contextmanager
@@ -132,26 +172,42 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def _objective(
-    residual: Tensor, pairs: Tensor, observer: Observer, settings: TeacherSettings, naturalness_weight: float
+def _objectives(
+    residuals: Tensor,
+    pairs: Tensor,
+    observers: Sequence[Observer],
+    settings: TeacherSettings,
+    naturalness_weight: float,
 ) -> Tensor:
-    """E for (P, 2, 3) pairs of colours."""
-    mapped = pairs + interpolate(residual, pairs.view(1, -1, 3)).reshape(pairs.shape)
+    """(K,) E of (K, N, N, N, 3) tables, each for an observer of its own, for the same (P, 2, 3) pairs of colours."""
+    colors = pairs.expand(len(observers), -1, -1, -1)
+    mapped = colors + interpolate(residuals, colors.flatten(1, 2)).reshape(colors.shape)
     clipped = mapped.clamp(0.0, 1.0)
     original_lab = srgb_to_lab(_channels_first(pairs))
     linear = srgb_to_linear(_channels_first(clipped))
-    contrast, seen = _contrast(original_lab), _contrast(observer.lab(linear))
+    seen_linear = torch.stack(
+        [
+            simulate_linear(image, observer.cvd, observer.severity, observer.simulation)
+            for image, observer in zip(linear, observers, strict=True)
+        ]
+    )
+    contrast, seen = _contrast(original_lab), _contrast(xyz_to_lab(linear_to_xyz(seen_linear)))
     lost = torch.relu(contrast - seen) ** 2 / (contrast + settings.contrast_offset)
     # The second pixels have the same distribution as the first, so one half of them is enough here.
     shift = xyz_to_lab(linear_to_xyz(linear[..., :1])) - original_lab[..., :1]
-    greys = torch.linspace(0.0, 1.0, _GREYS)[None, :, None].expand(-1, -1, 3)
+    greys = torch.linspace(0.0, 1.0, _GREYS)[None, :, None].expand(len(observers), -1, 3)
     return (
-        (lost * (contrast >= settings.discernible)).mean()
-        + naturalness_weight * (shift**2).sum(0).mean()
-        + settings.neutral_weight * (interpolate(residual, greys) ** 2).mean()
-        + settings.gamut_weight * ((mapped - clipped) ** 2).sum(-1).mean()
-        + settings.smoothness_weight * _roughness(residual)
+        _means(lost * (contrast >= settings.discernible))
+        + naturalness_weight * _means((shift**2).sum(-3))
+        + settings.neutral_weight * _means(interpolate(residuals, greys) ** 2)
+        + settings.gamut_weight * _means(((mapped - clipped) ** 2).sum(-1))
+        + settings.smoothness_weight * _roughness(residuals)
     )
+
+
+def _means(values: Tensor) -> Tensor:
+    """(K,) means of the rows of a (K, ...) tensor."""
+    return values.flatten(1).mean(1)
 
 
 def _ccpr(residual: Tensor, neighbours: Tensor, observer: Observer) -> float:
@@ -163,15 +219,15 @@ def _ccpr(residual: Tensor, neighbours: Tensor, observer: Observer) -> float:
 
 
 def _contrast(lab: Tensor) -> Tensor:
-    """(P, 1) ΔE76 of the pairs of (3, P, 2) CIELAB colours."""
+    """(..., P, 1) ΔE76 of the pairs of (..., 3, P, 2) CIELAB colours."""
     return delta_e_76(lab[..., :1], lab[..., 1:])
 
 
 def _channels_first(pairs: Tensor) -> Tensor:
-    """(P, 2, 3) to (3, P, 2): colour functions want channels at dimension -3."""
-    return pairs.permute(2, 0, 1)
+    """(..., P, 2, 3) to (..., 3, P, 2): colour functions want channels at dimension -3."""
+    return pairs.movedim(-1, -3)
 
 
-def _roughness(residual: Tensor) -> Tensor:
-    """Sum over the three axes of the mean squared second difference."""
-    return torch.stack([torch.diff(residual, n=2, dim=axis).pow(2).mean() for axis in range(3)]).sum()
+def _roughness(residuals: Tensor) -> Tensor:
+    """(K,) sums over the three axes of the mean squared second difference of (K, N, N, N, 3) tables."""
+    return torch.stack([_means(torch.diff(residuals, n=2, dim=axis).pow(2)) for axis in (1, 2, 3)]).sum(0)

@@ -28,6 +28,11 @@ class ClothView:
     along: Field
     shading: Field
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W)."""
+        return self.across.shape[0], self.across.shape[1]
+
 
 def view_cloth(height: int, width: int, generator: np.random.Generator, oversampling: int = 2) -> ClothView:
     """Rotate, tilt and fold a cloth; arrays of `oversampling` times the image's size."""

@@ -10,10 +10,11 @@ interrupted run left is used by the next. The first samples of a dataset are a s
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import multiprocessing
 import time
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -31,7 +32,8 @@ from ...color.observer import Observer
 from ...errors import InputError
 from ...events import Reporter
 from ...images import to_bytes
-from ..teacher import TeacherSettings, fit_lut
+from ..gradient_teacher import GradientTeacher
+from ..teacher import TeacherSettings, fit_luts
 from .inputs import KIND_SHARES, PHOTOGRAPH, Photographs, draw_input, draw_observers
 from .kinds import KINDS, SMALLEST_IMAGE
 
@@ -224,7 +226,7 @@ def _make_samples(
         running: dict[Future, int] = {}
         while True:
             # No more than the processes need, so that an interrupted run ends at once.
-            while len(running) < 2 * settings.processes and (index := next(waiting, None)) is not None:
+            for index in itertools.islice(waiting, 2 * settings.processes - len(running)):
                 running[pool.submit(_make_sample, folder, settings, photographs, index)] = index
             if not running:
                 return
@@ -239,7 +241,7 @@ def _make_sample(folder: Path, settings: DatasetSettings, photographs: Photograp
     generator = np.random.default_rng([settings.seed, index])
     drawn = draw_input(settings.size, settings.kind_shares, photographs, settings.photograph_share, generator)
     observers = draw_observers(settings.observers, drawn.confuses, generator)
-    targets = np.stack([_target(drawn.image, observer, settings.teacher, index) for observer in observers])
+    targets = np.stack(_TARGETS[settings.teacher](drawn.image, observers, index))
     content = save_tensors({"input": np.ascontiguousarray(drawn.image), "targets": targets})
     name = f"{index:06d}.safetensors"
     _write(folder / "samples" / name, content)
@@ -254,16 +256,23 @@ def _make_sample(folder: Path, settings: DatasetSettings, photographs: Photograp
     }
 
 
-def _target(image: NDArray[np.uint8], observer: Observer, teacher: str, seed: int) -> NDArray[np.uint8]:
-    """What the teacher makes of the image, as bytes."""
-    if teacher == "gradient":
-        from ..gradient_teacher import GradientTeacher
+def _lut_targets(image: NDArray[np.uint8], observers: Sequence[Observer], seed: int) -> list[NDArray[np.uint8]]:
+    return [to_bytes(lut(image)) for lut in fit_luts([image], observers, settings=FAST_TEACHER, seed=seed)]
 
-        gradient = GradientTeacher(observer.cvd, observer.severity, observer.simulation)
-        gradient.fit([image])
-        return to_bytes(gradient(image))
-    lut = fit_lut([image], observer.cvd, observer.severity, observer.simulation, settings=FAST_TEACHER, seed=seed)
-    return to_bytes(lut(image))
+
+def _gradient_targets(image: NDArray[np.uint8], observers: Sequence[Observer], seed: int) -> list[NDArray[np.uint8]]:
+    teachers = [
+        GradientTeacher(observer.cvd, observer.severity, observer.simulation, seed=seed) for observer in observers
+    ]
+    for teacher in teachers:
+        teacher.fit([image])
+    return [to_bytes(teacher(image)) for teacher in teachers]
+
+
+_TARGETS: Mapping[str, Callable[[NDArray[np.uint8], Sequence[Observer], int], list[NDArray[np.uint8]]]] = {
+    "lut": _lut_targets,
+    "gradient": _gradient_targets,
+}
 
 
 # ---- the manifest

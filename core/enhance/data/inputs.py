@@ -118,7 +118,7 @@ def cut_photograph(path: Path, size: int, generator: np.random.Generator) -> NDA
         cover = alpha[..., None].astype(np.float32) / 255.0
         image = np.round(255.0 + cover * (image - 255.0)).astype(np.uint8)
     shorter = min(image.shape[:2])
-    side = int(round(np.exp(generator.uniform(np.log(min(size, shorter)), np.log(shorter)))))
+    side = round(float(np.exp(generator.uniform(np.log(min(size, shorter)), np.log(shorter)))))
     top, left = (int(generator.integers(0, length - side + 1)) for length in image.shape[:2])
     return downscale(np.ascontiguousarray(image[top : top + side, left : left + side]), size, size)
 

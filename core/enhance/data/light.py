@@ -1,4 +1,4 @@
-"""Conversions of colour lists and images between linear light, bytes and CIELAB, in numpy; for the images drawn here."""
+"""Conversions of colour lists and images between linear light, bytes and CIELAB, in numpy; for drawn images."""
 
 from __future__ import annotations
 

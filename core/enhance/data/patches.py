@@ -39,7 +39,9 @@ def draw_cells(height: int, width: int, palette: Palette, generator: np.random.G
     points = generator.random((count, 2)) * [height, width]
     rows, columns = np.mgrid[:height, :width] + 0.5
     distance, cell = cKDTree(points).query(np.stack([rows.ravel(), columns.ravel()], -1), k=2)
-    colors = _vary(palette.colors[generator.integers(0, len(palette.colors), count)], generator.uniform(0, 6), generator)
+    colors = _vary(
+        palette.colors[generator.integers(0, len(palette.colors), count)], generator.uniform(0, 6), generator
+    )
     image = colors[cell[:, 0]]
     if generator.random() < 0.4:
         joint = distance[:, 1] - distance[:, 0] < generator.uniform(1.0, 3.0)
@@ -59,7 +61,9 @@ def draw_noise(height: int, width: int, palette: Palette, generator: np.random.G
         weights /= weights.sum(-1, keepdims=True)
         return expose((weights @ palette.colors[:5].astype(np.float32)).astype(np.float32), generator)
     # Ruderman, Cronin and Chiao 1998: lightness varies most, blue-yellow less, red-green least.
-    deviations = np.array([1.0, generator.uniform(0.1, 0.8), generator.uniform(0.1, 0.8)]) * generator.uniform(6.0, 25.0)
+    deviations = np.array([1.0, generator.uniform(0.1, 0.8), generator.uniform(0.1, 0.8)]) * generator.uniform(
+        6.0, 25.0
+    )
     lab = linear_to_lab(palette.colors[0]) + power_noise(height, width, exponent, generator, 3) * deviations
     return expose(np.clip(lab_to_linear(lab), 0.0, 1.0).astype(np.float32), generator)
 
@@ -121,7 +125,12 @@ class _Leaf:
 
 
 def _paint_leaf(
-    image: Image, texture: Field, leaf: _Leaf, color: NDArray[np.float32], strength: float, generator: np.random.Generator
+    image: Image,
+    texture: Field,
+    leaf: _Leaf,
+    color: NDArray[np.float32],
+    strength: float,
+    generator: np.random.Generator,
 ) -> None:
     height, width = texture.shape
     row, column = generator.uniform(0.0, height), generator.uniform(0.0, width)

@@ -133,7 +133,7 @@ def _apart(points: Colors, distance: float) -> NDArray[np.int64]:
 
 def _occupy(occupied: _Mask, points: Colors, radius: float) -> None:
     reach = int(np.ceil(radius)) + 1
-    offsets = np.stack(np.mgrid[-reach : reach + 1, -reach : reach + 1], -1).reshape(-1, 2)
+    offsets = np.moveaxis(np.mgrid[-reach : reach + 1, -reach : reach + 1], 0, -1).reshape(-1, 2)
     pixels = np.floor(points).astype(int)[:, None] + offsets
     inside = ((pixels + 0.5 - points[:, None]) ** 2).sum(-1) < radius**2
     inside &= ((pixels >= 0) & (pixels < _CANVAS)).all(-1)
@@ -171,7 +171,7 @@ def _background(generator: np.random.Generator) -> Colors:
     return light * np.array([1.0, *np.sort(generator.uniform(0.85, 1.0, 2))[::-1]])
 
 
-# Figures: (N, 2) points as x to the right and y down, the plate's centre at 0 and its edge at 1, to whether they are in.
+# Figures say which of (N, 2) points are in them: x to the right, y down, the plate's centre at 0 and its edge at 1.
 
 
 def _strokes(points: Colors, lines: list[list[tuple[float, float]]], thickness: float) -> _Mask:
@@ -198,7 +198,9 @@ _DIGITS = {
         [(0, -0.05), (-0.28, -0.25), (-0.2, -0.55), (0.2, -0.55), (0.28, -0.25), (0, -0.05)],
         [(0, -0.05), (-0.36, 0.2), (-0.25, 0.58), (0.25, 0.58), (0.36, 0.2), (0, -0.05)],
     ],
-    "9": [[(0.3, -0.1), (-0.15, 0.0), (-0.35, -0.3), (-0.2, -0.6), (0.1, -0.6), (0.35, -0.3), (0.25, 0.1), (-0.2, 0.6)]],
+    "9": [
+        [(0.3, -0.1), (-0.15, 0.0), (-0.35, -0.3), (-0.2, -0.6), (0.1, -0.6), (0.35, -0.3), (0.25, 0.1), (-0.2, 0.6)]
+    ],
 }
 
 

@@ -78,13 +78,13 @@ MOTIFS: dict[str, Motif] = {
 def draw_print(height: int, width: int, palette: Palette, generator: np.random.Generator) -> Pixels:
     """One to three layers of motifs on a ground."""
     view = view_cloth(height, width, generator)
-    cloth = np.broadcast_to(palette.colors[0].astype(np.float32), (*view.across.shape, 3)).copy()
+    cloth = np.broadcast_to(palette.colors[0].astype(np.float32), (*view.shape, 3)).copy()
     size = float(min(height, width))
     for layer in range(generator.integers(1, 4)):
         pitch = size * float(np.exp(generator.uniform(np.log(0.05), np.log(0.45))))
         _repeat_motif(cloth, view.across, view.along, pitch, palette, 1 + 2 * layer, generator)
     if generator.random() < 0.7:
-        yarns = 1.0 + generator.uniform(0.02, 0.12) * power_noise(*view.across.shape, 0.3, generator)
+        yarns = 1.0 + generator.uniform(0.02, 0.12) * power_noise(*view.shape, 0.3, generator)
         cloth *= yarns.astype(np.float32)
     return expose(halve(cloth * view.shading[..., None]), generator)
 

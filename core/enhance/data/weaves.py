@@ -82,7 +82,7 @@ def weave(cloth: Cloth, view: ClothView, generator: np.random.Generator) -> Imag
     rounded = 1.0 - np.float32(cloth.relief) * (1.6 * across**2 + 0.9 * along**2)
     light = rounded * _yarn_brightness(column, row, warp_on_top, cloth.irregularity, generator)
     if cloth.melange > 0.0:
-        fibres = power_noise(*view.across.shape, 0.4, generator)[..., 0]
+        fibres = power_noise(*view.shape, 0.4, generator)[..., 0]
         light = light * np.exp(np.float32(cloth.melange) * fibres)
     return color * (light * view.shading)[..., None]
 
