@@ -27,7 +27,7 @@ from ..splats import raster
 from ..splats.renderer import SceneRenderer
 from ..splats.targets import Background
 from ..splats.trainer import Trainer, TrainingPlan
-from .enhancer_methods import method_factory, method_label
+from .enhancer_methods import check_labels, method_factory, method_label
 from .enhancer_scores import ENHANCED_FOR
 from .evaluation import spread
 from .matches import SceneMatches
@@ -83,6 +83,7 @@ def measure_drift(
     Raises:
         InputError: a method or an observer that does not exist.
     """
+    check_labels(methods)
     reporter = reporter or Reporter()
     jobs = [(observer, method) for observer in observers for method in methods]
     rows = []

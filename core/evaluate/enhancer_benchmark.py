@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..events import Reporter
 from ..settings import Layer
 from .contact_sheet import write_contact_sheet
-from .enhancer_methods import GAIN, LUT, NONE, is_network, method_label
+from .enhancer_methods import GAIN, LUT, NONE, check_labels, is_network, method_label
 from .enhancer_report import write_comparison
 from .enhancer_scores import ENHANCED_FOR
 from .enhancer_table import ComparisonPlan, compare_enhancers
@@ -57,6 +57,7 @@ class EnhancerBenchmark:
         """
         if not self.methods:
             raise InputError("no enhancer is named", where="--enhancers", remedy="name some, e.g. none,gain,lut")
+        check_labels(self.methods)
         if self.size < SMALLEST_PLATE:
             remedy = f"give at least {SMALLEST_PLATE}"
             raise InputError(f"images of {self.size} pixels are too small", where="--size", remedy=remedy)

@@ -43,6 +43,15 @@ def method_label(name: str) -> str:
     return name.replace("\\", "/").rsplit("/", 1)[-1].removesuffix(WEIGHTS_SUFFIX)
 
 
+def check_labels(names: Sequence[str]) -> None:
+    """Raise `InputError` where tables would call two methods the same."""
+    labels = [method_label(name) for name in names]
+    repeated = sorted({label for label in labels if labels.count(label) > 1})
+    if repeated:
+        remedy = "name each once, and weight files differently"
+        raise InputError(f"two methods are called {', '.join(repeated)}", where="--enhancers", remedy=remedy)
+
+
 def is_network(name: str) -> bool:
     """Whether the method is a trained network."""
     return name == NETWORK or name.endswith(WEIGHTS_SUFFIX)

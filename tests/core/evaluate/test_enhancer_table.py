@@ -18,7 +18,13 @@ from cvdgs.core.errors import InputError
 from cvdgs.core.evaluate.enhancer_benchmark import EnhancerBenchmark
 from cvdgs.core.evaluate.enhancer_figures import figures_to_reach
 from cvdgs.core.evaluate.enhancer_means import held_mean, image_class, kept_gain, mean, readable_plates, select
-from cvdgs.core.evaluate.enhancer_methods import blend, gain_references, matched_gain, method_label
+from cvdgs.core.evaluate.enhancer_methods import (
+    blend,
+    check_labels,
+    gain_references,
+    matched_gain,
+    method_label,
+)
 from cvdgs.core.evaluate.enhancer_scores import Enhanced, EnhancerScores, Judge
 from cvdgs.core.evaluate.enhancer_table import STRENGTHS, ComparisonPlan, compare_enhancers
 from cvdgs.core.evaluate.image_sets import ImageSet, TestImage, fresh_plates, fresh_textiles, read_photographs
@@ -232,3 +238,8 @@ def test_a_benchmark_of_nothing_is_refused(tmp_path):
         EnhancerBenchmark(("none",), plates=0, textiles=0).run(tmp_path)
     with pytest.raises(InputError, match="too small"):
         EnhancerBenchmark(("none",), size=64).run(tmp_path)
+
+
+def test_methods_that_tables_could_not_tell_apart_are_refused():
+    with pytest.raises(InputError, match="two methods are called enhancer"):
+        check_labels(["none", "first/enhancer.safetensors", "second/enhancer.safetensors"])

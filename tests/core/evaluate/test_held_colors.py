@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
-from cvdgs.core.color.spaces import image_to_tensor
 from cvdgs.core.color.held_colors import held_masks
+from cvdgs.core.color.spaces import image_to_tensor
 
 
 def held(*color):
