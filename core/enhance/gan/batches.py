@@ -90,7 +90,8 @@ class Examples:
         return self._batch(crops)
 
     def _batch(self, crops: list[tuple[int, slice, slice, int, bool]]) -> Batch:
-        originals, targets = [], []
+        originals: list[NDArray[np.uint8]] = []
+        targets: list[NDArray[np.uint8]] = []
         for pair, rows, columns, turns, mirrored in crops:
             image, _, target = self._pairs[pair]
             for source, into in ((self._images[image], originals), (target, targets)):

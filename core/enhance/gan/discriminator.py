@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from .conditioning import OBSERVER_FEATURES
+from .generator import channels_last
 
 PATCH_SIZE = 70
 """Sides of the patch that one output judges, in pixels: 4×4 kernels of strides 2, 2, 2, 1, 1 (Isola et al. 2017)."""
@@ -28,6 +29,7 @@ class Discriminator(nn.Module):
             *_block(4 * width, 8 * width, 1),
             nn.Conv2d(8 * width, 1, 4, stride=1, padding=1),
         )
+        channels_last(self)
 
     def forward(self, original: Tensor, candidate: Tensor, observer: Tensor) -> Tensor:
         """(B, 1, H', W') logits, positive for the teacher's work.

@@ -109,8 +109,8 @@ class Training:
         self.settings, self.folder, self.step = settings, folder, 0
         self._examples, self._validation, self._device = examples, validation, device
         torch.manual_seed(settings.seed)
-        self.generator = Generator(settings.generator).to(device, memory_format=torch.channels_last)
-        self._discriminator = Discriminator(settings.discriminator_width).to(device, memory_format=torch.channels_last)
+        self.generator = Generator(settings.generator).to(device)
+        self._discriminator = Discriminator(settings.discriminator_width).to(device)
         self.average = copy.deepcopy(self.generator).requires_grad_(False)
         self._optimizers = {
             name: torch.optim.Adam(network.parameters(), settings.learning_rate, (settings.beta1, 0.999))

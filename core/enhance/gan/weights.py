@@ -63,7 +63,7 @@ def load_generator(path: Path) -> Generator:
         raise InputError("the weights do not fit the network they describe", where=path, remedy=_REMEDY) from None
     if not all(torch.isfinite(value).all() for value in tensors.values()):
         raise InputError("the enhancer's weights are not all finite", where=path, remedy=_REMEDY)
-    return generator.eval().requires_grad_(False).to(memory_format=torch.channels_last)
+    return generator.eval().requires_grad_(False)
 
 
 def read_notes(path: Path) -> dict[str, str]:
