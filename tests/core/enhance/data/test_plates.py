@@ -50,7 +50,7 @@ def _seen_lightness(plate: Plate, cvd: str) -> float:
 
 def test_figure_and_ground_are_apart_and_both_are_there() -> None:
     shares = []
-    for seed in range(8):
+    for seed in range(4):
         plate = draw_plate("protan", SMALLEST_PLATE, np.random.default_rng(seed))
         assert not (plate.figure & plate.ground).any()
         shares.append(plate.figure.sum() / plate.ground.sum())
