@@ -17,9 +17,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from .enhance_front import EnhanceRequest
 from .errors import Cancelled, InputError
 from .events import JsonReporter, claim_stdout
+from .photographs.front import EnhanceRequest
 from .settings import Settings
 
 
@@ -62,7 +62,7 @@ def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
     if job == "enhance":
         enhance_request = EnhanceRequest.from_dict(request["request"])
         reporter.status("start", "loading")
-        from .enhance.folder import enhance_folder
+        from .photographs.job import enhance_folder
 
         return {"summary": enhance_folder(enhance_request, Path(request["folder"]), reporter)}
     raise InputError(f"unknown job '{job}'", remedy="update the program that sends it")

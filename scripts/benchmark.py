@@ -22,9 +22,9 @@ from cvdgs.core.evaluate.drift import (  # noqa: E402
     measure_drift,
     write_drift,
 )
-from cvdgs.core.evaluate.enhancer_benchmark import EnhancerBenchmark  # noqa: E402
-from cvdgs.core.evaluate.enhancer_methods import method_factory  # noqa: E402
-from cvdgs.core.evaluate.enhancer_scores import ENHANCED_FOR  # noqa: E402
+from cvdgs.core.evaluate.enhancers.benchmark import EnhancerBenchmark  # noqa: E402
+from cvdgs.core.evaluate.enhancers.methods import method_factory  # noqa: E402
+from cvdgs.core.evaluate.enhancers.scores import ENHANCED_FOR  # noqa: E402
 from cvdgs.core.evaluate.selection import measure_selection, read_frames, write_selection  # noqa: E402
 from cvdgs.core.evaluate.step_comparison import compare_steps, write_steps  # noqa: E402
 from cvdgs.core.events import Reporter  # noqa: E402

@@ -19,8 +19,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
-from cvdgs.core.enhance_front import EnhanceRequest, enhance_in_console  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
+from cvdgs.core.photographs.front import EnhanceRequest, enhance_in_console  # noqa: E402
 from cvdgs.core.settings import CVD_TYPES, DEVICES, ENHANCERS, SIMULATIONS, WEIGHTS_SUFFIX  # noqa: E402
 
 

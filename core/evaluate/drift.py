@@ -27,8 +27,8 @@ from ..splats import raster
 from ..splats.renderer import SceneRenderer
 from ..splats.targets import Background
 from ..splats.trainer import Trainer, TrainingPlan
-from .enhancer_methods import check_labels, method_factory, method_label
-from .enhancer_scores import ENHANCED_FOR
+from .enhancers.methods import check_labels, method_factory, method_label
+from .enhancers.scores import ENHANCED_FOR
 from .evaluation import spread
 from .matches import SceneMatches
 from .tables import markdown_table, number, write_csv

@@ -26,7 +26,7 @@ from ..errors import InputError
 from ..events import Reporter
 from ..images import to_bytes
 from ..settings import Layer
-from .enhancer_scores import ENHANCED_FOR
+from .enhancers.scores import ENHANCED_FOR
 from .tables import number, write_csv
 
 STAGE = "selection"

@@ -15,7 +15,7 @@ STANDARD_LIBRARY_ONLY = [
     "errors",
     "events",
     "front",
-    "enhance_front",
+    "photographs/front",
     "job",
     "job_console",
     "progress",

@@ -17,11 +17,11 @@ import pytest
 from PIL import Image
 
 from cvdgs.core.enhance import LutEnhancer
-from cvdgs.core.enhance.folder import enhance_folder
 from cvdgs.core.enhance.teacher import TeacherSettings
-from cvdgs.core.enhance_front import EnhanceRequest, earlier_files, enhance
 from cvdgs.core.errors import InputError
 from cvdgs.core.events import Reporter
+from cvdgs.core.photographs.front import EnhanceRequest, earlier_files, enhance
+from cvdgs.core.photographs.job import enhance_folder
 
 from .enhance import textiles
 
@@ -50,7 +50,7 @@ def brief_fits(monkeypatch: pytest.MonkeyPatch) -> None:
         assert name == "lut"
         return LutEnhancer(cvd, severity, simulation, strength, seed, BRIEF)
 
-    monkeypatch.setattr("cvdgs.core.enhance.folder.make_enhancer", make)
+    monkeypatch.setattr("cvdgs.core.photographs.job.make_enhancer", make)
 
 
 def save(path: Path, pixels: np.ndarray = TARTAN, mode: str | None = None, **options: object) -> Path:
@@ -178,7 +178,7 @@ def test_large_photographs_are_measured_on_a_reduced_copy_and_the_table_says_so(
 def test_blocks_of_rows_leave_no_seam(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     save(tmp_path / "a.png")
     run(tmp_path / "whole", tmp_path / "a.png", enhancer="lut")
-    monkeypatch.setattr("cvdgs.core.enhance.folder._BLOCK_PIXELS", 48 * 5)
+    monkeypatch.setattr("cvdgs.core.photographs.job._BLOCK_PIXELS", 48 * 5)
     run(tmp_path / "blocks", tmp_path / "a.png", enhancer="lut")
     np.testing.assert_array_equal(pixels(tmp_path / "whole" / "a.png"), pixels(tmp_path / "blocks" / "a.png"))
 

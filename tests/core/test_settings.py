@@ -58,7 +58,7 @@ def test_enhancers_are_names_or_files_of_weights(enhancer):
 
 
 def test_an_unknown_enhancer_is_refused():
-    with pytest.raises(InputError, match="--enhancer.*magic.*cgan"):
+    with pytest.raises(InputError, match=r"--enhancer.*magic.*cgan"):
         settings(enhancer="magic")
 
 

@@ -15,19 +15,19 @@ from colorspacious import cspace_convert
 from cvdgs.core.capture.images import read_header
 from cvdgs.core.enhance import ColorLut
 from cvdgs.core.errors import InputError
-from cvdgs.core.evaluate.enhancer_benchmark import EnhancerBenchmark
-from cvdgs.core.evaluate.enhancer_figures import figures_to_reach
-from cvdgs.core.evaluate.enhancer_means import held_mean, image_class, kept_gain, mean, readable_plates, select
-from cvdgs.core.evaluate.enhancer_methods import (
+from cvdgs.core.evaluate.enhancers.benchmark import EnhancerBenchmark
+from cvdgs.core.evaluate.enhancers.figures import figures_to_reach
+from cvdgs.core.evaluate.enhancers.image_sets import ImageSet, TestImage, fresh_plates, fresh_textiles, read_photographs
+from cvdgs.core.evaluate.enhancers.means import held_mean, image_class, kept_gain, mean, readable_plates, select
+from cvdgs.core.evaluate.enhancers.methods import (
     blend,
     check_labels,
     gain_references,
     matched_gain,
     method_label,
 )
-from cvdgs.core.evaluate.enhancer_scores import Enhanced, EnhancerScores, Judge
-from cvdgs.core.evaluate.enhancer_table import STRENGTHS, ComparisonPlan, compare_enhancers
-from cvdgs.core.evaluate.image_sets import ImageSet, TestImage, fresh_plates, fresh_textiles, read_photographs
+from cvdgs.core.evaluate.enhancers.scores import Enhanced, EnhancerScores, Judge
+from cvdgs.core.evaluate.enhancers.table import STRENGTHS, ComparisonPlan, compare_enhancers
 from cvdgs.core.images import to_bytes, write_png
 from cvdgs.core.settings import Layer
 

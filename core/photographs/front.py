@@ -9,12 +9,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError
-from .job import WORKER, Event, Job, find_python
-from .job_console import BarDisplay, JsonDisplay, Listener, Log, WorkerDefect, finish, in_console
-from .progress import RunProgress, format_seconds
-from .run_folder import RunFolder
-from .settings import Settings
+from ..errors import InputError
+from ..job import WORKER, Event, Job, find_python
+from ..job_console import BarDisplay, JsonDisplay, Listener, Log, WorkerDefect, finish, in_console
+from ..progress import RunProgress, format_seconds
+from ..run_folder import RunFolder
+from ..settings import Settings
 
 METRICS_NAME, SHEET_NAME, LOG_NAME = "metrics.csv", "sheet.html", "enhance.log"
 FILE_COLUMN, OUTPUT_COLUMN = "file", "output"

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..color.difference import delta_e_76, delta_e_2000
-from ..color.held_colors import HELD_COLORS, held_masks
-from ..color.metrics import ccpr, contrast_scores, psnr, ssim
-from ..color.simulation import simulate
-from ..color.spaces import image_to_tensor, srgb_to_lab
-from ..settings import Layer
+from ...color.difference import delta_e_76, delta_e_2000
+from ...color.held_colors import HELD_COLORS, held_masks
+from ...color.metrics import ccpr, contrast_scores, psnr, ssim
+from ...color.simulation import simulate
+from ...color.spaces import image_to_tensor, srgb_to_lab
+from ...settings import Layer
 from .image_sets import TestImage
 
 ENHANCED_FOR = "machado"

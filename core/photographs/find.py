@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ..capture.files import list_images, make_keys, natural_key, quote_first
 from ..capture.images import ImageHeader, read_header, read_pixels
-from ..enhance_front import earlier_files
 from ..errors import InputError
 from ..events import Reporter
+from .front import earlier_files
 
 STAGE = "read"
 _SCENE_PIXELS = 64_000_000

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.files import list_images
-from ..capture.images import downscale, fit_size, read_pixels
-from ..enhance.data.kinds import draw_image
-from ..enhance.data.plates import draw_plate
-from ..errors import InputError
-from .evaluation import spread
+from ...capture.files import list_images
+from ...capture.images import downscale, fit_size, read_pixels
+from ...enhance.data.kinds import draw_image
+from ...enhance.data.plates import draw_plate
+from ...errors import InputError
+from ..evaluation import spread
 
 FRESH_SEED = 20_000_003
 """Where the seeds of plates and textiles begin that no training has drawn from; training counts up from small ones."""

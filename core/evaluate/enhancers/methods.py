@@ -9,14 +9,14 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..enhance import Enhancer, make_enhancer
-from ..enhance.controls import ContrastGain
-from ..enhance.fidaner import FidanerEnhancer
-from ..enhance.gradient_teacher import GradientTeacher
-from ..errors import InputError
-from ..images import to_bytes
-from ..settings import WEIGHTS_SUFFIX
-from .enhancer_scores import Enhanced
+from ...enhance import Enhancer, make_enhancer
+from ...enhance.controls import ContrastGain
+from ...enhance.fidaner import FidanerEnhancer
+from ...enhance.gradient_teacher import GradientTeacher
+from ...errors import InputError
+from ...images import to_bytes
+from ...settings import WEIGHTS_SUFFIX
+from .scores import Enhanced
 
 NONE, GAIN, LUT, NETWORK = "none", "gain", "lut", "cgan"
 

@@ -7,9 +7,11 @@ from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
 
-from ..color.held_colors import HELD_COLORS
-from .enhancer_figures import figures_to_reach
-from .enhancer_means import (
+from ...color.held_colors import HELD_COLORS
+from ..tables import markdown_table, number, write_csv
+from .figures import figures_to_reach
+from .image_sets import ImageSet
+from .means import (
     CLASSES,
     EASY_ABOVE,
     HARD_BELOW,
@@ -19,10 +21,8 @@ from .enhancer_means import (
     readable_plates,
     select,
 )
-from .enhancer_scores import EnhancerScores
-from .enhancer_table import Comparison, TradeOff
-from .image_sets import ImageSet
-from .tables import markdown_table, number, write_csv
+from .scores import EnhancerScores
+from .table import Comparison, TradeOff
 
 _FIGURES = (
     ("CCPR", "ccpr", 3),

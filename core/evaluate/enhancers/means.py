@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from .enhancer_methods import NONE
-from .enhancer_scores import EnhancerScores
+from .methods import NONE
+from .scores import EnhancerScores
 
 READABLE_DELTA_E = 10.0
 """ΔE76 between figure and ground, seen through S, from which a plate can be read: what map palettes keep."""

@@ -17,11 +17,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..enhance.enhancer import Enhancer
-from ..events import Reporter
-from ..settings import Layer
-from .enhancer_means import image_class
-from .enhancer_methods import (
+from ...enhance.enhancer import Enhancer
+from ...events import Reporter
+from ...settings import Layer
+from ..evaluation import spread
+from .image_sets import ImageSet, TestImage
+from .means import image_class
+from .methods import (
     GAIN,
     NONE,
     blend,
@@ -32,9 +34,7 @@ from .enhancer_methods import (
     method_label,
     seconds_per_megapixel,
 )
-from .enhancer_scores import ENHANCED_FOR, Enhanced, EnhancerScores, Judge
-from .evaluation import spread
-from .image_sets import ImageSet, TestImage
+from .scores import ENHANCED_FOR, Enhanced, EnhancerScores, Judge
 
 STAGE = "enhancers"
 

@@ -22,7 +22,7 @@ from ..color.observer import Observer
 from ..color.simulation import simulate
 from ..color.spaces import image_to_tensor, tensor_to_image
 from ..images import to_bytes
-from .photograph_scores import PhotographScores
+from .scores import PhotographScores
 
 _THUMBNAIL = 400  # pixels of the longer side; sharp at the column's width on common displays
 # Colour is what is compared, so it is stored at full resolution; about 25 kB a picture.

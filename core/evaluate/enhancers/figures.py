@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..color.held_colors import HELD_COLORS
-from .enhancer_means import held_mean, kept_gain, mean, readable_plates, select
-from .enhancer_methods import LUT, NONE, gain_label
-from .enhancer_scores import EnhancerScores
-from .tables import number
+from ...color.held_colors import HELD_COLORS
+from ..tables import number
+from .means import held_mean, kept_gain, mean, readable_plates, select
+from .methods import LUT, NONE, gain_label
+from .scores import EnhancerScores
 
 READABLE_SHARE, PLATE_MEAN = 0.95, 20.0
 LEAST_CCPR_GAIN = 0.05

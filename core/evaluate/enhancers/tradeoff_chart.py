@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from .enhancer_table import TradeOff
+from .table import TradeOff
 
 _PANEL_WIDTH, _PANEL_HEIGHT = 380, 320
 _LEFT, _TOP, _BOTTOM, _RIGHT = 52, 44, 46, 14  # margins of a panel

@@ -9,11 +9,11 @@ import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
 
-from ..capture.images import downscale, fit_size
-from ..color.simulation import simulate
-from ..color.spaces import image_to_tensor, tensor_to_image
-from ..images import to_bytes, write_png
-from ..settings import Layer
+from ...capture.images import downscale, fit_size
+from ...color.simulation import simulate
+from ...color.spaces import image_to_tensor, tensor_to_image
+from ...images import to_bytes, write_png
+from ...settings import Layer
 
 Pixels = NDArray[np.uint8]
 

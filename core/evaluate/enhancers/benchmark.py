@@ -7,16 +7,16 @@ from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 
-from ..enhance.data.plates import SMALLEST_PLATE
-from ..errors import InputError
-from ..events import Reporter
-from ..settings import Layer
+from ...enhance.data.plates import SMALLEST_PLATE
+from ...errors import InputError
+from ...events import Reporter
+from ...settings import Layer
 from .contact_sheet import write_contact_sheet
-from .enhancer_methods import GAIN, LUT, NONE, check_labels, is_network, method_label
-from .enhancer_report import write_comparison
-from .enhancer_scores import ENHANCED_FOR
-from .enhancer_table import ComparisonPlan, compare_enhancers
 from .image_sets import PLATE_TYPES, ImageSet, fresh_plates, fresh_textiles, read_photographs
+from .methods import GAIN, LUT, NONE, check_labels, is_network, method_label
+from .report import write_comparison
+from .scores import ENHANCED_FOR
+from .table import ComparisonPlan, compare_enhancers
 from .tradeoff_chart import write_chart
 
 

@@ -13,14 +13,13 @@ import torch
 from numpy.typing import NDArray
 
 from ..color.observer import Observer
-from ..enhance_front import METRICS_NAME, SHEET_NAME, EnhanceRequest
+from ..enhance import Enhancer, IdentityEnhancer, LutEnhancer, make_enhancer
 from ..errors import InputError
 from ..events import Reporter, StageSpan
 from ..images import to_bytes, write_png
-from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer
-from .photograph_scores import PhotographScores, figures_of, mean_scores, write_table
-from .photographs import Photograph, Survey, find_photographs, survey
-from .registry import make_enhancer
+from .find import Photograph, Survey, find_photographs, survey
+from .front import METRICS_NAME, SHEET_NAME, EnhanceRequest
+from .scores import PhotographScores, figures_of, mean_scores, write_table
 from .sheet import Sheet
 
 STAGE = "enhance"

@@ -17,7 +17,7 @@ from ..color.metrics import contrast_scores, naturalness, ssim
 from ..color.observer import Observer
 from ..color.simulation import simulate
 from ..color.spaces import image_to_tensor
-from ..enhance_front import FILE_COLUMN, OUTPUT_COLUMN
+from .front import FILE_COLUMN, OUTPUT_COLUMN
 
 _METRIC_PIXELS = 1_000_000
 """Photographs with more pixels are measured on a copy reduced to so many, which takes half a gigabyte and some 5 s."""

@@ -1,0 +1,1 @@
+"""Enhancers compared on photographs, plates and textiles, beside honest controls."""
