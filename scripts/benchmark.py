@@ -12,7 +12,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
+from cvdgs.core.arguments import OneLineParser  # noqa: E402
 from cvdgs.core.capture import read_capture  # noqa: E402
+from cvdgs.core.console import ConsoleReporter  # noqa: E402
 from cvdgs.core.demo import SHOWROOM  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.evaluate.display import display_fidelity  # noqa: E402
@@ -27,7 +29,6 @@ from cvdgs.core.evaluate.enhancers.methods import method_factory  # noqa: E402
 from cvdgs.core.evaluate.enhancers.scores import ENHANCED_FOR  # noqa: E402
 from cvdgs.core.evaluate.selection import measure_selection, read_frames, write_selection  # noqa: E402
 from cvdgs.core.evaluate.step_comparison import compare_steps, write_steps  # noqa: E402
-from cvdgs.core.events import Reporter  # noqa: E402
 from cvdgs.core.settings import Layer  # noqa: E402
 
 SHARED = bootstrap.ROOT.parent / "shared"
@@ -47,25 +48,10 @@ QUICK: dict[str, Any] = {
 """What `enhancer --quick` measures: enough to steer a training by, in less than a minute without the LUT."""
 
 
-class ConsoleReporter(Reporter):
-    """Says on stderr how far the work is."""
-
-    def status(self, stage: str, message: str) -> None:
-        print(f"{stage}: {message}", file=sys.stderr)
-
-    def progress(self, stage: str, fraction: float, message: str = "") -> None:
-        print(f"\r{stage}: {100.0 * fraction:3.0f} % {message:60.60}", end="", file=sys.stderr)
-        if fraction >= 1.0:
-            print(file=sys.stderr)
-
-    def warning(self, name: str, message: str) -> None:
-        print(f"warning: {message}", file=sys.stderr)
-
-
 def main(arguments: list[str]) -> int:
     """Run one part; returns the exit code."""
-    options = build_parser().parse_args(arguments)
     try:
+        options = build_parser().parse_args(arguments)
         options.out.mkdir(parents=True, exist_ok=True)
         print(options.measure(options))
     except InputError as error:
@@ -76,7 +62,7 @@ def main(arguments: list[str]) -> int:
 
 def build_parser() -> argparse.ArgumentParser:
     """A subcommand for each part, all with --out."""
-    parser = argparse.ArgumentParser(prog="benchmark.py", description=__doc__)
+    parser = OneLineParser(prog="benchmark.py", description=__doc__)
     parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
     _add_step(parts.add_parser("step", help="a whole training step against the prototype's loop, in one run"))
     _add_display(parts.add_parser("display", help="Cycles against our rasteriser on a finished run"))
@@ -99,7 +85,7 @@ def _add_step(parser: argparse.ArgumentParser) -> None:
 def measure_step(options: argparse.Namespace) -> str:
     """Time our step and the prototype's by turns; writes step.csv and step.md."""
     capture = read_capture(options.capture or (FOX if FOX.is_dir() else SHOWROOM), max_size=STEP_SIZE)
-    found = compare_steps(capture, options.prototype, options.rounds, options.threads, ConsoleReporter())
+    found = compare_steps(capture, options.prototype, options.rounds, options.threads, ConsoleReporter(sys.stderr))
     return write_steps(options.out, capture, found)
 
 
@@ -147,7 +133,7 @@ def measure_enhancers(options: argparse.Namespace) -> str:
     asked = {name: value for name, value in asked.items() if value is not None}
     usual = QUICK if options.quick else {}
     benchmark = EnhancerBenchmark(options.enhancers, dict(folders), processes=options.processes, **{**usual, **asked})
-    return benchmark.run(options.out, ConsoleReporter())
+    return benchmark.run(options.out, ConsoleReporter(sys.stderr))
 
 
 def _add_drift(parser: argparse.ArgumentParser) -> None:
@@ -163,7 +149,7 @@ def _add_drift(parser: argparse.ArgumentParser) -> None:
 
 def measure_drifts(options: argparse.Namespace) -> str:
     """Measure drift on the demo and other captures; writes drift.csv and drift.md, keeps correspondences as .npz."""
-    reporter = ConsoleReporter()
+    reporter = ConsoleReporter(sys.stderr)
     captures = options.capture if options.capture is not None else [FOX] if FOX.is_dir() else []
     observers = [Layer(cvd, options.severity) for cvd in options.cvd]
     rows = []
@@ -189,7 +175,9 @@ def measure_frames(options: argparse.Namespace) -> str:
     frames = read_frames(options.frames, options.max_size)
     observer = Layer(options.cvd, options.severity)
     enhancer = method_factory(options.enhancer)(observer.cvd, observer.severity, ENHANCED_FOR)
-    return write_selection(options.out, measure_selection(frames, enhancer, observer, reporter=ConsoleReporter()))
+    return write_selection(
+        options.out, measure_selection(frames, enhancer, observer, reporter=ConsoleReporter(sys.stderr))
+    )
 
 
 def _photo_folders() -> list[tuple[str, Path]]:

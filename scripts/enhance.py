@@ -19,21 +19,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
+from cvdgs.core.arguments import OneLineParser  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.photographs.front import EnhanceRequest, enhance_in_console  # noqa: E402
 from cvdgs.core.settings import CVD_TYPES, DEVICES, ENHANCERS, SIMULATIONS, WEIGHTS_SUFFIX  # noqa: E402
 
 
-class _Parser(argparse.ArgumentParser):
-    """Complains in one line, as the contract wants."""
-
-    def error(self, message: str) -> None:  # type: ignore[override]
-        raise InputError(message, remedy="see --help")
-
-
 def build_parser() -> argparse.ArgumentParser:
     """The options of design.md; their values are checked by the worker."""
-    parser = _Parser(
+    parser = OneLineParser(
         prog="enhance.py",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,

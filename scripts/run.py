@@ -16,16 +16,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
+from cvdgs.core.arguments import OneLineParser  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.front import run_in_console  # noqa: E402
 from cvdgs.core.settings import CVD_TYPES, DEVICES, ENGINES, ENHANCERS, MODES, SIMULATIONS, Layer, Settings  # noqa: E402
-
-
-class _Parser(argparse.ArgumentParser):
-    """Complains in one line, as the contract wants."""
-
-    def error(self, message: str) -> None:  # type: ignore[override]
-        raise InputError(message, remedy="see --help")
 
 
 def number_or_auto(text: str) -> int | None:
@@ -35,7 +29,7 @@ def number_or_auto(text: str) -> int | None:
 
 def build_parser() -> argparse.ArgumentParser:
     """The options of design.md; their ranges are checked by `Settings`."""
-    parser = _Parser(prog="run.py", description=__doc__.splitlines()[0], allow_abbrev=False)
+    parser = OneLineParser(prog="run.py", description=__doc__.splitlines()[0], allow_abbrev=False)
     add = parser.add_argument
     add("capture", metavar="CAPTURE", help="folder of photographs with cameras: COLMAP model or transforms.json")
     add("--out", required=True, metavar="DIR", help="folder for the results; replaced only when the run succeeds")

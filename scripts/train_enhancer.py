@@ -25,6 +25,7 @@ import bootstrap
 bootstrap.load()
 import torch  # noqa: E402
 
+from cvdgs.core.arguments import OneLineParser  # noqa: E402
 from cvdgs.core.console import ConsoleReporter  # noqa: E402
 from cvdgs.core.enhance.data.dataset import DatasetSettings, PairedDataset, make_dataset  # noqa: E402
 from cvdgs.core.enhance.gan.batches import Examples  # noqa: E402
@@ -41,8 +42,8 @@ SWEEP_STEPS = 1500
 
 def main(arguments: list[str]) -> int:
     """Train, sweep or publish; returns the exit code."""
-    options = build_parser().parse_args(arguments)
     try:
+        options = build_parser().parse_args(arguments)
         if options.publish:
             print(f"wrote {publish(options.out / 'training', options.publish)}")
         else:
@@ -58,7 +59,7 @@ def main(arguments: list[str]) -> int:
 
 def build_parser() -> argparse.ArgumentParser:
     """The options."""
-    parser = argparse.ArgumentParser(
+    parser = OneLineParser(
         prog="train_enhancer.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument

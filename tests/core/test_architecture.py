@@ -11,7 +11,9 @@ WORKER_ONLY = {"torch", "warp", "kornia", "colour", "pycolmap", "scipy", "safete
 # Started by any Python, Blender's included, before an environment is known.
 STANDARD_LIBRARY_ONLY = [
     "__main__",
+    "arguments",
     "bootstrap",
+    "console",
     "errors",
     "events",
     "front",
