@@ -30,7 +30,6 @@ PRESETS = {
         settings=TrainingSettings(
             steps=150,
             crop=64,
-            learning_rate=1e-3,
             discriminator_width=8,
             average_decay=0.98,
             generator=GeneratorConfig(widths=(8, 12, 16, 24), embedding=16),

@@ -18,17 +18,15 @@ BASE = "base"
 CHANGES: Mapping[str, dict[str, Any]] = {
     BASE: {},
     "no contrast loss": {"contrast_weight": 0.0},
-    "contrast weight 5": {"contrast_weight": 5.0},
-    "contrast weight 80": {"contrast_weight": 80.0},
+    "contrast weight 60": {"contrast_weight": 60.0},
     "window 3": {"contrast_windows": (3,)},
     "window 11": {"contrast_windows": (11,)},
     "windows 3, 11, 31": {"contrast_windows": (3, 11, 31)},
-    "two-sided contrast": {"one_sided": False},
+    "one-sided contrast": {"one_sided": True},
     "no protection of skin": {"protection": 0.0},
     "no discriminator": {"adversarial_weight": 0.0},
     "learning rate 2e-4": {"learning_rate": 2e-4},
     "instance norm": {"generator.normalisation": "instance"},
-    "scene norm": {"generator.normalisation": "scene"},
     "no palette": {"generator.palette": False},
 }
 """Name to what differs from the base; ``generator.`` leads to the network's shape."""
@@ -70,17 +68,17 @@ def sweep(
         names: of `CHANGES`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    rows = _read(folder / "sweep.csv")
     for done, name in enumerate(names):
-        if name in rows:
+        if name in _read(folder / "sweep.csv"):
             continue
         settings = changed(base, CHANGES[name])
         training = Training(folder / name.replace(" ", "-"), examples, validation, settings, device)
         started = time.monotonic()
         training.run(StageSpan(reporter, "sweep", done / len(names), (done + 1) / len(names), name))
         figures = validate(training.average, validation, device)
-        rows[name] = {**figures, "minutes": (time.monotonic() - started) / 60.0}
-        _write(folder, base, rows)
+        row = {**figures, "minutes": (time.monotonic() - started) / 60.0}
+        # Read again: other processes may work on other variants.
+        _write(folder, base, {**_read(folder / "sweep.csv"), name: row})
 
 
 def _read(path: Path) -> dict[str, dict[str, float]]:

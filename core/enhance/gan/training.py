@@ -61,13 +61,13 @@ class TrainingSettings:
     steps: int = 30_000
     batch: int = 4
     crop: int = 128
-    learning_rate: float = 2e-4
+    learning_rate: float = 1e-3
     beta1: float = 0.5
     l1_weight: float = 100.0
     contrast_weight: float = 20.0
     adversarial_weight: float = 1.0
     contrast_windows: tuple[int, ...] = (3, 11)
-    one_sided: bool = True
+    one_sided: bool = False
     discriminator_width: int = 16
     protection: float = 0.6
     hard_share: float = 0.5
