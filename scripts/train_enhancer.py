@@ -116,10 +116,23 @@ def train(options: argparse.Namespace, reporter: Reporter) -> None:
         "settings": json.dumps(settings.to_dict()),
         "dataset": json.dumps(dataset.summary),
         "date": datetime.date.today().isoformat(),
-        "device": f"{torch.get_num_threads()} processor cores" if device == "cpu" else torch.cuda.get_device_name(),
+        "device": f"{torch.get_num_threads()} processor cores without a GPU"
+        if device == "cpu"
+        else torch.cuda.get_device_name(),
     }
-    Training(options.out / "training", examples, validation, settings, device).run(reporter, notes=notes)
+    training = Training(
+        options.out / "training", examples, validation, settings, device, _share_cores(settings, device)
+    )
+    training.run(reporter, notes=notes)
     print(f"wrote {options.out / 'training'}")
+
+
+def _share_cores(settings: TrainingSettings, device: str) -> int:
+    """How many workers share a batch; on a CPU as many as it has cores, of one torch thread each."""
+    cores = torch.get_num_threads()
+    workers = max(n for n in range(1, cores + 1) if settings.batch % n == 0) if device == "cpu" else 1
+    torch.set_num_threads(max(cores // workers, 1))
+    return workers
 
 
 def _overrides(assignments: list[str]) -> dict[str, Any]:

@@ -32,6 +32,12 @@ class Batch:
     palettes: Tensor
     observers: list[Observer]
 
+    def split(self, parts: int) -> list[Batch]:
+        """The batch in so many parts of the same size."""
+        size = len(self.observers) // parts
+        ranges = [slice(first, first + size) for first in range(0, size * parts, size)]
+        return [Batch(self.original[r], self.target[r], self.palettes[r], self.observers[r]) for r in ranges]
+
 
 class Examples:
     """Pairs of an image and its recolouring for one observer, each image with several observers.

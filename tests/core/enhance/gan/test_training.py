@@ -84,6 +84,18 @@ def test_an_interrupted_training_ends_where_an_uninterrupted_one_does(tmp_path, 
         assert torch.allclose(whole, parts, atol=1e-6)
 
 
+def test_workers_share_a_batch_and_change_nothing(tmp_path, examples, validation):
+    for workers in (1, 2):
+        Training(tmp_path / str(workers), examples, validation, QUICK, workers=workers).run()
+    for alone, shared in zip(weights(tmp_path / "1"), weights(tmp_path / "2"), strict=True):
+        assert torch.allclose(alone, shared, atol=2e-4)
+
+
+def test_workers_have_to_divide_the_batch(tmp_path, examples, validation):
+    with pytest.raises(ValueError, match="3 workers"):
+        Training(tmp_path, examples, validation, QUICK, workers=3)
+
+
 def test_the_log_has_a_line_for_every_interval(tmp_path, examples, validation):
     Training(tmp_path, examples, validation, QUICK).run(log_every=4)
     with open(tmp_path / LOG, newline="", encoding="utf-8") as file:
