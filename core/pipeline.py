@@ -33,6 +33,8 @@ AUTO_MAX_SIZE = {"cpu": 640, "cuda": 1600}
 # Upper bound of the number of Gaussians when --gaussians is auto: so many, and no more than the pixels can determine.
 AUTO_GAUSSIANS = 40_000
 PIXELS_PER_GAUSSIAN = 100
+# A LUT's fit takes as long as applying it to so many views of 640 pixels.
+LUT_FIT_VIEWS = 100
 
 
 def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
@@ -120,9 +122,10 @@ class _Stages:
         A LUT is also written as ``layer.<layer>.cube``, for grading tools.
         """
         training = self._views(self.split.train)
-        fit_cost = max(len(self.capture.views), 50)  # a fit takes as long as applying it to some hundred views
-        total, done = len(enhancers) * (len(self.capture.views) + fit_cost), 0
+        costs = {layer: _fit_cost(enhancer) for layer, enhancer in enhancers.items()}
+        total, done = sum(costs.values()) + len(enhancers) * len(self.capture.views), 0
         for layer, enhancer in enhancers.items():
+            fit_cost = costs[layer]
             self.reporter.status("enhance", f"{layer.name}: fitting the enhancer")
             span = StageSpan(
                 self.reporter, "enhance", done / total, (done + fit_cost) / total, f"{layer.name}: fitting"
@@ -190,6 +193,11 @@ def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:
         )
         for layer in settings.layers
     }
+
+
+def _fit_cost(enhancer: Enhancer) -> int:
+    """As how many applications to a view a fit counts for the progress."""
+    return LUT_FIT_VIEWS if isinstance(enhancer, LutEnhancer) else 1
 
 
 def _gaussian_limit(views: list[View]) -> int:

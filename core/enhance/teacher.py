@@ -30,12 +30,20 @@ from ..color.difference import delta_e_76
 from ..color.metrics import CCPR_THRESHOLD
 from ..color.observer import Observer
 from ..color.simulation import simulate_linear
-from ..color.spaces import linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
+from ..color.spaces import lab_to_linear, linear_to_srgb, linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
 from ..events import Reporter
 from .lut import ColorLut, interpolate
 from .pairs import PairSampling, sample_neighbours, sample_pairs
 
 _GREYS = 17  # greys held in place
+
+# CIELAB coordinate that a type loses most, the one that is to stand in for it, and in which direction.
+_STAND_IN = {
+    "protan": (1, 2, 1.0),  # reds towards yellow, greens towards blue: warm colours become warmer
+    "deutan": (1, 2, 1.0),
+    "tritan": (2, 1, 1.0),  # yellows towards red, blues towards green: the same
+    "achromat": (1, 0, -1.0),  # reds darker, greens lighter
+}
 _NEIGHBOURS = 20_000  # pairs of adjacent pixels from which CCPR is estimated, to about half a percent
 
 
@@ -50,6 +58,8 @@ class TeacherSettings:
         learning_rate: of Adam, in units of sRGB.
         discernible: ΔE76 from which a pair's contrast counts.
         contrast_offset: ΔE76 added to a pair's contrast where the loss is divided by it.
+        initial_shift: share of the coordinate that an observer loses which is given to a visible one at the start. Two
+            colours that look alike could be told apart in either direction; this decides it alike for all scenes.
         sufficient_ccpr: contrast preservation from which a scene is no longer hard and the fit ends.
         relaxations: how often the naturalness weight is halved at most.
         relaxation_steps: Adam steps after each.
@@ -65,6 +75,7 @@ class TeacherSettings:
     neutral_weight: float = 2000.0
     gamut_weight: float = 200.0
     smoothness_weight: float = 1000.0
+    initial_shift: float = 0.2
     sufficient_ccpr: float = 0.9
     relaxations: int = 2
     relaxation_steps: int = 100
@@ -124,7 +135,7 @@ def fit_luts(
     reporter = reporter or Reporter()
     generator = np.random.default_rng(seed)
     neighbours = torch.from_numpy(sample_neighbours(images, _NEIGHBOURS, generator, alphas)).float() / 255.0
-    residuals = [torch.zeros(*(settings.nodes,) * 3, 3, requires_grad=True) for _ in observers]
+    residuals = [_initial_residual(observer, settings).requires_grad_() for observer in observers]
     optimizer = torch.optim.Adam(residuals, lr=settings.learning_rate)
     rounds = [settings.steps] + [settings.relaxation_steps] * settings.relaxations
     hard = list(range(len(observers)))
@@ -155,6 +166,19 @@ def fit_luts(
         ColorLut(residual.detach(), _description(observer))
         for residual, observer in zip(residuals, observers, strict=True)
     ]
+
+
+def _initial_residual(observer: Observer, settings: TeacherSettings) -> Tensor:
+    """(N, N, N, 3) table from which a fit starts: `settings.initial_shift` of what is lost, made visible."""
+    axis = torch.linspace(0.0, 1.0, settings.nodes)
+    colors = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij")).flatten(1)[..., None]
+    linear = srgb_to_linear(colors)
+    lab = xyz_to_lab(linear_to_xyz(linear))
+    lost, visible, sign = _STAND_IN[observer.cvd]
+    shifted = lab.clone()
+    shifted[visible] += sign * settings.initial_shift * (lab - observer.lab(linear))[lost]
+    moved = linear_to_srgb(lab_to_linear(shifted).clamp(0.0, 1.0))
+    return (moved - colors)[..., 0].T.reshape(*(settings.nodes,) * 3, 3).contiguous()
 
 
 def _description(observer: Observer) -> dict[str, str]:

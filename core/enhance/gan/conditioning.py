@@ -11,19 +11,20 @@ from torch import Tensor
 
 from ...color.matrices import CVD_TYPES, SIMULATION_MODELS, LinearSimulation, linear_simulation
 from ...color.observer import Observer
-from ...color.spaces import linear_to_srgb, srgb_to_linear
+from ...color.spaces import linear_to_srgb, srgb_to_lab, srgb_to_linear
 from ..lut import as_float
 
 OBSERVER_FEATURES = len(CVD_TYPES) + len(SIMULATION_MODELS)
 """Length of an observer's vector."""
 
-PALETTE_BINS = 8
-"""Bins of the palette along each channel of sRGB."""
+PALETTE_BINS = 4
+"""Bins of the palette's histogram along each channel of sRGB."""
 
-PALETTE_FEATURES = PALETTE_BINS**3
+PALETTE_FEATURES = PALETTE_BINS**3 + 9
 """Length of a palette."""
 
 _PALETTE_PIXELS = 60_000  # drawn from each image for its palette
+_LAB_CENTER, _LAB_SCALE = np.array([50.0, 0.0, 0.0]), 20.0  # bring CIELAB to the order of 1
 
 
 def observer_features(observer: Observer) -> Tensor:
@@ -76,15 +77,17 @@ def palette(
 ) -> Tensor:
     """(PALETTE_FEATURES,) the scene's colours, whatever the number and the order of its views.
 
-    The square root of each bin's share of the pixels (so that small areas are seen as well), every pixel shared out
-    linearly between the eight bins around it (so that a slightly different light changes it only slightly).
+    First a histogram: the square root of each bin's share of the pixels (so that small areas are seen as well), every
+    pixel shared out linearly between the eight bins around it (so that a slightly different light changes it only
+    slightly). Then mean, deviation and correlations in CIELAB: whether reds are the yellower or the bluer colours of a
+    scene decides which way they had better be moved apart from its greens.
 
     Args:
         images: (H, W, 3) uint8, or float in [0, 1]; all count alike.
         alphas: (H, W) coverage per image or None; uncovered pixels do not count.
         seed: draws the pixels of large images.
     """
-    shares = np.zeros(PALETTE_FEATURES)
+    shares, moments = np.zeros(PALETTE_BINS**3), np.zeros((4, 4))
     generator = np.random.default_rng(seed)
     for view, image in enumerate(images):
         alpha = None if alphas is None else alphas[view]
@@ -93,18 +96,38 @@ def palette(
             colors = colors[generator.integers(0, len(colors), _PALETTE_PIXELS)]
         if len(colors):
             shares += _soft_histogram(as_float(colors)) / len(colors)
+            moments += _moments(as_float(colors))
     total = shares.sum()
-    return torch.from_numpy(np.sqrt(shares / total if total else shares).astype(np.float32))
+    if not total:
+        return torch.zeros(PALETTE_FEATURES)
+    features = np.concatenate([np.sqrt(shares / total), _statistics(moments / moments[0, 0])])
+    return torch.from_numpy(features.astype(np.float32))
+
+
+def _moments(colors: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(4, 4) mean of the outer products of (1, L, a, b), L, a and b brought to the order of 1."""
+    lab = srgb_to_lab(torch.from_numpy(colors.T.copy())[..., None])[..., 0].double().numpy().T
+    extended = np.column_stack([np.ones(len(lab)), (lab - _LAB_CENTER) / _LAB_SCALE])
+    return extended.T @ extended / len(lab)
+
+
+def _statistics(moments: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(9,) means, standard deviations and correlations (L-a, L-b, a-b)."""
+    mean = moments[0, 1:]
+    covariance = moments[1:, 1:] - np.outer(mean, mean)
+    deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    correlation = covariance / (np.outer(deviation, deviation) + 1e-3)  # near 0 where a scene has no such contrast
+    return np.concatenate([mean, deviation, correlation[np.triu_indices(3, 1)]])
 
 
 def _soft_histogram(colors: NDArray[np.float32]) -> NDArray[np.float64]:
     position = np.clip(colors, 0.0, 1.0) * (PALETTE_BINS - 1)
     lower = np.minimum(position.astype(np.int64), PALETTE_BINS - 2)
     fraction = position - lower
-    histogram = np.zeros(PALETTE_FEATURES)
+    histogram = np.zeros(PALETTE_BINS**3)
     for corner in np.ndindex(2, 2, 2):
         red, green, blue = (lower + corner).T
         weight = np.where(np.array(corner, bool), fraction, 1.0 - fraction).prod(1)
         index = (red * PALETTE_BINS + green) * PALETTE_BINS + blue
-        histogram += np.bincount(index, weight, PALETTE_FEATURES)
+        histogram += np.bincount(index, weight, PALETTE_BINS**3)
     return histogram

@@ -7,7 +7,8 @@ As in pix2pix (Isola et al. 2017) convolutions of stride 2 lead down and skip co
 - nearest-neighbour upsampling before a convolution, which leaves no checkerboard;
 - feature-wise modulation (FiLM, Perez et al. 2018) of every level by the observer and the scene's palette;
 - the residual's last layer, which starts at zero: training starts from the identity;
-- the severity as a factor of the residual: at severity 0 the network is the identity, whatever its weights.
+- the severity as a factor of the residual: at severity 0 the network is the identity, whatever its weights;
+- a factor that fades the residual out towards neutral colours: greys and whites stay, whatever the weights.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from .conditioning import OBSERVER_FEATURES, PALETTE_FEATURES
 NORMALISATIONS = ("none", "instance", "scene")
 _SLOPE = 0.2  # of leaky ReLUs, as in pix2pix
 _EPSILON = 1e-5  # added to variances
+_NEUTRAL = 0.06  # difference of the largest and the smallest channel at which half of the residual is applied
 
 Statistics = dict[int, tuple[Tensor, Tensor]]
 """Mean and variance, (B, C, 1, 1) each, of every normalised layer by its number."""
@@ -151,7 +153,9 @@ class Generator(nn.Module):
         )
         features = self.pixel(seen, steering, None, surroundings)
         features = functional.leaky_relu(self.mix(features), _SLOPE)
-        return self.residual(features) * severity[:, None, None, None]
+        colorfulness = (image.amax(1, keepdim=True) - image.amin(1, keepdim=True)) ** 2
+        chromatic = colorfulness / (colorfulness + _NEUTRAL**2)
+        return self.residual(features) * chromatic * severity[:, None, None, None]
 
 
 def channels_last(network: nn.Module) -> None:

@@ -35,7 +35,7 @@ PRESETS = {
             generator=GeneratorConfig(widths=(8, 12, 16, 24), embedding=16),
         ),
     ),
-    "cpu": Preset(samples=823, size=288, settings=TrainingSettings()),
+    "cpu": Preset(samples=638, size=288, settings=TrainingSettings()),
     # Sized by operations for twenty minutes of an H200: 20 GMAC a megapixel in the generator, 50 in the discriminator.
     "full": Preset(
         samples=6000,

@@ -21,7 +21,7 @@ CHANGES: Mapping[str, dict[str, Any]] = {
     "contrast weight 60": {"contrast_weight": 60.0},
     "window 3": {"contrast_windows": (3,)},
     "window 11": {"contrast_windows": (11,)},
-    "windows 3, 11, 31": {"contrast_windows": (3, 11, 31)},
+    "windows 3, 11": {"contrast_windows": (3, 11)},
     "one-sided contrast": {"one_sided": True},
     "no protection of skin": {"protection": 0.0},
     "no discriminator": {"adversarial_weight": 0.0},

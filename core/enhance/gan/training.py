@@ -58,18 +58,18 @@ class TrainingSettings:
         generator: the network's shape.
     """
 
-    steps: int = 13_000
+    steps: int = 9_000
     batch: int = 4
     crop: int = 128
     learning_rate: float = 1e-3
     beta1: float = 0.5
     l1_weight: float = 100.0
-    contrast_weight: float = 30.0
+    contrast_weight: float = 20.0
     adversarial_weight: float = 1.0
-    contrast_windows: tuple[int, ...] = (3, 11)
+    contrast_windows: tuple[int, ...] = (3, 11, 31)
     one_sided: bool = False
     discriminator_width: int = 16
-    protection: float = 0.6
+    protection: float = 0.75
     hard_share: float = 0.5
     average_decay: float = 0.999
     seed: int = 0

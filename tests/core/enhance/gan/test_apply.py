@@ -107,3 +107,8 @@ def test_averaged_statistics_are_those_of_all_pixels_together():
 def test_tiles_smaller_than_the_reach_are_refused():
     with pytest.raises(ValueError, match="too small"):
         enhance(random_generator(), noise(8, 8), DEUTAN, palette_of(noise(8, 8)), tile_size=SMALL.reach)
+
+
+def test_neutral_colours_stay_whatever_the_weights():
+    greys = torch.linspace(0.0, 1.0, 48).expand(3, 40, 48).contiguous()
+    assert torch.equal(enhance(random_generator(), greys, DEUTAN, palette_of(noise(40, 40))), greys)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cvdgs.core.color.observer import Observer
 from cvdgs.core.color.simulation import simulate
-from cvdgs.core.enhance.gan.conditioning import OBSERVER_FEATURES, ObserverBatch, observer_features, palette
+from cvdgs.core.enhance.gan.conditioning import OBSERVER_FEATURES, PALETTE_BINS, ObserverBatch, observer_features, palette
 
 MIXED = [
     Observer("deutan", 0.7, "brettel"),
@@ -40,8 +40,16 @@ def test_the_order_of_the_views_does_not_matter(order):
     assert torch.allclose(palette([views[i] for i in order]), palette(views), atol=1e-6)
 
 
-def test_a_palette_is_a_distribution():
-    assert abs(float((palette([np.random.default_rng(0).random((20, 20, 3))]) ** 2).sum()) - 1.0) < 1e-5
+def test_a_palettes_histogram_is_a_distribution():
+    shares = palette([np.random.default_rng(0).random((20, 20, 3))])[: PALETTE_BINS**3] ** 2
+    assert abs(float(shares.sum()) - 1.0) < 1e-5
+
+
+def test_a_palette_tells_whether_reds_are_the_yellower_colours():
+    warm = np.array([[[200, 90, 20], [60, 140, 160]]], np.uint8)  # orange and teal
+    cold = np.array([[[190, 60, 160], [110, 160, 20]]], np.uint8)  # magenta and lime
+    assert palette([warm])[-1] > 0.9
+    assert palette([cold])[-1] < -0.9
 
 
 def test_a_slightly_different_light_changes_the_palette_slightly():
