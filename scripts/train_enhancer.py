@@ -33,6 +33,7 @@ from cvdgs.core.enhance.gan.model_card import publish  # noqa: E402
 from cvdgs.core.enhance.gan.presets import PRESETS  # noqa: E402
 from cvdgs.core.enhance.gan.sweep import CHANGES, changed, sweep  # noqa: E402
 from cvdgs.core.enhance.gan.training import Training, TrainingSettings  # noqa: E402
+from cvdgs.core.enhance.gan.weights import load_generator, read_notes  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.events import Reporter  # noqa: E402
 
@@ -78,6 +79,7 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="NAME=VALUE",
         help="a setting of the training, e.g. steps=5000 or generator.palette=false; repeatable",
     )
+    add("--start", type=Path, metavar="FILE.safetensors", help="weights to begin with, and whose network to train")
     add("--publish", type=Path, metavar="BENCH", help="ship DIR's weights, with a card of what BENCH measured")
     add("--sweep", nargs="+", metavar="VARIANT", help=f"all, or some of: {', '.join(CHANGES)}")
     return parser
@@ -87,6 +89,8 @@ def train(options: argparse.Namespace, reporter: Reporter) -> None:
     """Make what is missing of the pairs, then train or sweep."""
     preset = PRESETS[options.preset]
     settings = changed(replace(preset.settings, seed=options.seed), _overrides(options.set))
+    if options.start:
+        settings = replace(settings, generator=load_generator(options.start).config)
     device = _device(options.device)
     pairs = options.pairs or options.out / "pairs"
     if options.pairs is None:
@@ -120,9 +124,10 @@ def train(options: argparse.Namespace, reporter: Reporter) -> None:
         if device == "cpu"
         else torch.cuda.get_device_name(),
     }
-    training = Training(
-        options.out / "training", examples, validation, settings, device, _share_cores(settings, device)
-    )
+    if options.start:
+        notes["start"] = json.dumps(read_notes(options.start))
+    workers = _share_cores(settings, device)
+    training = Training(options.out / "training", examples, validation, settings, device, workers, options.start)
     training.run(reporter, notes=notes)
     print(f"wrote {options.out / 'training'}")
 

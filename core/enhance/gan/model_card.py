@@ -61,11 +61,25 @@ def _card(weights: Path, log: Path, report: str) -> str:
         "## Data",
         _data(dataset),
         "## Settings",
-        "\n".join(f"- {name}: {json.dumps(value)}" for name, value in settings.items()),
+        *_earlier(notes),
+        _list(settings),
         "## Measured",
         _measured(report),
     ]
     return "\n\n".join(sections) + "\n"
+
+
+def _list(settings: dict[str, Any]) -> str:
+    return "\n".join(f"- {name}: {json.dumps(value)}" for name, value in settings.items())
+
+
+def _earlier(notes: dict[str, str]) -> list[str]:
+    """What the training started from, if not from random weights."""
+    if "start" not in notes:
+        return []
+    start = json.loads(notes["start"])
+    first = json.loads(start["settings"])
+    return [f"First {start['step']} steps with", _list(first), f"and from there {notes['step']} steps with"]
 
 
 def _duration(log: Path) -> str:

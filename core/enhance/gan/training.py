@@ -30,7 +30,7 @@ from .conditioning import ObserverBatch
 from .discriminator import Discriminator
 from .generator import Generator, GeneratorConfig
 from .losses import contrast_distance, discriminator_loss, generator_loss
-from .weights import save_generator
+from .weights import load_generator, save_generator
 
 CHECKPOINT = "checkpoint.safetensors"
 WEIGHTS = "enhancer.safetensors"
@@ -93,6 +93,7 @@ class Training:
         validation: what the log measures on; not learnt from.
         settings: see there.
         device: of torch.
+        start: weights to begin with instead of random ones; the settings' generator has to be theirs.
         workers: threads that share each batch. On a CPU two of them, of one torch thread each, are half as fast again
             as two torch threads, because a network this small gives those little to share.
 
@@ -108,6 +109,7 @@ class Training:
         settings: TrainingSettings,
         device: str = "cpu",
         workers: int = 1,
+        start: Path | None = None,
     ) -> None:
         if settings.batch % workers:
             raise ValueError(f"{workers} workers cannot share batches of {settings.batch}")
@@ -116,6 +118,8 @@ class Training:
         self._examples, self._validation, self._device = examples, validation, device
         torch.manual_seed(settings.seed)
         self.generator = Generator(settings.generator).to(device)
+        if start is not None:
+            self.generator.load_state_dict(load_generator(start).state_dict())
         self._discriminator = Discriminator(settings.discriminator_width).to(device)
         self.average = copy.deepcopy(self.generator).requires_grad_(False)
         self._optimizers = {

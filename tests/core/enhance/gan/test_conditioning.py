@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 
 from cvdgs.core.color.observer import Observer
 from cvdgs.core.color.simulation import simulate
-from cvdgs.core.enhance.gan.conditioning import OBSERVER_FEATURES, PALETTE_BINS, ObserverBatch, observer_features, palette
+from cvdgs.core.enhance.gan.conditioning import (
+    OBSERVER_FEATURES,
+    PALETTE_BINS,
+    ObserverBatch,
+    observer_features,
+    palette,
+)
 
 MIXED = [
     Observer("deutan", 0.7, "brettel"),

@@ -84,6 +84,13 @@ def test_an_interrupted_training_ends_where_an_uninterrupted_one_does(tmp_path, 
         assert torch.allclose(whole, parts, atol=1e-6)
 
 
+def test_a_training_can_start_from_weights(tmp_path, examples, validation):
+    Training(tmp_path / "first", examples, validation, QUICK).run()
+    second = Training(tmp_path / "second", examples, validation, QUICK, start=tmp_path / "first" / WEIGHTS)
+    for given, taken in zip(weights(tmp_path / "first"), second.average.parameters(), strict=True):
+        assert torch.equal(given, taken)
+
+
 def test_workers_share_a_batch_and_change_nothing(tmp_path, examples, validation):
     for workers in (1, 2):
         Training(tmp_path / str(workers), examples, validation, QUICK, workers=workers).run()
