@@ -80,7 +80,7 @@ def build_parser() -> argparse.ArgumentParser:
         help="a setting of the training, e.g. steps=5000 or generator.palette=false; repeatable",
     )
     add("--start", type=Path, metavar="FILE.safetensors", help="weights to begin with, and whose network to train")
-    add("--publish", type=Path, metavar="BENCH", help="ship DIR's weights, with a card of what BENCH measured")
+    add("--publish", type=Path, nargs="+", metavar="BENCH", help="ship DIR's weights, with a card of what was measured")
     add("--sweep", nargs="+", metavar="VARIANT", help=f"all, or some of: {', '.join(CHANGES)}")
     return parser
 

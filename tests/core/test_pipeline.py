@@ -53,8 +53,6 @@ def test_everything_that_the_contract_names_is_there(finished):
     assert names == {
         "capture",
         "enhanced",
-        "layer.deutan-0.6.cube",
-        "layer.tritan-0.6.cube",
         "renders",
         "report.html",
         "report.json",
@@ -116,6 +114,11 @@ def test_severity_zero_and_no_enhancer_leave_the_photographs_as_they_are(tmp_pat
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["capture"]["test"] == 0
     assert "reconstruction" in report["notes"]
+
+
+def test_a_scene_lut_is_written_for_grading_tools(tmp_path):
+    run(SHOWROOM, tmp_path / "out", "--max-size", "64", "--iterations", "2", "--enhancer", "lut", "--cvd", "protan")
+    assert "LUT_3D_SIZE" in (tmp_path / "out" / "layer.protan-1.0.cube").read_text(encoding="utf-8")
 
 
 def test_an_empty_folder_is_one_line_and_exit_code_2(tmp_path):

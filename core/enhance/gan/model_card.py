@@ -7,6 +7,7 @@ import hashlib
 import itertools
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,28 +25,30 @@ It is no diagnosis and no aid in traffic, medicine or wherever a colour's meanin
 rendered images alone, without a single photograph of a person or of anyone's property."""
 
 
-def publish(training: Path, evaluation: Path, folder: Path = SHIPPED.parent) -> Path:
+def publish(training: Path, evaluations: Sequence[Path], folder: Path = SHIPPED.parent) -> Path:
     """Copy a training's weights into `folder` and write ``MODEL_CARD.md`` beside them; returns the card's path.
 
     Args:
         training: folder of a finished training.
-        evaluation: folder of ``benchmark.py enhancer`` for these weights.
+        evaluations: folders of ``benchmark.py enhancer`` for these weights.
 
     Raises:
         InputError: one of the folders lacks what is needed.
     """
-    weights, report = training / WEIGHTS, evaluation / "enhancer.md"
+    weights, reports = training / WEIGHTS, [evaluation / "enhancer.md" for evaluation in evaluations]
     load_generator(weights)  # refuses what could not be used
-    if not report.is_file():
-        raise InputError("there is no comparison", where=report, remedy="run benchmark.py enhancer first")
+    for report in reports:
+        if not report.is_file():
+            raise InputError("there is no comparison", where=report, remedy="run benchmark.py enhancer first")
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(weights, folder / SHIPPED.name)
     card = folder / "MODEL_CARD.md"
-    card.write_text(_card(weights, training / LOG, report.read_text(encoding="utf-8")), encoding="utf-8")
+    texts = [report.read_text(encoding="utf-8") for report in reports]
+    card.write_text(_card(weights, training / LOG, texts), encoding="utf-8")
     return card
 
 
-def _card(weights: Path, log: Path, report: str) -> str:
+def _card(weights: Path, log: Path, reports: Sequence[str]) -> str:
     notes = read_notes(weights)
     generator = load_generator(weights)
     settings, dataset = json.loads(notes["settings"]), json.loads(notes["dataset"])
@@ -61,10 +64,10 @@ def _card(weights: Path, log: Path, report: str) -> str:
         "## Data",
         _data(dataset),
         "## Settings",
-        *_earlier(notes),
-        _list(settings),
+        _phases(notes),
         "## Measured",
-        _measured(report),
+        "By `scripts/benchmark.py enhancer`, on images that no training saw.",
+        *(_measured(report) for report in reports),
     ]
     return "\n\n".join(sections) + "\n"
 
@@ -73,13 +76,13 @@ def _list(settings: dict[str, Any]) -> str:
     return "\n".join(f"- {name}: {json.dumps(value)}" for name, value in settings.items())
 
 
-def _earlier(notes: dict[str, str]) -> list[str]:
-    """What the training started from, if not from random weights."""
+def _phases(notes: dict[str, str]) -> str:
+    """The settings of the training and of those that it started from, the earliest first."""
+    settings = json.loads(notes["settings"])
+    text = f"{notes['step']} steps with\n\n{_list(settings)}"
     if "start" not in notes:
-        return []
-    start = json.loads(notes["start"])
-    first = json.loads(start["settings"])
-    return [f"First {start['step']} steps with", _list(first), f"and from there {notes['step']} steps with"]
+        return text
+    return f"{_phases(json.loads(notes['start']))}\n\nand from there {text}"
 
 
 def _duration(log: Path) -> str:
@@ -105,4 +108,5 @@ def _measured(report: str) -> str:
     """The description and the headline of a comparison."""
     before, _, rest = report.partition("\n## Figures to reach")
     headline = rest.partition("\n## ")[0].partition("\n")[2]
-    return f"By `scripts/benchmark.py enhancer`. {before.partition(chr(10))[2].strip()}\n\n{headline.strip()}"
+    rows = [row for row in headline.strip().splitlines() if "| –" not in row]  # without what was not measured
+    return before.partition("\n")[2].strip() + "\n\n" + "\n".join(rows)

@@ -38,7 +38,7 @@ def training(tmp_path: Path) -> Path:
 def test_weights_are_published_with_a_card(training, tmp_path):
     (tmp_path / "bench").mkdir()
     (tmp_path / "bench" / "enhancer.md").write_text(REPORT, encoding="utf-8")
-    card = publish(training, tmp_path / "bench", tmp_path / "shipped").read_text(encoding="utf-8")
+    card = publish(training, [tmp_path / "bench"], tmp_path / "shipped").read_text(encoding="utf-8")
     load_generator(tmp_path / "shipped" / SHIPPED.name)
     for said in (
         "2026-11-21",
@@ -54,5 +54,5 @@ def test_weights_are_published_with_a_card(training, tmp_path):
 
 def test_nothing_is_published_without_a_measurement(training, tmp_path):
     with pytest.raises(InputError, match="no comparison"):
-        publish(training, tmp_path / "bench", tmp_path / "shipped")
+        publish(training, [tmp_path / "bench"], tmp_path / "shipped")
     assert not (tmp_path / "shipped").exists()
