@@ -53,6 +53,8 @@ def test_everything_that_the_contract_names_is_there(finished):
     assert names == {
         "capture",
         "enhanced",
+        "layer.deutan-0.6.cube",
+        "layer.tritan-0.6.cube",
         "renders",
         "report.html",
         "report.json",
@@ -116,9 +118,12 @@ def test_severity_zero_and_no_enhancer_leave_the_photographs_as_they_are(tmp_pat
     assert "reconstruction" in report["notes"]
 
 
-def test_a_scene_lut_is_written_for_grading_tools(tmp_path):
-    run(SHOWROOM, tmp_path / "out", "--max-size", "64", "--iterations", "2", "--enhancer", "lut", "--cvd", "protan")
-    assert "LUT_3D_SIZE" in (tmp_path / "out" / "layer.protan-1.0.cube").read_text(encoding="utf-8")
+def test_the_trained_network_enhances_a_run_too(tmp_path):
+    run(SHOWROOM, tmp_path / "out", "--max-size", "64", "--iterations", "2", "--enhancer", "cgan", "--cvd", "protan")
+    path = next((tmp_path / "out" / "capture" / "images").glob("*.png"))
+    enhanced = read_png(tmp_path / "out" / "enhanced" / "protan-1.0" / path.name)
+    assert 0.5 < np.abs(read_png(path).astype(float) - enhanced).mean() < 40
+    assert not list((tmp_path / "out").glob("*.cube"))  # what it does is no function of the colour alone
 
 
 def test_an_empty_folder_is_one_line_and_exit_code_2(tmp_path):
