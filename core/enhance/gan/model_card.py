@@ -17,12 +17,13 @@ from .weights import SHIPPED, load_generator, read_notes
 
 _PURPOSE = """\
 Recolours photographs, view by view, so that people with a colour vision deficiency can tell apart what others can.
-Made for textiles photographed from several sides; `scripts/run.py` and `scripts/enhance.py` use it unless told
-otherwise. Observers: protan, deutan, tritan and achromat, severity 0 to 1, under the simulations of Machado, Viénot and
-Brettel. At severity 0 it is the identity by construction.
+Made for textiles photographed from several sides; `scripts/run.py` and `scripts/enhance.py` use it with `--enhancer
+cgan`. Observers: protan, deutan, tritan and achromat, severity 0 to 1, under the simulations of Machado, Viénot and
+Brettel. At severity 0 it is the identity by construction, and greys stay.
 
 It is no diagnosis and no aid in traffic, medicine or wherever a colour's meaning is fixed. Trained on drawn and
-rendered images alone, without a single photograph of a person or of anyone's property."""
+rendered images alone, without a single photograph. The renders are two variants of the demo capture's room in other
+colours, so the demo is not entirely unseen."""
 
 
 def publish(training: Path, evaluations: Sequence[Path], folder: Path = SHIPPED.parent) -> Path:
@@ -100,7 +101,7 @@ def _data(dataset: dict[str, Any]) -> str:
     return (
         f"{dataset['samples']} images of {dataset['size']} pixels ({kinds}), {dataset['observers']} observers each, "
         f"seed {dataset['seed']}; made by `scripts/train_enhancer.py` with the {dataset['teacher']} teacher, nothing "
-        "downloaded. `photograph` stands for crops of renders by `scripts/make_showroom.py`."
+        f"downloaded. `photograph` stands for crops of {len(dataset.get('photographs', []))} given images."
     )
 
 
