@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import itertools
 import json
 import shutil
 from collections.abc import Sequence
@@ -12,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from .training import LOG, WEIGHTS
+from .training import WEIGHTS
 from .weights import SHIPPED, load_generator, read_notes
 
 _PURPOSE = """\
@@ -45,11 +43,11 @@ def publish(training: Path, evaluations: Sequence[Path], folder: Path = SHIPPED.
     shutil.copyfile(weights, folder / SHIPPED.name)
     card = folder / "MODEL_CARD.md"
     texts = [report.read_text(encoding="utf-8") for report in reports]
-    card.write_text(_card(weights, training / LOG, texts), encoding="utf-8")
+    card.write_text(_card(weights, texts), encoding="utf-8")
     return card
 
 
-def _card(weights: Path, log: Path, reports: Sequence[str]) -> str:
+def _card(weights: Path, reports: Sequence[str]) -> str:
     notes = read_notes(weights)
     generator = load_generator(weights)
     settings, dataset = json.loads(notes["settings"]), json.loads(notes["dataset"])
@@ -60,7 +58,7 @@ def _card(weights: Path, log: Path, reports: Sequence[str]) -> str:
         f"| file | `{SHIPPED.name}`, {weights.stat().st_size / 1e6:.1f} MB, {parameters:,} parameters |\n|---|---|\n"
         f"| SHA-256 | `{hashlib.sha256(weights.read_bytes()).hexdigest()}` |\n"
         f"| trained | {notes['date']} on {notes['device']}, seed {settings['seed']}, step {notes['step']} of "
-        f"{settings['steps']}{_duration(log)} |\n"
+        f"{settings['steps']} |\n"
         "| licence | GPL-3.0-or-later, as the code |",
         "## Data",
         _data(dataset),
@@ -84,16 +82,6 @@ def _phases(notes: dict[str, str]) -> str:
     if "start" not in notes:
         return text
     return f"{_phases(json.loads(notes['start']))}\n\nand from there {text}"
-
-
-def _duration(log: Path) -> str:
-    """The time between the first and the last line of the log, pauses of more than five minutes left out."""
-    if not log.is_file():
-        return ""
-    with open(log, newline="", encoding="utf-8") as file:
-        times = [float(row["time"]) for row in csv.DictReader(file)]
-    worked = sum(gap for before, after in itertools.pairwise(times) if (gap := after - before) < 300.0)
-    return f", about {worked / 60.0:.0f} minutes"
 
 
 def _data(dataset: dict[str, Any]) -> str:
