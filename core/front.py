@@ -8,9 +8,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from .errors import InputError
 from .job import WORKER, Event, Job, blender_command, find_python
-from .job_console import BarDisplay, JsonDisplay, Listener, Log, WorkerDefect, finish, in_console
+from .job_console import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from .progress import RunProgress, format_seconds
 from .report import finish_report
 from .run_folder import RunFolder
@@ -57,35 +56,25 @@ def run(settings: Settings, listen: Listener) -> dict[str, Any]:
     listen({"event": "status", "stage": "start", "message": "starting"})
     python = find_python()
     folder = RunFolder(settings.out)
-    try:
-        with open(folder.staging / LOG_NAME, "w", encoding="utf-8") as log_file:
-            log = Log(log_file, listen)
-            log.line("settings " + json.dumps(settings.to_dict()))
-            request = {"job": "run", "settings": settings.to_dict(), "folder": str(folder.staging)}
-            report = finish(Job([python, str(WORKER)], request, log.line), log.event)["report"]
-            if settings.blend:
-                blender_started = time.monotonic()
-                # A held-out view from the middle: its still can be compared with renders/.
-                shown = report["views_shown"]
-                arguments = [str(folder.staging), "--view", shown[len(shown) // 2]]
-                blender = finish(Job(blender_command(arguments), None, log.line), log.event)
-                blender.pop("event")
-                report["blender"] = blender
-                report["seconds"]["blender"] = round(time.monotonic() - blender_started, 2)
-            report["seconds"]["total"] = round(time.monotonic() - started, 2)
-            finish_report(folder.staging, report)
-        folder.commit()
-    except WorkerDefect as error:
-        kept = folder.abort(keep=LOG_NAME)
-        raise WorkerDefect(f"{error} - this is a defect of ours; please report it with {kept}") from None
-    except OSError as error:
-        folder.abort()
-        raise InputError(
-            f"cannot be written to ({error.strerror})", where=settings.out, remedy="free space or choose another --out"
-        ) from None
-    except BaseException:
-        folder.abort()
-        raise
+    with (
+        all_or_nothing(folder, settings.out, LOG_NAME),
+        open(folder.staging / LOG_NAME, "w", encoding="utf-8") as log_file,
+    ):
+        log = Log(log_file, listen)
+        log.line("settings " + json.dumps(settings.to_dict()))
+        request = {"job": "run", "settings": settings.to_dict(), "folder": str(folder.staging)}
+        report = finish(Job([python, str(WORKER)], request, log.line), log.event)["report"]
+        if settings.blend:
+            blender_started = time.monotonic()
+            # A held-out view from the middle: its still can be compared with renders/.
+            shown = report["views_shown"]
+            arguments = [str(folder.staging), "--view", shown[len(shown) // 2]]
+            blender = finish(Job(blender_command(arguments), None, log.line), log.event)
+            blender.pop("event")
+            report["blender"] = blender
+            report["seconds"]["blender"] = round(time.monotonic() - blender_started, 2)
+        report["seconds"]["total"] = round(time.monotonic() - started, 2)
+        finish_report(folder.staging, report)
     return report
 
 

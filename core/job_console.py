@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TextIO
 
 from .errors import Cancelled, InputError
 from .job import Event, Job
 from .progress import RunProgress, format_seconds
+from .run_folder import RunFolder
 
 EXIT_DONE, EXIT_DEFECT, EXIT_INPUT, EXIT_CANCELLED = 0, 1, 2, 130
 
@@ -54,6 +56,34 @@ def in_console(work: Callable[[Listener], Event], display: Listener) -> int:
                 signal.signal(number, handler)
     display({"event": "result", **result})
     return EXIT_DONE
+
+
+@contextlib.contextmanager
+def all_or_nothing(folder: RunFolder, out: str, log_name: str) -> Iterator[None]:
+    """Put what the block stages into `folder` in place when it succeeds, and nothing when it does not.
+
+    Args:
+        folder: of the block.
+        out: the folder as the user named it.
+        log_name: of the staged log, which is kept when a worker failed.
+
+    Raises:
+        InputError: the results could not be written.
+        WorkerDefect: with the place of the log.
+    """
+    try:
+        yield
+        folder.commit()
+    except WorkerDefect as error:
+        kept = folder.abort(keep=log_name)
+        raise WorkerDefect(f"{error} - this is a defect of ours; please report it with {kept}") from None
+    except OSError as error:
+        folder.abort()
+        what, remedy = f"cannot be written to ({error.strerror})", "free space or choose another --out"
+        raise InputError(what, where=out, remedy=remedy) from None
+    except BaseException:
+        folder.abort()
+        raise
 
 
 def finish(job: Job, listen: Listener) -> Event:

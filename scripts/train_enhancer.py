@@ -1,6 +1,6 @@
 """Trains the conditional GAN: makes the pairs, trains on them, writes the weights. Run again to go on.
 
-python scripts/train_enhancer.py out/enhancer                        what two cores manage (about an hour and a half)
+python scripts/train_enhancer.py out/enhancer                        what two cores manage in an hour
 python scripts/train_enhancer.py out/enhancer --preset full --device cuda
 python scripts/train_enhancer.py out/enhancer --sweep all            short trainings behind the settings
 python scripts/run.py CAPTURE --out DIR --enhancer out/enhancer/training/enhancer.safetensors

@@ -22,7 +22,7 @@ from .gan.weights import SHIPPED, load_generator
 from .lut import as_float
 
 _SCENE_VIEWS = 16
-"""Views from which a normalised network takes its statistics; more hardly change them."""
+"""Views, spread over the scene, from which a normalised network takes its statistics, to bound the time."""
 
 
 class CganEnhancer:

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..job import WORKER, Event, Job, find_python
-from ..job_console import BarDisplay, JsonDisplay, Listener, Log, WorkerDefect, finish, in_console
+from ..job_console import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from ..progress import RunProgress, format_seconds
 from ..run_folder import RunFolder
 from ..settings import Settings
@@ -88,24 +88,12 @@ def enhance(request: EnhanceRequest, listen: Listener) -> Event:
     listen({"event": "status", "stage": "start", "message": "starting"})
     python = find_python()
     folder = RunFolder(request.out, earlier_files, METRICS_NAME)
-    try:
+    with all_or_nothing(folder, request.out, LOG_NAME):
         with open(folder.staging / LOG_NAME, "w", encoding="utf-8") as log_file:
             log = Log(log_file, listen)
             message = {"job": "enhance", "request": request.to_dict(), "folder": str(folder.staging)}
             summary = finish(Job([python, str(WORKER)], message, log.line), log.event)["summary"]
         (folder.staging / LOG_NAME).unlink()  # of interest only when the worker fails
-        folder.commit()
-    except WorkerDefect as error:
-        kept = folder.abort(keep=LOG_NAME)
-        raise WorkerDefect(f"{error} - this is a defect of ours; please report it with {kept}") from None
-    except OSError as error:
-        folder.abort()
-        raise InputError(
-            f"cannot be written to ({error.strerror})", where=request.out, remedy="free space or choose another --out"
-        ) from None
-    except BaseException:
-        folder.abort()
-        raise
     return {"out": request.out, "seconds": round(time.monotonic() - started, 2), "summary": summary}
 
 

@@ -12,7 +12,7 @@ from .conditioning import observer_features
 from .generator import Generator, Statistics
 
 TILE_SIZE = 2048
-"""Sides of the squares that the network sees at once, in pixels; about 1.5 GB of memory with the shipped network."""
+"""Sides of the squares that the network sees at once, in pixels; 1.8 GB of memory with the shipped network."""
 
 STATISTICS_SIZE = 512
 """Longest sides of the images from which a scene's statistics are taken, in pixels."""

@@ -159,7 +159,7 @@ class Generator(nn.Module):
 
 
 def channels_last(network: nn.Module) -> None:
-    """Store convolution kernels as oneDNN and cuDNN want them: a third faster than torch's default order."""
+    """Store convolution kernels as oneDNN wants them: on a CPU a third faster than torch's default order."""
     for value in network.parameters():
         if value.ndim == 4:
             value.data = value.data.contiguous(memory_format=torch.channels_last)

@@ -36,7 +36,8 @@ PRESETS = {
         ),
     ),
     "cpu": Preset(samples=638, size=288, settings=TrainingSettings()),
-    # Sized by operations for twenty minutes of an H200: 20 GMAC a megapixel in the generator, 50 in the discriminator.
+    # Meant for twenty minutes of an H200 by counting operations (40 GMAC a megapixel in the generator, 53 in the
+    # discriminator, for one pass); not measured.
     "full": Preset(
         samples=6000,
         size=288,
