@@ -25,7 +25,16 @@ STANDARD_LIBRARY_ONLY = [
     "run_folder",
     "settings",
 ]
-NUMPY_ONLY = ["splats/gaussians", "splats/ply", "splats/scene_frame", "splats/strategy", "capture/model"]
+NUMPY_ONLY = [
+    "splats/gaussians",
+    "splats/ply",
+    "splats/files",
+    "splats/quantised",
+    "splats/splat_file",
+    "splats/whole_file",
+    "splats/scene_frame",
+    "capture/model",
+]
 
 
 def imported_packages(path: Path) -> set[str]:
