@@ -7,11 +7,11 @@ import time
 
 from ..capture import Capture
 from ..splats.raster import Rasterizer
-from ..splats.strategy import CloneSplitPrune
+from ..splats.strategy import CloneSplitPrune, Schedule
 from ..splats.targets import Background
 from ..splats.trainer import Trainer, TrainingPlan
 
-_NEVER = CloneSplitPrune(start=2.0, stop=3.0)  # beyond the end of the run
+_NEVER = CloneSplitPrune(schedule=Schedule(start=2.0, stop=3.0, rounds=1))  # beyond the end of the run
 
 
 def training_step_milliseconds(capture: Capture, steps: int, threads: int) -> float:

@@ -15,7 +15,8 @@ from .gaussians import Gaussians
 from .initialise import InitialGaussians
 from .raster import Adam, LearningRates, ParameterSet, Rasterizer
 from .scene_frame import SceneFrame
-from .strategy import CloneSplitPrune
+from .evidence import gather_view_evidence
+from .strategy import CloneSplitPrune, Evidence, Strategy
 from .targets import Background, TrainingView, prepare_targets
 
 STAGE = "geometry"
@@ -53,7 +54,7 @@ class TrainingPlan:
     rates_decay: float = 0.2
     coarse: tuple[tuple[float, int], ...] = ((0.2, 2),)
     initial: InitialGaussians = field(default_factory=InitialGaussians)
-    strategy: CloneSplitPrune = field(default_factory=CloneSplitPrune)
+    strategy: Strategy = field(default_factory=CloneSplitPrune)
     curve_points: int = 10
     curve_views: int = 6
 
@@ -129,7 +130,7 @@ class Trainer:
         psnr = self._measure(0)
         for step in range(1, plan.steps + 1):
             self.step(step)
-            if plan.strategy.due(step, plan.steps):
+            if plan.strategy.schedule.due(step, plan.steps):
                 self._refine(step)
             if step in measured:
                 psnr = self._measure(step)
@@ -153,10 +154,12 @@ class Trainer:
         image, camera = target.at(self._reduction(step))
         frame = self._rasterizer.render(self._parameters, camera, self._background.color)
         self._rasterizer.photometric_loss(frame, image, self._plan.ssim_weight)
-        growing = step <= self._plan.strategy.stop * self._plan.steps
-        gradients = self._rasterizer.backward(frame, absolute=growing)
+        strategy = self._plan.strategy
+        gathers = strategy.gradient_every > 0 and step % strategy.gradient_every == 0
+        gathers = gathers and strategy.schedule.growing(step, self._plan.steps)
+        gradients = self._rasterizer.backward(frame, absolute=gathers)
         self._adam.step(self._rasterizer, self._parameters, gradients, self._rates(step))
-        if growing:
+        if gathers:
             visible = frame.visible.numpy()
             self._gradient += np.where(visible, gradients.screen_abs.numpy(), 0.0)
             self._observed += visible != 0
@@ -185,8 +188,21 @@ class Trainer:
     def _refine(self, step: int) -> None:
         plan = self._plan
         mean_gradient = (self._gradient / np.maximum(self._observed, 1)).astype(np.float32)
-        budget = plan.strategy.budget(step, plan.steps, self._initial, plan.limit)
-        refined = plan.strategy.refine(self._parameters.to_gaussians(), mean_gradient, budget, self._rng)
+        budget = plan.strategy.schedule.budget(step, plan.steps, self._initial, plan.limit)
+        wanted = plan.strategy.views_wanted(step, plan.steps, len(self._targets))
+        seen = None
+        if wanted:
+            chosen = np.sort(self._rng.choice(len(self._targets), wanted, replace=False))
+            seen = gather_view_evidence(
+                self._rasterizer,
+                self._parameters,
+                [self._targets[i] for i in chosen],
+                self._background,
+                self._reduction(step),
+                wanted == len(self._targets),
+            )
+        evidence = Evidence(mean_gradient, seen)
+        refined = plan.strategy.refine(self._parameters.to_gaussians(), evidence, budget, self._rng)
         self._parameters = ParameterSet.from_gaussians(refined.gaussians, self._rasterizer.device)
         self._adam.select(refined.source, refined.fresh)
         self._gradient = np.zeros(self._count, np.float64)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.splats.gaussians import Gaussians
-from cvdgs.core.splats.strategy import CloneSplitPrune
+from cvdgs.core.splats.strategy import CloneSplitPrune, Evidence
 
 
 def gaussians(count: int, size: float = 0.001, opacity_logit: float = 2.0) -> Gaussians:
@@ -19,7 +19,7 @@ def gaussians(count: int, size: float = 0.001, opacity_logit: float = 2.0) -> Ga
 
 
 def refine(old: Gaussians, gradient, budget: int = 10**6):
-    return CloneSplitPrune().refine(old, np.asarray(gradient, np.float32), budget, np.random.default_rng(0))
+    return CloneSplitPrune().refine(old, Evidence(np.asarray(gradient, np.float32)), budget, np.random.default_rng(0))
 
 
 def test_a_small_gaussian_with_a_large_gradient_is_cloned_in_place():
@@ -67,16 +67,16 @@ def test_a_budget_below_the_present_number_adds_nothing_and_removes_nothing():
 @pytest.mark.parametrize("steps", [1, 50, 500, 5000, 30_000])
 def test_the_schedule_suits_a_run_of_any_length(steps):
     strategy = CloneSplitPrune()
-    due = [step for step in range(1, steps + 1) if strategy.due(step, steps)]
-    assert len(due) <= strategy.rounds + 2
+    due = [step for step in range(1, steps + 1) if strategy.schedule.due(step, steps)]
+    assert len(due) <= strategy.schedule.rounds + 2
     if steps >= 50:
-        assert len(due) >= min(strategy.rounds, steps // 4)
-    assert all(strategy.start * steps - 1 <= step <= strategy.stop * steps + 1 for step in due)
+        assert len(due) >= min(strategy.schedule.rounds, steps // 4)
+    assert all(strategy.schedule.start * steps - 1 <= step <= strategy.schedule.stop * steps + 1 for step in due)
 
 
 def test_the_budget_rises_from_the_initial_number_to_the_limit():
     strategy = CloneSplitPrune()
-    budgets = [strategy.budget(step, 1000, 100, 900) for step in range(0, 1001, 10)]
+    budgets = [strategy.schedule.budget(step, 1000, 100, 900) for step in range(0, 1001, 10)]
     assert budgets[0] == 100
     assert budgets[-1] == 900
     assert budgets == sorted(budgets)
