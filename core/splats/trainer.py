@@ -4,76 +4,28 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.model import View
 from ..events import Reporter
-from .gaussians import Gaussians
-from .initialise import InitialGaussians
-from .raster import Adam, LearningRates, ParameterSet, Rasterizer
-from .scene_frame import SceneFrame
+from .course import Course
+from .decisions import Measurement, assign_views, fit_all
 from .evidence import gather_view_evidence
-from .strategy import CloneSplitPrune, Evidence, Strategy
+from .fitting import Fit
+from .gaussians import Gaussians
+from .outcome import Outcome
+from .plan import TrainingPlan, TrainingResult
+from .raster import Rasterizer
+from .scene_frame import SceneFrame
+from .strategy import Evidence, MultiViewConsistent, Relocation, Strategy, ViewEvidence, floaters, unseen
 from .targets import Background, TrainingView, prepare_targets
 
+__all__ = ["STAGE", "Trainer", "TrainingPlan", "TrainingResult"]
+
 STAGE = "geometry"
-
-
-@dataclass(frozen=True)
-class TrainingPlan:
-    """Everything that shapes a training run; the same for every scene.
-
-    Attributes:
-        steps: optimisation steps, one view each.
-        limit: most Gaussians.
-        sh_degree: of the colours; terms above 0 start at zero.
-        ssim_weight: λ of (1 - λ) L1 + λ (1 - SSIM).
-        rates: step sizes at the start, in frame units where they are lengths; about four times those of 3DGS,
-            whose runs are six times as long.
-        means_decay, rates_decay: what is left of the step sizes at the end, reached exponentially.
-        coarse: (fraction of the run, factor) pairs: until then the photographs are reduced by the factor.
-        initial: how the first Gaussians are made.
-        strategy: how their set changes.
-        curve_points: how often held-out views are measured.
-        curve_views: at most so many of them each time.
-    """
-
-    steps: int = 5000
-    limit: int = 40_000
-    sh_degree: int = 0
-    ssim_weight: float = 0.2
-    rates: LearningRates = field(
-        default_factory=lambda: LearningRates(
-            means=6.4e-4, log_scales=2e-2, quaternions=4e-3, opacity_logits=1e-1, sh0=1e-2, sh_rest=5e-4
-        )
-    )
-    means_decay: float = 0.02
-    rates_decay: float = 0.2
-    coarse: tuple[tuple[float, int], ...] = ((0.2, 2),)
-    initial: InitialGaussians = field(default_factory=InitialGaussians)
-    strategy: Strategy = field(default_factory=CloneSplitPrune)
-    curve_points: int = 10
-    curve_views: int = 6
-
-
-@dataclass(frozen=True)
-class TrainingResult:
-    """What training gave.
-
-    Attributes:
-        gaussians: in world units.
-        curve: one entry a measurement: step, seconds, psnr (held-out, dB; None without such views), gaussians.
-        seconds: of the loop and its preparation, without the measurements.
-        initial: Gaussians at the start.
-    """
-
-    gaussians: Gaussians
-    curve: list[dict[str, float | None]]
-    seconds: float
-    initial: int
+_PROGRESS_EVERY = 10  # steps
 
 
 class Trainer:
@@ -81,7 +33,7 @@ class Trainer:
 
     Args:
         rasterizer: does the arithmetic.
-        views: to fit.
+        views: to fit, but for a few of them that decide how long and how large (`assign_views`).
         held_out: to measure on, never to fit; may be empty.
         points, colors: (P, 3) sparse points in world units and their (P, 3) uint8 sRGB colours; P may be 0.
         plan: the settings.
@@ -107,127 +59,184 @@ class Trainer:
         self._background = background
         self._rng = np.random.default_rng(seed)
         self._frame = SceneFrame.around(views, points)
-        self._targets = prepare_targets(
-            rasterizer, views, self._frame, background, {factor for _, factor in plan.coarse}
-        )
-        self._held_out = prepare_targets(
-            rasterizer, held_out[:: max(len(held_out) // plan.curve_views, 1)], self._frame, background, set()
-        )
-        initial = plan.initial.make(views, points, colors, self._frame, self._rng, plan.limit)
+        self._prepare_views(views, held_out)
+        fitted = [views[i] for i in self._roles.fitted]
+        self._limit = plan.limit or plan.growth.ceiling(sum(v.camera.width * v.camera.height for v in fitted))
+        self._strategy = plan.strategy or _strategy_for(len(points), plan)
+        self._course = Course(plan, self._strategy.schedule)
+        initial = plan.initial.make(fitted, points, colors, self._frame, self._rng, self._limit)
         self._initial = len(initial)
-        self._parameters = ParameterSet.from_gaussians(_with_sh_degree(initial, plan.sh_degree), rasterizer.device)
-        self._adam = Adam(self._parameters)
-        self._gradient = np.zeros(len(initial), np.float64)
-        self._observed = np.zeros(len(initial), np.int64)
+        self._fit = Fit(rasterizer, with_sh_degree(initial, plan.sh_degree or 0), background, plan.ssim_weight)
         self._order: list[int] = []
         self._curve: list[dict[str, float | None]] = []
+        self._decided = Outcome(self._roles.reason, type(self._strategy).__name__)
+
+    def _prepare_views(self, views: Sequence[View], held_out: Sequence[View]) -> None:
+        plan, frame, background = self._plan, self._frame, self._background
+        decides = plan.stopping is not None or plan.limit is None or plan.sh_degree is None
+        self._roles = assign_views(len(views), len(held_out)) if decides else fit_all(len(views))
+        factors = {factor for _, factor in plan.coarse}
+        fitted = [views[i] for i in self._roles.fitted]
+        self._targets = prepare_targets(self._rasterizer, fitted, frame, background, factors)
+        shown = held_out[:: max(len(held_out) // plan.curve_views, 1)]
+        self._held_out = prepare_targets(self._rasterizer, shown, frame, background, set())
+        aside = [views[i] for i in self._roles.kept_aside]
+        self._deciding = prepare_targets(self._rasterizer, aside, frame, background, set())
+        if self._roles.held_out_decide:
+            self._deciding = self._held_out
 
     def train(self, reporter: Reporter) -> TrainingResult:
-        """Run all steps."""
-        plan = self._plan
+        """Run the steps, as many as the plan's rules find worth while."""
+        plan, course = self._plan, self._course
         reporter.status(STAGE, f"fitting {self._initial:,} Gaussians to {len(self._targets)} views")
-        measured = {round(plan.steps * (i + 1) / plan.curve_points) for i in range(plan.curve_points)}
-        psnr = self._measure(0)
-        for step in range(1, plan.steps + 1):
+        shown = {round(plan.steps * (i + 1) / plan.curve_points) for i in range(plan.curve_points)}
+        psnr = self._show(0)
+        step = 0
+        while step < course.steps:
+            step += 1
             self.step(step)
-            if plan.strategy.schedule.due(step, plan.steps):
+            if course.due(step):
                 self._refine(step)
-            if step in measured:
-                psnr = self._measure(step)
-            if step % 10 == 0 or step == plan.steps:
+            if self._decide(step):
+                break
+            if step in shown and step < course.steps:
+                psnr = self._show(step)
+            if step % _PROGRESS_EVERY == 0:
                 quality = f", {psnr:.1f} dB" if psnr is not None else ""
-                reporter.progress(STAGE, step / plan.steps, f"{self._count:,} Gaussians{quality}")
-        gaussians = self._frame.to_world(self._parameters.to_gaussians())
-        return TrainingResult(gaussians, self._curve, self._seconds, self._initial)
-
-    @property
-    def _count(self) -> int:
-        return len(self._parameters)
+                reporter.progress(STAGE, step / course.steps, f"{len(self._fit):,} Gaussians{quality}")
+        self._finish(step)
+        reporter.progress(STAGE, 1.0, f"{len(self._fit):,} Gaussians")
+        if self._fit.skipped:
+            reporter.warning(
+                "skipped-steps",
+                f"{self._fit.skipped} of {step} steps met numbers that are not finite and were left out, in whole or "
+                "for the Gaussians concerned",
+            )
+        gaussians = self._frame.to_world(self._fit.parameters.to_gaussians())
+        decision = self._decided.in_words(plan, step, self._initial, self._fit)
+        return TrainingResult(gaussians, self._curve, self._seconds, self._initial, decision, self._fit.skipped)
 
     @property
     def _seconds(self) -> float:
         return time.perf_counter() - self._started - self._measuring
 
     def step(self, step: int) -> None:
-        """One optimisation step: render a view, measure the loss, go backward, move the parameters."""
-        target = self._next_target()
-        image, camera = target.at(self._reduction(step))
-        frame = self._rasterizer.render(self._parameters, camera, self._background.color)
-        self._rasterizer.photometric_loss(frame, image, self._plan.ssim_weight)
-        strategy = self._plan.strategy
-        gathers = strategy.gradient_every > 0 and step % strategy.gradient_every == 0
-        gathers = gathers and strategy.schedule.growing(step, self._plan.steps)
-        gradients = self._rasterizer.backward(frame, absolute=gathers)
-        self._adam.step(self._rasterizer, self._parameters, gradients, self._rates(step))
-        if gathers:
-            visible = frame.visible.numpy()
-            self._gradient += np.where(visible, gradients.screen_abs.numpy(), 0.0)
-            self._observed += visible != 0
+        """One optimisation step of the run, on the next view."""
+        every, rates = self._strategy.gradient_every, self._course.rates(step)
+        gather = every > 0 and step % every == 0 and self._course.growing(step)
+        self._fit.step(self._next_target(), self._course.reduction(step), rates, gather_gradient=gather)
+        if self._course.growing(step):
+            gaussians = Gaussians(**self._fit.parameters.numpy())
+            moved = self._strategy.disturb(gaussians, step, self._plan.steps, rates.means, self._rng)
+            if moved is not None:
+                self._fit.put(moved)
 
     def _next_target(self) -> TrainingView:
         if not self._order:
             self._order = self._rng.permutation(len(self._targets)).tolist()
         return self._targets[self._order.pop()]
 
-    def _reduction(self, step: int) -> int:
-        return next((factor for until, factor in self._plan.coarse if step <= until * self._plan.steps), 1)
+    def _refine(self, step: int) -> None:
+        """Let the strategy change the set of Gaussians, and the growth rule say whether that goes on."""
+        plan, strategy = self._plan, self._strategy
+        if plan.limit is None and self._deciding and self._course.fine_since(step) > 0:
+            verdict = plan.growth.verdict(self._decided.at_round(self._measure(step)))
+            if verdict is not None:
+                self._course.end_growth(step)
+                self._decided.growth = verdict
+                return
+        budget = strategy.schedule.budget(step, plan.steps, self._initial, self._limit)
+        evidence = Evidence(self._fit.mean_gradient, self._ask_views(step))
+        gaussians = self._fit.parameters.to_gaussians()
+        self._fit.apply(strategy.refine(gaussians, evidence, budget, self._rng))
 
-    def _rates(self, step: int) -> LearningRates:
-        """The step sizes at `step`: exponential from the start's to the end's."""
-        plan, progress = self._plan, step / self._plan.steps
-        rest = plan.rates_decay**progress
-        return LearningRates(
-            means=plan.rates.means * plan.means_decay**progress,
-            log_scales=plan.rates.log_scales * rest,
-            quaternions=plan.rates.quaternions * rest,
-            opacity_logits=plan.rates.opacity_logits * rest,
-            sh0=plan.rates.sh0 * rest,
-            sh_rest=plan.rates.sh_rest * rest,
+    def _ask_views(self, step: int) -> ViewEvidence | None:
+        available = len(self._targets)
+        wanted = self._strategy.views_wanted(step, self._plan.steps, available)
+        if not wanted:
+            return None
+        # All of them are asked at the lower resolution: what they decide is what can go, which fine detail is not.
+        reduction = self._course.coarsest if wanted == available else self._course.reduction(step)
+        chosen = np.sort(self._rng.choice(available, wanted, replace=False))
+        return self._evidence([self._targets[i] for i in chosen], reduction)
+
+    def _evidence(self, views: Sequence[TrainingView], reduction: int) -> ViewEvidence:
+        return gather_view_evidence(
+            self._rasterizer,
+            self._fit.parameters,
+            views,
+            self._background,
+            complete=len(views) == len(self._targets),
+            reduction=reduction,
         )
 
-    def _refine(self, step: int) -> None:
-        plan = self._plan
-        mean_gradient = (self._gradient / np.maximum(self._observed, 1)).astype(np.float32)
-        budget = plan.strategy.schedule.budget(step, plan.steps, self._initial, plan.limit)
-        wanted = plan.strategy.views_wanted(step, plan.steps, len(self._targets))
-        seen = None
-        if wanted:
-            chosen = np.sort(self._rng.choice(len(self._targets), wanted, replace=False))
-            seen = gather_view_evidence(
-                self._rasterizer,
-                self._parameters,
-                [self._targets[i] for i in chosen],
-                self._background,
-                self._reduction(step),
-                wanted == len(self._targets),
-            )
-        evidence = Evidence(mean_gradient, seen)
-        refined = plan.strategy.refine(self._parameters.to_gaussians(), evidence, budget, self._rng)
-        self._parameters = ParameterSet.from_gaussians(refined.gaussians, self._rasterizer.device)
-        self._adam.select(refined.source, refined.fresh)
-        self._gradient = np.zeros(self._count, np.float64)
-        self._observed = np.zeros(self._count, np.int64)
+    def _decide(self, step: int) -> bool:
+        """Measure the deciding views when it is time to; whether the run ends here."""
+        stopping = self._plan.stopping
+        if stopping is None or not self._deciding or not stopping.due(step, self._plan.steps):
+            return False
+        self._decided.measured.append(self._measure(step))
+        if self._course.growing(step) or not stopping.enough(self._decided.measured, self._course.steps):
+            return False
+        self._decided.stopped = step
+        return True
 
-    def _measure(self, step: int) -> float | None:
+    def _measure(self, step: int) -> Measurement:
+        """What the deciding views say; keeps the Gaussians when they are the best so far."""
+        measurement = Measurement(step, len(self._fit), self._fit.psnr(self._deciding), self._fit.work)
+        self._decided.keep_if_best(measurement, self._fit)
+        return measurement
+
+    def _finish(self, step: int) -> None:
+        """Go back to the best Gaussians, try higher degrees, remove what no view shows; ends the curve."""
+        if self._deciding and self._plan.stopping is not None:
+            self._decided.return_to_best(self._measure(step), self._fit)
+        if self._plan.sh_degree is None:
+            self._choose_degree()
+        views = self._evidence(self._targets, self._course.coarsest)
+        self._fit.keep(~unseen(views) & ~floaters(views))
+        self._show(step)
+
+    def _choose_degree(self) -> None:
+        """Give the colours one more degree as long as the deciding views gain enough by it."""
+        rule = self._plan.harmonics
+        if not self._deciding:
+            return
+        psnr = self._fit.psnr(self._deciding)
+        for degree in range(1, rule.highest + 1):
+            before = self._fit.parameters.to_gaussians()
+            self._fit.restart(with_sh_degree(before, degree))
+            steps = max(round(rule.steps * self._plan.steps), 1)
+            for number in range(steps):
+                self._fit.step(self._next_target(), 1, rule.rates(number / steps))
+            gain = self._fit.psnr(self._deciding) - psnr
+            if gain < rule.degree_gain:
+                self._fit.restart(before)
+                self._decided.degree = (
+                    f"degree {degree} gained {gain:.2f} dB in a trial, less than {rule.degree_gain:g}"
+                )
+                return
+            psnr += gain
+            self._decided.degree = f"degree {degree} gained {gain:.2f} dB"
+
+    def _show(self, step: int) -> float | None:
         """Append to the curve; returns the held-out PSNR."""
         started = time.perf_counter()
-        psnr = None
-        if self._held_out:
-            errors = [_psnr(self._rasterizer, self._parameters, view, self._background) for view in self._held_out]
-            psnr = float(np.mean(errors))
+        psnr = self._fit.psnr(self._held_out) if self._held_out else None
+        entry = {"step": step, "psnr": psnr, "gaussians": len(self._fit)}
+        if self._roles.kept_aside:
+            entry["deciding_psnr"] = self._fit.psnr(self._deciding)
         self._measuring += time.perf_counter() - started
-        self._curve.append({"step": step, "seconds": round(self._seconds, 2), "psnr": psnr, "gaussians": self._count})
+        self._curve.append({**entry, "seconds": round(self._seconds, 2)})
         return psnr
 
 
-def _psnr(rasterizer: Rasterizer, parameters: ParameterSet, view: TrainingView, background: Background) -> float:
-    image, camera = view.at(1)
-    color = np.clip(rasterizer.render(parameters, camera, background.color).color.numpy(), 0.0, 1.0)
-    error = (color - image.numpy().astype(np.float32) / 255.0) ** 2
-    return float(-10.0 * np.log10(max(error.mean(), 1e-12)))
+def _strategy_for(points: int, plan: TrainingPlan) -> Strategy:
+    """Division refines what points have placed; without them, Gaussians have to find their places first."""
+    return MultiViewConsistent() if points >= plan.initial.minimum else Relocation()
 
 
-def _with_sh_degree(gaussians: Gaussians, degree: int) -> Gaussians:
+def with_sh_degree(gaussians: Gaussians, degree: int) -> Gaussians:
     """The same colours with room for the terms up to `degree`."""
     sh = np.zeros((len(gaussians), (degree + 1) ** 2, 3), np.float32)
     sh[:, : gaussians.sh.shape[1]] = gaussians.sh

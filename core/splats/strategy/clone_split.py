@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..gaussians import Gaussians
 from .editing import finite, rotate, take
-from .model import Evidence, Refinement, Schedule
+from .evidence import Evidence
+from .model import Refinement, Schedule
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class CloneSplitPrune:
         gradient_every: steps between the gradients that are gathered; those from absolute values take a third longer.
     """
 
-    schedule: Schedule = Schedule(start=0.06, stop=0.6, rounds=25)
+    schedule: Schedule = field(default_factory=lambda: Schedule(start=0.06, stop=0.6, rounds=25))
     gradient_threshold: float = 4e-4
     small: float = 0.01
     split_shrink: float = 1.6
@@ -65,5 +66,5 @@ class CloneSplitPrune:
         new.log_scales[halves] -= np.float32(np.log(self.split_shrink))
         return Refinement(new, source, fresh)
 
-    def disturb(self, gaussians: Gaussians, step: int, means_rate: float, rng: np.random.Generator) -> None:
+    def disturb(self, gaussians: Gaussians, step: int, steps: int, means_rate: float, rng: np.random.Generator) -> None:
         """Leaves the Gaussians alone between refinements."""

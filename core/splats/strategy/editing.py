@@ -63,3 +63,10 @@ def concatenate(*sets: Gaussians) -> Gaussians:
         np.concatenate([part.opacity_logits for part in sets]),
         np.concatenate([part.sh for part in sets]),
     )
+
+
+def covariance_product(gaussians: Gaussians, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 3) vectors multiplied by the Gaussians' covariances R S² Rᵀ."""
+    conjugate = gaussians.quaternions * np.array([1.0, -1.0, -1.0, -1.0], np.float32)
+    local = rotate(conjugate, vectors) * np.exp(2.0 * gaussians.log_scales.astype(np.float64))
+    return rotate(gaussians.quaternions, local)

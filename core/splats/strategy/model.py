@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussians import Gaussians
-
-Floats = NDArray[np.float32]
+from .evidence import Evidence
 
 
 @dataclass(frozen=True)
@@ -30,50 +29,6 @@ class Refinement:
 
 
 @dataclass(frozen=True)
-class ViewEvidence:
-    """What V training views say about N Gaussians.
-
-    Attributes:
-        weight: (V, N), sum over the view's pixels of the blend weight w_jk: as many pixels show the Gaussian.
-        error: (V, N), sum over the pixels of w_jk |I_j - Î_j|, the view's share of the seed's Eq. 8.
-        threshold: (V,) the mean error above which the view calls a Gaussian badly fitted.
-        complete: whether these are all training views, so that what none of them shows is not needed.
-    """
-
-    weight: Floats
-    error: Floats
-    threshold: Floats
-    complete: bool
-
-    @property
-    def seen(self) -> NDArray[np.bool_]:
-        """(V, N) whether the view shows the Gaussian at all."""
-        return self.weight > SEEN
-
-    @property
-    def blamed(self) -> NDArray[np.bool_]:
-        """(V, N) whether the view shows the Gaussian and its weighted mean error is above the threshold."""
-        return self.seen & (self.error > self.threshold[:, None] * self.weight)
-
-
-SEEN = 0.05
-"""Pixels of weight from which a view shows a Gaussian: less is the far tail of a footprint."""
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What the trainer has gathered since the last refinement; None is what the strategy did not ask for.
-
-    Attributes:
-        gradient: (N,) mean screen-space gradient norm (`Gradients.screen_abs`).
-        views: of the training views rendered for this refinement.
-    """
-
-    gradient: Floats | None = None
-    views: ViewEvidence | None = None
-
-
-@dataclass(frozen=True)
 class Schedule:
     """When a strategy acts, in fractions of the run, so that it suits a run of any length.
 
@@ -86,14 +41,21 @@ class Schedule:
     stop: float
     rounds: int
 
+    def every(self, steps: int) -> int:
+        """Steps between two rounds."""
+        return max(math.ceil((round(self.stop * steps) - round(self.start * steps)) / self.rounds), 1)
+
     def due(self, step: int, steps: int) -> bool:
         """Whether to refine after `step` of `steps`."""
         first, last = round(self.start * steps), round(self.stop * steps)
-        every = max(math.ceil((last - first) / self.rounds), 1)
-        return first <= step <= last and (step - first) % every == 0
+        return first <= step <= last and (step - first) % self.every(steps) == 0
+
+    def round_of(self, step: int, steps: int) -> int:
+        """The number of the round that is due at `step`, from 0."""
+        return (step - round(self.start * steps)) // self.every(steps)
 
     def growing(self, step: int, steps: int) -> bool:
-        """Whether Gaussians may still be added after `step`."""
+        """Whether Gaussians may still be added at `step` or later."""
         return step <= self.stop * steps
 
     def budget(self, step: int, steps: int, initial: int, limit: int) -> int:
@@ -117,13 +79,17 @@ class Strategy(Protocol):
         """How many of `available` training views to render for `Evidence.views` before refining at `step`."""
 
     def refine(self, gaussians: Gaussians, evidence: Evidence, budget: int, rng: np.random.Generator) -> Refinement:
-        """The next set of Gaussians, within `budget`.
+        """The next set of Gaussians, grown within `budget`.
 
         Args:
             gaussians: N, in frame units.
         """
 
     def disturb(
-        self, gaussians: Gaussians, step: int, means_rate: float, rng: np.random.Generator
+        self, gaussians: Gaussians, step: int, steps: int, means_rate: float, rng: np.random.Generator
     ) -> Gaussians | None:
-        """What the strategy does to the Gaussians between refinements; None where it leaves them alone at `step`."""
+        """What the strategy does to the Gaussians after a step; None where it leaves them alone.
+
+        Args:
+            means_rate: the optimiser's present step size of the positions.
+        """

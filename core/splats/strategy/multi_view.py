@@ -9,49 +9,76 @@ from numpy.typing import NDArray
 
 from ..gaussians import Gaussians
 from .editing import concatenate, divide, finite, take
-from .model import Evidence, Refinement, Schedule, ViewEvidence
+from .evidence import Evidence, ViewEvidence
+from .model import Refinement, Schedule
+from .pruning import floaters, unseen
 
 
 @dataclass(frozen=True)
 class MultiViewConsistent:
-    schedule: Schedule = Schedule(0.06, 0.6, 12)
-    gradient_every: int = 0
+    """Multi-view consistent densification and pruning.
+
+    The idea is FastGS's: an error that one view has may be noise, exposure or a reflection, and a Gaussian put there
+    overfits it; an error that several views have at one Gaussian is missing detail. Different from there, what counts
+    as an error is a rank among the view's own pixels with an absolute floor, so that one pixel cannot rule and a
+    perfect view asks for nothing; two views are enough; everything is in fractions of the run.
+
+    Attributes:
+        schedule: when.
+        sample: training views asked in a round; in large captures `sample_share` of them.
+        census_every: every so many rounds all views are asked, and what none of them needs is removed.
+        agreeing: so many views have to complain about a Gaussian before it is divided; all, where there are fewer.
+        growth: Gaussians divided in a round, at most, relative to those there are; those with the largest e_k first.
+        needed_pixels: a Gaussian that in no view is worth so many pixels is removed.
+        min_opacity: and so is one below this.
+        gradient_every: 0, they are not needed, which saves a third of the backward pass.
+    """
+
+    schedule: Schedule = field(default_factory=lambda: Schedule(start=0.06, stop=0.6, rounds=12))
     sample: int = 10
-    census_every: float = 0.18
-    agreeing_views: int = 2
-    agreeing_share: float = 0.0
-    min_opacity: float = 0.005
-    min_weight: float = 0.5
+    sample_share: float = 0.125
+    census_every: int = 4
+    agreeing: int = 2
     growth: float = 0.3
+    needed_pixels: float = 2.0
+    min_opacity: float = 0.005
+    gradient_every: int = 0
 
-    def views_wanted(self, step, steps, available):
-        first = round(self.schedule.start * steps)
-        every = max(round((self.schedule.stop - self.schedule.start) * steps / self.schedule.rounds), 1)
-        rnd = (step - first) // every
-        return available if rnd % 4 == 3 else min(self.sample, available)
+    def views_wanted(self, step: int, steps: int, available: int) -> int:
+        """A sample, and at every census all."""
+        if self.schedule.round_of(step, steps) % self.census_every == self.census_every - 1:
+            return available
+        return min(max(self.sample, round(self.sample_share * available)), available)
 
-    def refine(self, gaussians, evidence, budget, rng):
+    def refine(self, gaussians: Gaussians, evidence: Evidence, budget: int, rng: np.random.Generator) -> Refinement:
+        """Remove what no view needs, then divide what the views agree on, within `budget`."""
         views = evidence.views
-        opacity = gaussians.opacities
-        with np.errstate(invalid="ignore"):
-            kept = finite(gaussians) & (opacity >= self.min_opacity)
-        if views.complete:
-            kept &= (views.weight.max(axis=0) >= self.min_weight)
-        blamed = views.blamed
-        votes = blamed.sum(axis=0)
-        need = np.maximum(min(self.agreeing_views, len(views.weight)), self.agreeing_share * views.seen.sum(axis=0))
-        score = np.where(blamed, views.error, 0.0).sum(axis=0)
-        cand = np.flatnonzero(kept & (votes >= need))
-        room = max(min(budget - int(kept.sum()), int(self.growth * kept.sum())), 0)
-        if len(cand) > room:
-            cand = np.sort(cand[np.argsort(-score[cand], kind="stable")[:room]])
+        if views is None:
+            raise ValueError("multi-view consistency needs the views")
+        kept = self._needed(gaussians, views)
+        divided = self._chosen(kept, views, budget)
         stay = kept.copy()
-        stay[cand] = False
-        stay_index = np.flatnonzero(stay)
-        source = np.concatenate([stay_index, cand, cand])
-        fresh = np.arange(len(source)) >= len(stay_index)
-        a, b = divide(take(gaussians, cand))
-        return Refinement(concatenate(take(gaussians, stay_index), a, b), source, fresh)
+        stay[divided] = False
+        stays = np.flatnonzero(stay)
+        source = np.concatenate([stays, divided, divided])
+        halves = divide(take(gaussians, divided))
+        return Refinement(concatenate(take(gaussians, stays), *halves), source, np.arange(len(source)) >= len(stays))
 
-    def disturb(self, gaussians, step, means_rate, rng):
-        return None
+    def disturb(self, gaussians: Gaussians, step: int, steps: int, means_rate: float, rng: np.random.Generator) -> None:
+        """Leaves the Gaussians alone between refinements."""
+
+    def _needed(self, gaussians: Gaussians, views: ViewEvidence) -> NDArray[np.bool_]:
+        with np.errstate(invalid="ignore"):
+            kept = finite(gaussians) & (gaussians.opacities >= self.min_opacity)
+        if views.complete:
+            needed = kept & (views.weight >= self.needed_pixels) & ~unseen(views) & ~floaters(views)
+            # Nothing is needed where nothing fits: a start that far off is left to the optimiser.
+            return needed if needed.any() else kept
+        return kept
+
+    def _chosen(self, kept: NDArray[np.bool_], views: ViewEvidence, budget: int) -> NDArray[np.int64]:
+        candidates = np.flatnonzero(kept & (views.votes >= min(self.agreeing, views.views)))
+        count = int(kept.sum())
+        room = max(min(budget - count, round(self.growth * count)), 0)
+        worst_first = np.argsort(-views.blame[candidates], kind="stable")
+        return np.sort(candidates[worst_first[:room]])

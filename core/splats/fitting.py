@@ -1,0 +1,130 @@
+"""Gaussians under optimisation: the parameters, their optimiser, and one step of both."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .gaussians import Gaussians
+from .raster import Adam, LearningRates, ParameterSet, Rasterizer
+from .strategy import Refinement
+from .targets import Background, TrainingView
+
+# A parameter beyond this, in frame units, comes from a step that went wrong: scenes are about one unit large.
+_LARGEST_PARAMETER = 1e4
+# Looking for gradients that are not finite makes a GPU wait, so there it is done every so many steps.
+_CHECK_EVERY_CUDA = 50
+
+
+class Fit:
+    """The state of a fit.
+
+    Args:
+        rasterizer: does the arithmetic.
+        gaussians: to start from, in frame units.
+        background: what is behind them.
+        ssim_weight: λ of (1 - λ) L1 + λ (1 - SSIM).
+
+    Attributes:
+        parameters: as they are now.
+        work: intersections of Gaussians with tiles in all steps so far; what time goes with.
+        skipped: steps that were left out, in whole or for some Gaussians, because a number was not finite.
+    """
+
+    def __init__(
+        self, rasterizer: Rasterizer, gaussians: Gaussians, background: Background, ssim_weight: float
+    ) -> None:
+        self._rasterizer = rasterizer
+        self._background = background
+        self._ssim_weight = ssim_weight
+        self._steps = 0
+        self.work = 0
+        self.skipped = 0
+        self.restart(gaussians)
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    def restart(self, gaussians: Gaussians) -> None:
+        """Go on from these Gaussians, with an optimiser that knows nothing."""
+        self.parameters = ParameterSet.from_gaussians(gaussians, self._rasterizer.device)
+        self._adam = Adam(self.parameters)
+        self._clear_gradients()
+
+    def step(self, view: TrainingView, reduction: int, rates: LearningRates, *, gather_gradient: bool = False) -> None:
+        """Render a view, measure the loss, go backward, move the parameters.
+
+        A loss that is not finite ends the step there, and what is broken is removed; a Gaussian whose gradient is not
+        finite is left alone by the optimiser. Either counts as skipped.
+
+        Args:
+            reduction: level of the view.
+            gather_gradient: add the screen-space gradients to those for `mean_gradient`.
+        """
+        self._steps += 1
+        image, camera = view.at(reduction)
+        frame = self._rasterizer.render(self.parameters, camera, self._background.color)
+        self.work += frame.intersections
+        loss = self._rasterizer.photometric_loss(frame, image, self._ssim_weight)
+        if not math.isfinite(loss.total):
+            self.skipped += 1
+            self._remove_broken()
+            return
+        gradients = self._rasterizer.backward(frame, absolute=gather_gradient)
+        self._adam.step(self._rasterizer, self.parameters, gradients, rates)
+        visible = None
+        if not self._rasterizer.device.is_cuda or self._steps % _CHECK_EVERY_CUDA == 0:
+            visible = frame.visible.numpy()
+            moved = np.count_nonzero(gradients.touched.numpy())
+            self.skipped += moved < np.count_nonzero(visible)
+        if gather_gradient:
+            self._gradient += gradients.screen_abs.numpy()
+            self._observed += frame.visible.numpy() if visible is None else visible
+
+    @property
+    def mean_gradient(self) -> NDArray[np.float32]:
+        """(N,) mean of the gathered screen-space gradient norms, over the steps that drew the Gaussian."""
+        return self._gradient / np.maximum(self._observed, 1).astype(np.float32)
+
+    def apply(self, refined: Refinement) -> None:
+        """Go on with the Gaussians of a refinement; what is not fresh keeps its place in the optimiser."""
+        self.parameters = ParameterSet.from_gaussians(refined.gaussians, self._rasterizer.device)
+        self._adam.select(refined.source, refined.fresh)
+        self._clear_gradients()
+
+    def put(self, gaussians: Gaussians) -> None:
+        """Other values for the same Gaussians."""
+        for name, value in vars(gaussians).items():
+            getattr(self.parameters, name).assign(value)
+
+    def keep(self, kept: NDArray[np.bool_]) -> None:
+        """Remove all Gaussians but `kept` (N,)."""
+        if kept.all() or not kept.any():
+            return
+        index = np.flatnonzero(kept)
+        old = self.parameters.to_gaussians()
+        chosen = Gaussians(**{name: value[index] for name, value in vars(old).items()})
+        self.apply(Refinement(chosen, index, np.zeros(len(index), bool)))
+
+    def psnr(self, views: Sequence[TrainingView]) -> float:
+        """Mean PSNR over the views at full resolution, dB."""
+        return float(np.mean([self._psnr(view) for view in views]))
+
+    def _psnr(self, view: TrainingView) -> float:
+        image, camera = view.at(1)
+        color = self._rasterizer.render(self.parameters, camera, self._background.color).color.numpy()
+        error = (np.clip(np.nan_to_num(color), 0.0, 1.0) - image.numpy().astype(np.float32) / 255.0) ** 2
+        return float(-10.0 * np.log10(max(error.mean(), 1e-12)))
+
+    def _clear_gradients(self) -> None:
+        self._gradient = np.zeros(len(self), np.float32)
+        self._observed = np.zeros(len(self), np.int32)
+
+    def _remove_broken(self) -> None:
+        arrays = self.parameters.numpy().values()
+        # NaN compares false.
+        sound = [(np.abs(array) < _LARGEST_PARAMETER).reshape(len(self), -1).all(axis=1) for array in arrays]
+        self.keep(np.logical_and.reduce(sound))

@@ -1,0 +1,125 @@
+"""Growth without points to grow from: Gaussians that have died are moved to where living ones are. numpy only.
+
+After Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain Monte Carlo": the set is a sample of the scene, so
+Gaussians wander while they are not sure of their place, and one that carries nothing starts again beside one that does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..gaussians import Gaussians
+from .editing import Floats, concatenate, covariance_product, finite, take
+from .evidence import Evidence
+from .model import Refinement, Schedule
+
+_MOST_COPIES = 32  # at one place; the alternating sum of the correction loses its digits beyond
+_OPACITY_LIMITS = (5e-3, 1.0 - 1e-4)  # of a corrected Gaussian, so that its logit stays where gradients do
+
+
+@dataclass(frozen=True)
+class Relocation:
+    """Relocation of dead Gaussians, with noise on the positions and decay of opacities and scales.
+
+    Attributes:
+        schedule: when Gaussians are moved and added.
+        growth: Gaussians added in a round, relative to those there are.
+        dead_opacity: below it a Gaussian is dead.
+        noise: of the position a step, in units of the step size times the covariance. The paper's 5e5, for step sizes a
+            quarter of ours.
+        noise_sharpness: of the switch from wandering to settled Gaussians at the opacity `dead_opacity`, as there.
+        disturb_every: steps between disturbances, each as strong as so many together.
+        opacity_decay, scale_decay: what is left of an opacity and of a standard deviation after a whole run, were there
+            no photograph to hold it. They take the place of the paper's penalties, whose weight against the loss would
+            depend on the number of Gaussians.
+        gradient_every: 0, they are not needed.
+    """
+
+    schedule: Schedule = field(default_factory=lambda: Schedule(start=0.04, stop=0.75, rounds=30))
+    growth: float = 0.08
+    dead_opacity: float = 0.005
+    noise: float = 1.25e5
+    noise_sharpness: float = 100.0
+    disturb_every: int = 10
+    opacity_decay: float = 1e-3
+    scale_decay: float = 0.3
+    gradient_every: int = 0
+
+    def views_wanted(self, step: int, steps: int, available: int) -> int:
+        """None: opacity says what is alive."""
+        return 0
+
+    def refine(self, gaussians: Gaussians, evidence: Evidence, budget: int, rng: np.random.Generator) -> Refinement:
+        """Move the dead to the living, drawn in proportion to their opacity, and add as many as `growth` says."""
+        opacity = gaussians.opacities
+        with np.errstate(invalid="ignore"):
+            alive = np.flatnonzero(finite(gaussians) & (opacity > self.dead_opacity))
+        if len(alive) == 0:
+            kept = np.flatnonzero(finite(gaussians))
+            return Refinement(take(gaussians, kept), kept, np.zeros(len(kept), bool))
+        dead = len(gaussians) - len(alive)
+        room = max(budget - len(gaussians), 0)
+        copies = dead + min(round(self.growth * len(gaussians)), room)
+        chance = opacity[alive].astype(np.float64)
+        chosen = rng.choice(alive, copies, p=chance / chance.sum())
+        times = 1 + np.bincount(chosen, minlength=len(gaussians))
+        corrected = _shared_among(take(gaussians, alive), times[alive])
+        place = np.empty(len(gaussians), np.int64)
+        place[alive] = np.arange(len(alive))
+        source = np.concatenate([alive, chosen])
+        fresh = np.concatenate([times[alive] > 1, np.ones(copies, bool)])
+        return Refinement(concatenate(corrected, take(corrected, place[chosen])), source, fresh)
+
+    def disturb(
+        self, gaussians: Gaussians, step: int, steps: int, means_rate: float, rng: np.random.Generator
+    ) -> Gaussians | None:
+        """Noise and decay, every `disturb_every` steps until the schedule stops."""
+        if step % self.disturb_every or not self.schedule.growing(step, steps):
+            return None
+        share = self.disturb_every / steps
+        opacity = gaussians.opacities.astype(np.float64)
+        wandering = 1.0 / (1.0 + np.exp(np.clip(self.noise_sharpness * (opacity - self.dead_opacity), -50.0, 50.0)))
+        # A random walk's length goes with the root of its steps.
+        length = self.noise * means_rate * np.sqrt(self.disturb_every) * wandering
+        noise = length[:, None] * covariance_product(gaussians, rng.standard_normal((len(gaussians), 3)))
+        # Large ones would be thrown out of the scene: no step is longer than the Gaussian.
+        size = np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
+        noise *= np.minimum(1.0, size / np.maximum(np.linalg.norm(noise, axis=1), 1e-30))[:, None]
+        return replace(
+            gaussians,
+            means=(gaussians.means + np.nan_to_num(noise)).astype(np.float32),
+            log_scales=gaussians.log_scales + np.float32(share * np.log(self.scale_decay)),
+            opacity_logits=_logit(opacity * self.opacity_decay**share),
+        )
+
+
+def _shared_among(gaussians: Gaussians, copies: NDArray[np.int64]) -> Gaussians:
+    """Each Gaussian such that so many equal `copies` of it together look as it did (the paper's Eq. 9).
+
+    The opacity follows from (1 - o')^n = 1 - o, the covariance from the integral of the blended copies along a line.
+    """
+    copies = np.minimum(copies, _MOST_COPIES)
+    old = gaussians.opacities.astype(np.float64)
+    new = 1.0 - (1.0 - old) ** (1.0 / copies)
+    integral = np.zeros_like(old)
+    for count in np.unique(copies):
+        rows = copies == count
+        # The paper's double sum over binomials, summed over its first index.
+        for m in range(1, count + 1):
+            integral[rows] -= math.comb(count, m) * (-new[rows]) ** m / math.sqrt(m)
+    shrink = np.where(copies > 1, old / np.maximum(integral, 1e-12), 1.0)
+    logits = np.where(copies > 1, _logit(np.clip(new, *_OPACITY_LIMITS)), gaussians.opacity_logits)
+    return replace(
+        gaussians,
+        log_scales=(gaussians.log_scales + np.log(shrink)[:, None]).astype(np.float32),
+        opacity_logits=logits.astype(np.float32),
+    )
+
+
+def _logit(opacity: NDArray[np.float64]) -> Floats:
+    opacity = np.clip(opacity, 1e-7, 1.0 - 1e-7)
+    return np.log(opacity / (1.0 - opacity)).astype(np.float32)
