@@ -108,11 +108,11 @@ def find_correspondences(
     """
     reporter = reporter or Reporter()
     needed = sorted({index for pair in pairs for index in pair})
-    surfaces = {index: _surface(depths[index], alphas[index], settings) for index in needed}
+    surfaces = {index: trusted_surface(depths[index], alphas[index], settings) for index in needed}
     found = []
     for number, (first, second) in enumerate(pairs):
-        pixels, positions = _match(surfaces[first], views[first], surfaces[second], views[second], settings)
-        found.append(Correspondences(first, second, pixels.astype(np.int32), positions.astype(np.float32)))
+        pixels, positions = match_surfaces(surfaces[first], views[first], surfaces[second], views[second], settings)
+        found.append(Correspondences(first, second, pixels, positions))
         reporter.progress(stage, (number + 1) / len(pairs))
     return found
 
@@ -133,7 +133,7 @@ def sample_bilinear(image: NDArray, positions: NDArray) -> NDArray:
     return upper * (1 - dy) + lower * dy
 
 
-def _surface(depth: NDArray, alpha: NDArray, settings: CorrespondenceSettings) -> NDArray[np.float32]:
+def trusted_surface(depth: NDArray, alpha: NDArray, settings: CorrespondenceSettings) -> NDArray[np.float32]:
     """(H, W) inverse depth where the surface can be trusted, NaN elsewhere.
 
     Inverse depth, because it is what bilinear interpolation gets right on a plane; NaN, because it spreads to every
@@ -164,14 +164,18 @@ def _dilated(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _match(
+def match_surfaces(
     first_surface: NDArray[np.float32],
     first: PosedCamera,
     second_surface: NDArray[np.float32],
     second: PosedCamera,
     settings: CorrespondenceSettings,
-) -> tuple[NDArray[np.int64], Floats]:
-    """Accepted flat pixel indices in the first view and (M, 2) positions in the second."""
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """Accepted flat pixel indices (M,) in the first view and positions (M, 2) in the second.
+
+    Args:
+        first_surface, second_surface: (H, W) from `trusted_surface`.
+    """
     width = first.camera.width
     tried = np.zeros(first_surface.shape, bool)
     tried[:: settings.stride, :: settings.stride] = True
@@ -195,7 +199,7 @@ def _match(
     with np.errstate(invalid="ignore"):  # NaN, where the other surface is not to be trusted, compares false
         accepted = np.linalg.norm(returned - centers, axis=1) < settings.max_reprojection_error
         accepted &= np.abs(returned_depth - depth) < settings.max_relative_depth_error * depth
-    return pixels[accepted], positions[accepted]
+    return pixels[accepted].astype(np.int32), positions[accepted].astype(np.float32)
 
 
 def _unproject(camera: PinholeCamera, positions: Floats, depth: Floats) -> Floats:

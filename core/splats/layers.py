@@ -9,6 +9,7 @@ import numpy as np
 
 from ..capture.model import View
 from .gaussians import Gaussians
+from .guides import GuidedLoss, ViewGuide
 from .raster import Adam, LearningRates, ParameterSet, Rasterizer
 from .scene_frame import SceneFrame
 from .targets import Background, prepare_targets
@@ -26,6 +27,7 @@ class LayerPlan:
         minimum_steps: for captures of few views.
         rate: step size of the degree-0 coefficients at the start; `rate_decay` of it is left at the end.
         ssim_weight: share of 1 - SSIM in the loss; more than for the geometry, since contrast is what a layer is for.
+        multi_view_weight: λ_mv of the multi-view loss where a consensus of the views is given.
     """
 
     epochs: int = 6
@@ -33,6 +35,7 @@ class LayerPlan:
     rate: float = 5e-2
     rate_decay: float = 0.05
     ssim_weight: float = 0.5
+    multi_view_weight: float = 1.0
 
 
 def fit_layer(
@@ -43,6 +46,7 @@ def fit_layer(
     background: Background,
     seed: int,
     progress: Callable[[float], None] = lambda _: None,
+    guides: Sequence[ViewGuide] | None = None,
 ) -> Gaussians:
     """`gaussians` with colours of SH degree 0 that reproduce `views`.
 
@@ -50,20 +54,23 @@ def fit_layer(
         gaussians: the finished geometry, in world units.
         views: training views whose images are the enhanced ones.
         progress: receives the fraction done.
+        guides: one for each view; None counts every pixel alike, without a multi-view loss.
     """
     frame = SceneFrame.around(views, gaussians.means)
     local = frame.from_world(gaussians.with_base_colors(gaussians.base_colors))
     parameters = ParameterSet.from_gaussians(local, rasterizer.device)
     adam = Adam(parameters)
     targets = prepare_targets(rasterizer, views, frame, background, set())
+    loss = GuidedLoss(rasterizer, guides, plan.ssim_weight, plan.multi_view_weight)
     rng = np.random.default_rng(seed)
     steps = max(plan.epochs * len(targets), plan.minimum_steps)
     order: list[int] = []
     for step in range(1, steps + 1):
         order = order or rng.permutation(len(targets)).tolist()
-        image, camera = targets[order.pop()].at(1)
+        view = order.pop()
+        image, camera = targets[view].at(1)
         rendered = rasterizer.render(parameters, camera, background.color)
-        rasterizer.photometric_loss(rendered, image, plan.ssim_weight)
+        loss.measure(rendered, image, view)
         gradients = rasterizer.backward(rendered, colors_only=True)
         adam.step(rasterizer, parameters, gradients, _colors_only(plan.rate * plan.rate_decay ** (step / steps)))
         progress(step / steps)

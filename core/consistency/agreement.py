@@ -1,0 +1,156 @@
+"""What the other views say of a view's pixels: the colour they agree on, and whether they agree at all.
+numpy and scipy only.
+
+Two questions on the same correspondences. Where the *photographs* differ between views (gloss, glass, a wrong depth),
+nobody can ask the enhanced views to agree: such pixels are given less weight. Elsewhere the *enhanced* views differ
+because each was enhanced on its own, and the median of them all is what a view should have shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from ..events import Reporter, StageSpan
+from .correspondence import sample_bilinear
+from .scene import SceneCorrespondences, nearest_views
+
+Image = NDArray[np.uint8]
+Weights = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class AgreementSettings:
+    """How views are compared.
+
+    Attributes:
+        neighbours: other views that each view is compared with.
+        blur: pixels of the box over which photographs are averaged before they are compared, so that a texture that is
+            matched half a pixel beside itself does not count as gloss.
+        drift_blur: pixels of the box over which the views' disagreement with the others is averaged: drift is smooth,
+            and the texture, which resampling softens, stays the view's own.
+        tolerance: difference of the photographs in units of the scene's median difference at which a weight is 1/2;
+            noise, resampling and exposure, which are everywhere, stay below.
+        least_tolerance: the same in [0, 1], for scenes that agree perfectly.
+        least_weight: of a pixel whose photographs differ by any amount; it still has to get some colour.
+    """
+
+    neighbours: int = 4
+    blur: int = 5
+    drift_blur: int = 7
+    tolerance: float = 4.0
+    least_tolerance: float = 0.02
+    least_weight: float = 0.1
+
+
+@dataclass(frozen=True)
+class Consensus:
+    """What a view should show in the eyes of the others.
+
+    Attributes:
+        colors: (H, W, 3) uint8 sRGB; the view's own colours where no other view has a say.
+        weights: (H, W) float32 in [0, 1]; 0 where no other view has a say.
+    """
+
+    colors: Image
+    weights: Weights
+
+
+class SceneAgreement:
+    """Compares the views of a scene with their neighbours.
+
+    Args:
+        correspondences: of the scene.
+        photographs: (H, W, 3) uint8 unenhanced images by index of the view; these views are compared.
+        settings: how.
+        reporter, stage: progress goes there under this name.
+
+    Attributes:
+        weights: (H, W) float32 by index of the view, 1 where the photographs agree or nothing is known, down to
+            `least_weight` where they vary with the view.
+    """
+
+    def __init__(
+        self,
+        correspondences: SceneCorrespondences,
+        photographs: Mapping[int, Image],
+        settings: AgreementSettings = AgreementSettings(),
+        reporter: Reporter | None = None,
+        stage: str = "agreement",
+    ) -> None:
+        self._correspondences = correspondences
+        self._settings = settings
+        self._neighbours = nearest_views(correspondences.views, sorted(photographs), settings.neighbours)
+        pairs = [(view, other) for view, others in self._neighbours.items() for other in others]
+        correspondences.of_pairs(pairs, reporter and StageSpan(reporter, stage, 0.0, 1.0, "comparing views"), stage)
+        self.weights = self._weigh(photographs)
+
+    def consensus(self, images: Mapping[int, Image]) -> dict[int, Consensus]:
+        """What each view of (H, W, 3) enhanced `images` should show.
+
+        Its own texture, moved to the colours of the median of itself and its neighbours.
+        """
+        return {view: self._consensus(images, view) for view in self._neighbours}
+
+    def _consensus(self, images: Mapping[int, Image], view: int) -> Consensus:
+        image = images[view].astype(np.float32)
+        own = image.reshape(-1, 3)
+        others = np.stack([self._seen_by(images, view, other) for other in self._neighbours[view]])
+        known = np.isfinite(others[..., 0]).any(axis=0)
+        drift = np.zeros_like(own)
+        drift[known] = _median(np.concatenate([own[None, known], others[:, known]])) - own[known]
+        known = known.reshape(image.shape[:2])
+        correction = _mean_over(self._settings.drift_blur, drift.reshape(image.shape), known)
+        colors = np.clip(np.round(image + correction * known[..., None]), 0, 255).astype(np.uint8)
+        return Consensus(colors, np.where(known, self.weights[view], 0.0).astype(np.float32))
+
+    def _seen_by(self, images: Mapping[int, NDArray], view: int, other: int) -> NDArray[np.float32]:
+        """(H * W, 3) colours of the view's pixels in another view, NaN where that does not see them."""
+        found = self._correspondences.between(view, other)
+        seen = np.full((images[view].shape[0] * images[view].shape[1], 3), np.nan, np.float32)
+        seen[found.first_pixels] = sample_bilinear(images[other], found.second_positions)
+        return seen
+
+    def _weigh(self, photographs: Mapping[int, Image]) -> dict[int, Weights]:
+        settings, stride = self._settings, self._correspondences.settings.stride
+        smooth = {
+            view: uniform_filter(image.astype(np.float32), (settings.blur, settings.blur, 0), mode="nearest")
+            for view, image in photographs.items()
+        }
+        differences = {view: self._variation(smooth, view) for view in self._neighbours}
+        known = [values[np.isfinite(values)] for values in differences.values()]
+        typical = float(np.median(np.concatenate(known))) if any(map(len, known)) else 0.0
+        tolerance = max(settings.tolerance * typical, 255.0 * settings.least_tolerance)
+        weights = {}
+        for view, difference in differences.items():
+            grid = np.nan_to_num(1.0 / (1.0 + (difference[::stride, ::stride] / tolerance) ** 2), nan=1.0)
+            whole = np.repeat(np.repeat(np.maximum(grid, settings.least_weight), stride, 0), stride, 1)
+            weights[view] = np.ascontiguousarray(whole[: difference.shape[0], : difference.shape[1]], np.float32)
+        return weights
+
+    def _variation(self, smooth: Mapping[int, NDArray[np.float32]], view: int) -> NDArray[np.float32]:
+        """(H, W) median over the neighbours of the mean absolute difference of the channels, NaN where unknown."""
+        own = smooth[view].reshape(-1, 3)
+        apart = np.stack(
+            [np.abs(self._seen_by(smooth, view, other) - own).mean(axis=1) for other in self._neighbours[view]]
+        )
+        return _median(apart).reshape(smooth[view].shape[:2])
+
+
+def _mean_over(side: int, image: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """(H, W, 3) means over boxes of `side` pixels of what is known, 0 in boxes without; unknown pixels hold zeros."""
+    share = uniform_filter(known.astype(np.float32), side, mode="constant")[..., None]
+    return uniform_filter(image, (side, side, 0), mode="constant") / np.maximum(share, 0.5 / side**2)
+
+
+def _median(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Median along the first axis of what is not NaN; NaN where nothing is. Many times as fast as numpy's."""
+    ordered = np.sort(values, axis=0)  # NaN comes last
+    count = np.isfinite(values).sum(axis=0)
+    low, high = np.maximum(count - 1, 0) // 2, count // 2
+    middle = [np.take_along_axis(ordered, index[None], axis=0)[0] for index in (low, high)]
+    return np.where(count > 0, (middle[0] + middle[1]) / 2, np.nan).astype(np.float32)
