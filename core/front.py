@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from .job import WORKER, Event, Job, blender_command, find_python
 from .job_console import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from .progress import RunProgress, format_seconds
-from .report import finish_report
+from .report import finish_report, latest_seconds
 from .run_folder import RunFolder
 from .settings import Settings
 
@@ -27,8 +28,8 @@ def run_in_console(settings: Settings, *, json_events: bool) -> int:
     stages = (
         "start",
         "capture",
-        "geometry",
         "enhance",
+        *(() if settings.resume else ("geometry",)),
         "layers",
         "evaluate",
         *(("blender",) if settings.blend else ()),
@@ -56,14 +57,15 @@ def run(settings: Settings, listen: Listener) -> dict[str, Any]:
     listen({"event": "status", "stage": "start", "message": "starting"})
     python = find_python()
     folder = RunFolder(settings.out)
-    with (
-        all_or_nothing(folder, settings.out, LOG_NAME),
-        open(folder.staging / LOG_NAME, "w", encoding="utf-8") as log_file,
-    ):
+    with all_or_nothing(folder, settings.out, LOG_NAME), ExitStack() as stack:
+        if settings.resume:
+            folder.carry_over()
+        log_file = stack.enter_context(open(folder.staging / LOG_NAME, "a", encoding="utf-8"))
         log = Log(log_file, listen)
         log.line("settings " + json.dumps(settings.to_dict()))
         request = {"job": "run", "settings": settings.to_dict(), "folder": str(folder.staging)}
         report = finish(Job([python, str(WORKER)], request, log.line), log.event)["report"]
+        seconds = latest_seconds(report)
         if settings.blend:
             blender_started = time.monotonic()
             # A held-out view from the middle: its still can be compared with renders/.
@@ -72,15 +74,19 @@ def run(settings: Settings, listen: Listener) -> dict[str, Any]:
             blender = finish(Job(blender_command(arguments), None, log.line), log.event)
             blender.pop("event")
             report["blender"] = blender
-            report["seconds"]["blender"] = round(time.monotonic() - blender_started, 2)
-        report["seconds"]["total"] = round(time.monotonic() - started, 2)
+            seconds["blender"] = round(time.monotonic() - blender_started, 2)
+        elif report.get("blender"):
+            message = "scene.blend does not have the new layers; add them with another run without --no-blend"
+            log.event({"event": "warning", "name": "old-scene", "message": message})
+            report["warnings"].append({"name": "old-scene", "message": message})
+        seconds["total"] = round(time.monotonic() - started, 2)
         finish_report(folder.staging, report)
     return report
 
 
 def _summary(result: Event) -> str:
     out, report = Path(result["out"]), result["report"]
-    seconds, reconstruction = report["seconds"], report["reconstruction"]
+    seconds, reconstruction = latest_seconds(report), report["reconstruction"]
     psnr = "-" if reconstruction["psnr"] is None else f"{reconstruction['psnr']:.2f} dB on held-out views"
     lines = [f"done in {format_seconds(seconds['total'])}: {report['gaussians']} Gaussians, {psnr}"]
     for name, layer in report["layers"].items():

@@ -1,173 +1,97 @@
-"""The stages of a run up to Blender: capture, geometry, enhancement, colour layers, evaluation."""
+"""A run up to Blender: capture, enhancement, geometry, colour layers, evaluation, and the report of it all."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import warp as wp
 
-from .capture import Capture, View, read_capture, write_capture
-from .enhance import Enhancer, LutEnhancer, make_enhancer
+from .capture import Capture, read_capture, write_capture
+from .enhance import Enhancer, make_enhancer
 from .errors import InputError
-from .evaluate.evaluation import Evaluation, Split, enhanced_path
-from .events import Reporter, StageSpan
-from .images import read_png, to_bytes, write_png
+from .evaluate.evaluation import Split
+from .events import Reporter
 from .report import SCHEMA, without_non_finite
+from .resume import EarlierRun
 from .run_facts import describe_device, peak_memory_mb, versions
 from .settings import Layer, Settings
 from .splats import raster
-from .splats.gaussians import Gaussians
-from .splats.layers import LayerPlan, fit_layer
-from .splats.ply import write_ply
-from .splats.renderer import SceneRenderer
-from .splats.targets import Background
-from .splats.trainer import Trainer, TrainingPlan, TrainingResult
+from .splats.trainer import TrainingResult
+from .stages import Reconstruction, Stages
 
 # Longer side of the training images when --max-size is auto: what two cores train in minutes, and a GPU in one.
 AUTO_MAX_SIZE = {"cpu": 640, "cuda": 1600}
-# Upper bound of the number of Gaussians when --gaussians is auto: so many, and no more than the pixels can determine.
-AUTO_GAUSSIANS = 40_000
-PIXELS_PER_GAUSSIAN = 100
-# A LUT's fit takes as long as applying it to so many views of 640 pixels.
-LUT_FIT_VIEWS = 100
 
 
 def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
     """Do the job that `settings` ask for and write its files into `folder`; returns the report.
 
+    With ``settings.resume``, `folder` holds the files of the finished run, and layers are added to them.
+
     Raises:
         InputError: the capture or the options cannot be used.
     """
-    clock = _Clock()
-    recorder = _Recorder(reporter)
+    clock, recorder = _Clock(), _Recorder(reporter)
     device = _choose_device(settings.device)
+    earlier = EarlierRun.read(folder, settings.out) if settings.resume else None
+    settings = earlier.complete(settings) if earlier else settings
     enhancers = _make_enhancers(settings, device)  # refuses what cannot be simulated before anything takes time
     with clock.measure("capture"):
-        size = settings.max_size or AUTO_MAX_SIZE[device]
-        capture = read_capture(Path(settings.capture), max_size=size, sfm=settings.sfm, reporter=recorder)
-        write_capture(capture, folder / "capture")
+        if earlier:
+            earlier.check_photographs(Path(settings.capture), recorder)
+            capture = earlier.capture
+        else:
+            size = settings.max_size or AUTO_MAX_SIZE[device]
+            capture = read_capture(Path(settings.capture), max_size=size, sfm=settings.sfm, reporter=recorder)
+            write_capture(capture, folder / "capture")
     raster.load(device, recorder)
     split = _split(capture, settings.holdout, recorder)
-    stages = _Stages(
-        settings, folder, recorder, capture, split, raster.Rasterizer(device), Background.of(capture.views)
-    )
-    with clock.measure("geometry"):
-        trained = stages.train()
+    stages = Stages.of(settings, folder, recorder, capture, split, raster.Rasterizer(device))
     with clock.measure("enhance"):
         stages.enhance(enhancers)
+    trained: TrainingResult | None = None
+    if earlier:
+        with clock.measure("layers"):
+            recorder.status("layers", "matching points between views")
+            made = stages.reconstruction(earlier.gaussians)
+    else:
+        with clock.measure("geometry"):
+            trained, made = stages.train()
     with clock.measure("layers"):
-        layers = stages.fit_layers(trained.gaussians)
+        pictures = stages.fit_layers(made, enhancers)
     with clock.measure("evaluate"):
-        figures = stages.evaluate(trained.gaussians, layers)
+        figures = stages.evaluate(made, pictures)
+    for layer in figures["layers"].values():
+        layer.update(enhancer=settings.enhancer, strength=settings.strength)
     report = {
         "schema": SCHEMA,
         "versions": versions(),
         "device": describe_device(stages.rasterizer),
         "settings": settings.to_dict(),
         "capture": _describe_capture(capture, split),
-        "gaussians": len(trained.gaussians),
-        "gaussians_initial": trained.initial,
-        "sh_degree": trained.gaussians.sh_degree,
         "seconds": {**clock.seconds, "blender": None, "total": None},
         "peak_memory_mb": peak_memory_mb(),
-        "curve": trained.curve,
         "warnings": recorder.warnings,
+        **(_describe_training(trained, made) if trained else {}),
         **figures,
     }
-    return without_non_finite(report)
+    report = without_non_finite(report)
+    return earlier.extend(report) if earlier else report
 
 
-@dataclass(frozen=True)
-class _Stages:
-    """What the stages after the capture have in common, and the stages."""
-
-    settings: Settings
-    folder: Path
-    reporter: Reporter
-    capture: Capture
-    split: Split
-    rasterizer: raster.Rasterizer
-    background: Background
-
-    def train(self) -> TrainingResult:
-        """Fit geometry and original colours to the photographs; writes ``splats.ply``."""
-        views = self._views(self.split.train)
-        plan = TrainingPlan(
-            steps=self.settings.iterations,
-            limit=self.settings.gaussians or _gaussian_limit(views),
-            sh_degree=self.settings.sh_degree or 0,
-        )
-        trainer = Trainer(
-            self.rasterizer,
-            views,
-            self._views(self.split.test),
-            self.capture.points,
-            self.capture.point_colors,
-            plan,
-            self.background,
-            self.settings.seed,
-        )
-        result = trainer.train(self.reporter)
-        write_ply(self.folder / "splats.ply", result.gaussians)
-        return result
-
-    def enhance(self, enhancers: dict[Layer, Enhancer]) -> None:
-        """Write ``enhanced/<layer>/<view>.png`` for every view; the enhancers are fitted to the training views only.
-
-        A LUT is also written as ``layer.<layer>.cube``, for grading tools.
-        """
-        training = self._views(self.split.train)
-        costs = {layer: _fit_cost(enhancer) for layer, enhancer in enhancers.items()}
-        total, done = sum(costs.values()) + len(enhancers) * len(self.capture.views), 0
-        for layer, enhancer in enhancers.items():
-            fit_cost = costs[layer]
-            self.reporter.status("enhance", f"{layer.name}: fitting the enhancer")
-            span = StageSpan(
-                self.reporter, "enhance", done / total, (done + fit_cost) / total, f"{layer.name}: fitting"
-            )
-            enhancer.fit([view.image for view in training], span, alphas=[view.alpha for view in training])
-            if isinstance(enhancer, LutEnhancer) and enhancer.lut is not None:
-                cube = self.folder / f"layer.{layer.name}.cube"
-                enhancer.lut.export_cube(cube, strength=self.settings.strength, title=f"cvdgs {layer.name}")
-            done += fit_cost
-            for view in self.capture.views:
-                write_png(enhanced_path(self.folder, layer, view), to_bytes(enhancer(view.image)))
-                done += 1
-                self.reporter.progress("enhance", done / total, f"{layer.name}: {view.key}")
-
-    def fit_layers(self, geometry: Gaussians) -> dict[Layer, Gaussians]:
-        """Fit each layer's colours to its enhanced views; writes ``splats.<layer>.ply``."""
-        fitted: dict[Layer, Gaussians] = {}
-        for layer in self.settings.layers:
-            message = f"{layer.name}: fitting colours"
-            self.reporter.status("layers", message)
-            views = [
-                replace(view, image=read_png(enhanced_path(self.folder, layer, view)))
-                for view in self._views(self.split.train)
-            ]
-
-            def progress(fraction: float, done: int = len(fitted), message: str = message) -> None:
-                self.reporter.progress("layers", (done + fraction) / len(self.settings.layers), message)
-
-            fitted[layer] = fit_layer(
-                self.rasterizer, geometry, views, LayerPlan(), self.background, self.settings.seed, progress
-            )
-            write_ply(self.folder / f"splats.{layer.name}.ply", fitted[layer])
-        return fitted
-
-    def evaluate(self, original: Gaussians, layers: dict[Layer, Gaussians]) -> dict[str, Any]:
-        """The report's figures; writes ``renders/``."""
-        scene = SceneRenderer(self.rasterizer, self.capture.views, self.background)
-        evaluation = Evaluation(self.capture, self.split, self.settings.simulation, scene, self.folder, self.reporter)
-        return evaluation.run(original, layers)
-
-    def _views(self, indices: list[int]) -> list[View]:
-        return [self.capture.views[i] for i in indices]
+def _describe_training(trained: TrainingResult, made: Reconstruction) -> dict[str, Any]:
+    return {
+        "gaussians": len(made.original),
+        "gaussians_initial": trained.initial,
+        "sh_degree": made.original.sh_degree,
+        "curve": trained.curve,
+        "decision": trained.decision,
+        "skipped_steps": trained.skipped,
+    }
 
 
 def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
@@ -193,16 +117,6 @@ def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:
         )
         for layer in settings.layers
     }
-
-
-def _fit_cost(enhancer: Enhancer) -> int:
-    """As how many applications to a view a fit counts for the progress."""
-    return LUT_FIT_VIEWS if isinstance(enhancer, LutEnhancer) else 1
-
-
-def _gaussian_limit(views: list[View]) -> int:
-    pixels = sum(view.camera.width * view.camera.height for view in views)
-    return min(AUTO_GAUSSIANS, max(pixels // PIXELS_PER_GAUSSIAN, 1000))
 
 
 def _choose_device(asked: str) -> str:
@@ -233,10 +147,10 @@ class _Clock:
 
     @contextmanager
     def measure(self, stage: str) -> Iterator[None]:
-        """Time the block as `stage`."""
+        """Time the block as `stage`, or as more of it."""
         started = time.perf_counter()
         yield
-        self.seconds[stage] = round(time.perf_counter() - started, 2)
+        self.seconds[stage] = round((self.seconds.get(stage) or 0.0) + time.perf_counter() - started, 2)
 
 
 class _Recorder(Reporter):

@@ -46,6 +46,11 @@ def finish_report(folder: Path, report: dict[str, Any]) -> None:
     (folder / "report.html").write_text(_page(folder, report), encoding="utf-8")
 
 
+def latest_seconds(report: dict[str, Any]) -> dict[str, float | None]:
+    """The seconds of each stage of the run that wrote the report last: the first, or one that added layers."""
+    return (report.get("resumed") or [report])[-1]["seconds"]
+
+
 def without_non_finite(report: dict[str, Any]) -> dict[str, Any]:
     """JSON has neither NaN nor infinity: such numbers become null, and ``notes`` says why, by the number's path."""
     notes = dict(report["notes"])
@@ -78,7 +83,9 @@ def _page(folder: Path, report: dict[str, Any]) -> str:
         parts.append(_layer_table(layer))
     parts.append(_stills(folder, report))
     parts.append("<h2>Where the time went</h2>" + _timings(report["seconds"]))
-    parts.append("<h2>Training</h2>" + _curve(report["curve"]))
+    for added in report.get("resumed", ()):
+        parts.append(f"<h3>Added later: {html.escape(', '.join(added['layers']))}</h3>" + _timings(added["seconds"]))
+    parts.append("<h2>Training</h2>" + _curve(report["curve"]) + _decision(report))
     parts.append(_notes(report))
     return (
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>"
@@ -175,6 +182,17 @@ def _curve(curve: list[dict[str, float]]) -> str:
         f"<svg viewBox='0 0 {width} {height}' width='{width}' role='img' font-size='12' fill='currentColor'>"
         f"<polyline points='{line}' fill='none' stroke='currentColor' stroke-width='1.5'/>{marks}{labels}</svg>"
     )
+
+
+def _decision(report: dict[str, Any]) -> str:
+    """What training decided by itself and why, and what it had to leave out."""
+    items = [
+        f"<li>{html.escape(name.replace('_', ' '))}: {html.escape(str(text))}</li>"
+        for name, text in report.get("decision", {}).items()
+    ]
+    if report.get("skipped_steps"):
+        items.append(f"<li>{report['skipped_steps']} steps were left out because a number was not finite</li>")
+    return f"<ul class='notes'>{''.join(items)}</ul>" if items else ""
 
 
 def _notes(report: dict[str, Any]) -> str:

@@ -88,6 +88,18 @@ class RunFolder:
             ) from None
         return lock
 
+    def carry_over(self) -> None:
+        """Copy what an earlier run left into the staging folder, for a run that adds to it.
+
+        Raises:
+            OSError: they could not be copied whole.
+        """
+        for path in self._earlier_files(self.out):
+            if path.is_dir():
+                shutil.copytree(path, self.staging / path.name)
+            elif path.is_file():
+                shutil.copy2(path, self.staging / path.name)
+
     def commit(self) -> None:
         """Put the staged files in place of an earlier run's; each is a rename, and the old ones go only afterwards."""
         retired = self.out / _RETIRED

@@ -111,6 +111,12 @@ class Settings:
         _at_least(self.gaussians, 1, "--gaussians")
         if self.sh_degree is not None:
             _one_of(self.sh_degree, (0, 1, 2, 3), "--sh-degree")
+        _check(
+            self.mode != "joint" or not self.sh_degree,
+            "colours that enhanced views are fitted to jointly are the same from every side",
+            "--sh-degree",
+            "use degree 0, or --mode layers",
+        )
         _at_least(self.max_size, MIN_SIZE, "--max-size")
         _check(
             self.holdout == 0 or self.holdout >= 2,
@@ -127,7 +133,6 @@ class Settings:
 
     def _refuse_what_is_not_there(self) -> None:
         """Options of the contract that this version does not implement are refused, never ignored."""
-        _check(self.mode == "layers", f"mode '{self.mode}' is not implemented yet", "--mode", "use --mode layers")
         _check(self.turntable == 0, "turntables are not implemented yet", "--turntable", "leave it out")
         _check(
             self.engine == "cycles",
@@ -135,7 +140,6 @@ class Settings:
             "--engine",
             "use --engine cycles",
         )
-        _check(not self.resume, "adding to a finished run is not implemented yet", "--resume", "leave it out")
 
     def to_dict(self) -> dict[str, Any]:
         """A JSON-ready dictionary; `from_dict` reads it back."""

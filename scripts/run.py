@@ -38,7 +38,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--simulation", default="machado", metavar="MODEL", help="|".join(SIMULATIONS) + " (machado)")
     add("--strength", type=float, default=1.0, metavar="0..1", help="of the enhancement (1)")
     add("--enhancer", default="lut", metavar="NAME", help="|".join(ENHANCERS) + "|FILE.safetensors (lut)")
-    add("--mode", default="layers", metavar="MODE", help="|".join(MODES) + " (layers; the others are not there yet)")
+    add("--mode", default="layers", metavar="MODE", help="|".join(MODES) + ", see core/stages.py (layers)")
     add("--iterations", type=int, default=5000, metavar="N", help="of the geometry stage (5000)")
     add("--gaussians", type=number_or_auto, default=None, metavar="N", help="at most so many; auto (auto)")
     add("--sh-degree", type=number_or_auto, default=None, metavar="0..3", help="of the original colours; auto (auto)")
@@ -54,7 +54,7 @@ def build_parser() -> argparse.ArgumentParser:
         help="|".join(ENGINES) + " (cycles; the others are not there yet)",
     )
     add("--no-blend", action="store_true", help="no Blender: neither scene.blend nor stills")
-    add("--resume", action="store_true", help="not there yet")
+    add("--resume", action="store_true", help="add the layers to the finished run in DIR")
     add("--sfm", action="store_true", help="estimate the cameras of a folder that has none (pycolmap)")
     add("--json", action="store_true", help="events on stdout, one JSON object a line, instead of a progress bar")
     return parser

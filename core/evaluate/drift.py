@@ -18,7 +18,7 @@ from ..capture import Capture, View
 from ..color.metrics import ccpr
 from ..color.simulation import simulate
 from ..color.spaces import image_to_tensor
-from ..consistency import Correspondences, relative_warping_error
+from ..consistency import Correspondences, CorrespondenceSettings, SceneCorrespondences, relative_warping_error
 from ..enhance import Enhancer
 from ..events import Reporter, StageSpan
 from ..images import to_bytes
@@ -105,7 +105,10 @@ def reconstruct_matches(
     trainer = Trainer(rasterizer, capture.views, [], capture.points, capture.point_colors, plan, background, seed)
     trained = trainer.train(StageSpan(reporter, STAGE, 0.0, 1.0, f"reconstructing {capture.source.name}"))
     scene = SceneRenderer(rasterizer, capture.views, background)
-    return SceneMatches.find(scene, trained.gaussians, len(capture.views))
+    every_pixel = CorrespondenceSettings()
+    return SceneMatches.find(
+        SceneCorrespondences(capture.views, lambda index: scene.depth(trained.gaussians, index), every_pixel)
+    )
 
 
 def cached_matches(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -55,31 +55,32 @@ class Evaluation:
     _done: int = field(default=0, init=False)
     _steps: int = field(default=1, init=False)
 
-    def run(self, original: Gaussians, layers: dict[Layer, Gaussians]) -> dict[str, Any]:
+    def run(
+        self, original: Gaussians, layers: Mapping[Layer, Callable[[int], NDArray[np.uint8]]], matches: SceneMatches
+    ) -> dict[str, Any]:
         """The report's ``reconstruction``, ``layers``, ``views_shown`` and ``notes``.
 
         Args:
             original: the scene in the photographs' colours.
-            layers: the same geometry in each layer's colours.
+            layers: how each layer looks from a view of this index, (H, W, 3).
+            matches: between the views.
         """
         notes: dict[str, str] = {}
         tested = self.split.test or spread(self.split.train, MOST_SCORED_VIEWS // 3)
         if not self.split.test:
             notes["reconstruction"] = "no view is held out: the figures are on training views and flatter the result"
         scored = spread(tested, MOST_SCORED_VIEWS)
-        self._steps = len(tested) * (1 + len(layers)) + len(layers) + 1
+        self._steps = len(tested) * (1 + len(layers)) + len(layers)
         self.reporter.status(STAGE, f"rendering {len(tested)} views")
         unenhanced = self._render_original(original, tested)
         fidelity = [self.scene.fidelity(i, unenhanced[i]) for i in scored]
-        matches = SceneMatches.find(self.scene, original, len(self.capture.views))
-        self._advance("matching points between views")
         if not matches.pairs:
             notes["rwe"] = "no two views share enough points that both see"
         return {
             "reconstruction": {key: float(np.mean([view[key] for view in fidelity])) for key in ("psnr", "ssim")},
             "layers": {
-                layer.name: self._layer(layer, gaussians, tested, scored, unenhanced, matches)
-                for layer, gaussians in layers.items()
+                layer.name: self._layer(layer, picture, tested, scored, unenhanced, matches)
+                for layer, picture in layers.items()
             },
             "views_shown": [self.capture.views[i].key for i in spread(tested, VIEWS_SHOWN)],
             "notes": notes,
@@ -96,7 +97,7 @@ class Evaluation:
     def _layer(
         self,
         layer: Layer,
-        gaussians: Gaussians,
+        picture: Callable[[int], NDArray[np.uint8]],
         tested: Sequence[int],
         scored: Sequence[int],
         unenhanced: dict[int, NDArray[np.uint8]],
@@ -105,7 +106,7 @@ class Evaluation:
         scores = []
         for i in tested:
             view = self.capture.views[i]
-            rendered = self.scene.color(gaussians, i)
+            rendered = picture(i)
             self._write_renders(layer, view, rendered)
             if i in scored:
                 enhanced = read_png(enhanced_path(self.folder, layer, view))
@@ -114,14 +115,15 @@ class Evaluation:
             self._advance(layer.name)
         originals = [self.capture.views[i].image for i in matches.views]
         enhanced_views = [read_png(enhanced_path(self.folder, layer, self.capture.views[i])) for i in matches.views]
-        rendered_views = [self.scene.color(gaussians, i) for i in matches.views]
+        rendered_views = [picture(i) for i in matches.views]
         consistency = matches.warping_errors(originals, enhanced_views, rendered_views)
         self._advance(f"{layer.name}: view consistency")
         return {**average(scores), "rwe": consistency}
 
     def _write_renders(self, layer: Layer, view: View, rendered: NDArray[np.uint8]) -> None:
-        place = self.folder / "renders" / layer.name
-        write_png(place / f"{view.key}.png", rendered)
+        path = render_path(self.folder, layer, view)
+        place = path.parent
+        write_png(path, rendered)
         write_png(place / "simulated" / f"{view.key}.png", simulated_bytes(rendered, layer, self.simulation))
         write_png(place / "simulated_input" / f"{view.key}.png", simulated_bytes(view.image, layer, self.simulation))
 
@@ -133,6 +135,11 @@ class Evaluation:
 def enhanced_path(folder: Path, layer: Layer, view: View) -> Path:
     """Where a view's enhanced photograph is."""
     return folder / "enhanced" / layer.name / f"{view.key}.png"
+
+
+def render_path(folder: Path, layer: Layer, view: View) -> Path:
+    """Where the picture of a layer from a view is."""
+    return folder / "renders" / layer.name / f"{view.key}.png"
 
 
 def spread(items: Sequence[int], count: int) -> list[int]:

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 from numpy.typing import NDArray
 
-from ..consistency import Correspondences, find_correspondences, relative_warping_error, view_pairs
+from ..consistency import Correspondences, SceneCorrespondences, relative_warping_error, view_pairs
 from ..consistency.correspondence import LONG_RANGE_STEP, SHORT_RANGE_STEP
-from ..splats.gaussians import Gaussians
-from ..splats.renderer import SceneRenderer
 
 # A run of neighbouring views, so that pairs of the defined distance exist however many views there are.
 MOST_CONSISTENCY_VIEWS = 48
@@ -30,16 +28,13 @@ class SceneMatches:
     long: list[Correspondences]
 
     @classmethod
-    def find(cls, scene: SceneRenderer, gaussians: Gaussians, count: int) -> SceneMatches:
-        """Match the first views, of `count`, by the depth of the Gaussians."""
-        views = list(range(min(count, MOST_CONSISTENCY_VIEWS)))
-        depths, alphas = zip(*(scene.depth(gaussians, i) for i in views), strict=True)
-        cameras = [scene.views[i] for i in views]
+    def find(cls, correspondences: SceneCorrespondences) -> SceneMatches:
+        """Match the first views of a scene, each pair unless that was done before."""
+        count = min(len(correspondences.views), MOST_CONSISTENCY_VIEWS)
         short, long = (
-            find_correspondences(depths, alphas, cameras, view_pairs(len(views), step))
-            for step in (SHORT_RANGE_STEP, LONG_RANGE_STEP)
+            correspondences.of_pairs(view_pairs(count, step)) for step in (SHORT_RANGE_STEP, LONG_RANGE_STEP)
         )
-        return cls(views, short, long)
+        return cls(list(range(count)), short, long)
 
     @property
     def pairs(self) -> int:

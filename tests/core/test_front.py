@@ -101,6 +101,59 @@ def test_a_defect_of_ours_is_one_line_exit_code_1_and_leaves_the_log(run, tmp_pa
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["failed.run.log"]
 
 
+@pytest.fixture
+def earlier(tmp_path):
+    """A finished run's files."""
+    out = tmp_path / "out"
+    (out / "capture").mkdir(parents=True)
+    for name in ("splats.ply", "splats.deutan-1.0.ply", "capture/points.ply", "run.log", "scene.blend"):
+        (out / name).write_text(f"earlier {name}\n")
+    (out / "report.json").write_text(json.dumps(REPORT))
+    return out
+
+
+def test_a_resumed_run_adds_to_the_files_and_to_the_log(run, earlier):
+    body = """
+        assert open(folder + '/splats.ply').read() == 'earlier splats.ply\\n'
+        open(folder + '/splats.protan-1.0.ply', 'w').write('new')
+        seconds = {'layers': 2.0, 'blender': None, 'total': None}
+        added = [{'layers': ['protan-1.0'], 'seconds': seconds}]
+        emit('result', report={**REPORT, 'blender': {'stills': []}, 'resumed': added})
+    """
+    result = run(body, "--resume")
+    assert result.returncode == 0, result.err
+    names = {str(path.relative_to(earlier)) for path in earlier.rglob("*") if path.is_file()}
+    assert names == {
+        "splats.ply", "splats.deutan-1.0.ply", "splats.protan-1.0.ply", "capture/points.ply", "scene.blend",
+        "run.log", "report.json", "report.html",
+    }  # fmt: skip
+    log = (earlier / "run.log").read_text()
+    assert log.startswith("earlier run.log")
+    assert '"resume": true' in log
+    report = json.loads((earlier / "report.json").read_text())
+    assert report["seconds"]["total"] is None  # the first run's own
+    assert report["resumed"][0]["seconds"]["total"] > 0
+    assert "does not have the new layers" in result.err
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        ("emit('error', kind='input', message='no'); sys.exit(2)", 2),
+        ("raise ValueError('oops')", 1),
+        ("os.kill(os.getpid(), signal.SIGKILL)", 1),
+    ],
+    ids=["refused", "defect", "killed"],
+)
+def test_a_resumed_run_that_fails_loses_nothing(run, earlier, body, code):
+    before = {path: path.read_bytes() for path in earlier.rglob("*") if path.is_file()}
+    spoil = "open(folder + '/splats.ply', 'w').write('half')\nos.remove(folder + '/report.json')\n"
+    assert run(spoil + body, "--resume").returncode == code
+    after = {path: path.read_bytes() for path in earlier.rglob("*") if path.is_file()}
+    after.pop(earlier / "failed.run.log", None)
+    assert after == before
+
+
 @pytest.mark.parametrize("stubborn", [False, True], ids=["cooperative", "deaf"])
 def test_ctrl_c_ends_the_run_within_two_seconds_and_leaves_nothing(run, tmp_path, stubborn):
     ignore = "signal.signal(signal.SIGINT, signal.SIG_IGN)\n" if stubborn else ""
@@ -124,7 +177,7 @@ def test_ctrl_c_ends_the_run_within_two_seconds_and_leaves_nothing(run, tmp_path
         (["--severity", "2"], "--severity"),
         (["--cvd", "deutan", "--cvd", "protan", "--severity", "1", "--severity", "1", "--severity", "1"], "--severity"),
         (["--iterations", "many"], "--iterations"),
-        (["--mode", "joint"], "--mode"),
+        (["--mode", "both"], "--mode"),
         (["--colour", "red"], "--colour"),
     ],
 )

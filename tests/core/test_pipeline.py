@@ -83,6 +83,12 @@ def test_the_report_can_be_read_by_a_program(report):
         assert all(0.0 <= layer["ccpr"][kind] <= 1.0 for kind in ("input", "enhanced", "unenhanced", "rendered"))
 
 
+def test_the_report_says_how_a_layer_and_the_geometry_came_about(report):
+    assert all((layer["enhancer"], layer["strength"]) == ("lut", 1.0) for layer in report["layers"].values())
+    assert {"gaussians", "steps", "sh_degree"} <= set(report["decision"])
+    assert report["skipped_steps"] == 0
+
+
 def test_the_layers_share_the_geometry_of_the_original(finished):
     original, layer = (read_ply(finished / name) for name in ("splats.ply", "splats.deutan-0.6.ply"))
     for name in ("means", "log_scales", "quaternions", "opacity_logits"):

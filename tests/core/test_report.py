@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.images import read_png, write_png
-from cvdgs.core.report import finish_report, without_non_finite
+from cvdgs.core.report import finish_report, latest_seconds, without_non_finite
 
 LAYER = {
     "psnr_to_enhanced": 31.5,
@@ -91,6 +91,24 @@ def test_a_run_without_held_out_views_still_has_a_page(folder):
     curve = [{"step": 0, "seconds": 0.0, "psnr": None, "gaussians": 10}]
     finish_report(folder, without_non_finite(report(curve=curve, views_shown=[])))
     assert "no curve" in (folder / "report.html").read_text()
+
+
+def test_the_page_says_what_was_decided_and_what_was_added_later(folder):
+    decided = {"gaussians": "9 of <40>: growth did not pay any more"}
+    added = [{"layers": ["protan-1.0"], "seconds": {"layers": 2.5, "blender": None, "total": 4.0}}]
+    finish_report(folder, without_non_finite(report(decision=decided, skipped_steps=3, resumed=added)))
+    page = (folder / "report.html").read_text()
+    assert "9 of &lt;40&gt;" in page
+    assert "3 steps were left out" in page
+    assert "Added later: protan-1.0" in page
+
+
+def test_the_seconds_are_those_of_the_latest_addition():
+    own = {"geometry": 9.0}
+    assert latest_seconds({"seconds": own}) is own
+    latest = {"layers": 1.0}
+    added = [{"seconds": {}}, {"seconds": latest}]
+    assert latest_seconds({"seconds": own, "resumed": added}) is latest
 
 
 def test_png_files_come_back_as_they_were_written(tmp_path):

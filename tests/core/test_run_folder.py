@@ -87,3 +87,21 @@ def test_another_job_says_what_it_replaces(tmp_path):
     (folder.staging / "new.png").write_text("new")
     folder.commit()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new.png", "report.json"]
+
+
+def test_a_run_that_adds_starts_from_a_copy_of_the_earlier_one(tmp_path):
+    (tmp_path / "report.json").write_text("old")
+    (tmp_path / "splats.protan-1.0.ply").write_text("layer")
+    (tmp_path / "notes.txt").write_text("the artist's own")
+    (tmp_path / "renders" / "original").mkdir(parents=True)
+    (tmp_path / "renders" / "original" / "a.png").write_text("a")
+    folder = RunFolder(tmp_path)
+    folder.carry_over()
+    (folder.staging / "report.json").write_text("extended")
+    (folder.staging / "renders" / "original" / "a.png").write_text("changed")
+    assert (tmp_path / "renders" / "original" / "a.png").read_text() == "a"
+    assert not (folder.staging / "notes.txt").exists()
+    folder.commit()
+    assert (tmp_path / "report.json").read_text() == "extended"
+    assert (tmp_path / "splats.protan-1.0.ply").read_text() == "layer"
+    assert (tmp_path / "notes.txt").read_text() == "the artist's own"

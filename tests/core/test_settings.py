@@ -23,6 +23,8 @@ def settings(**changes) -> Settings:
         ({"iterations": 0}, "--iterations"),
         ({"gaussians": 0}, "--gaussians"),
         ({"sh_degree": 4}, "--sh-degree"),
+        ({"mode": "both"}, "--mode"),
+        ({"mode": "joint", "sh_degree": 1}, "--sh-degree"),
         ({"max_size": 8}, "--max-size"),
         ({"holdout": 1}, "--holdout"),
         ({"holdout": -3}, "--holdout"),
@@ -40,16 +42,18 @@ def test_unusable_values_name_their_option_in_one_line(changes, option):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"mode": "joint"},
-        {"mode": "post"},
         {"turntable": 36},
         {"engine": "eevee"},
-        {"resume": True},
     ],
 )
 def test_what_is_not_implemented_yet_is_refused_and_not_ignored(changes):
     with pytest.raises(InputError, match="not implemented yet"):
         settings(**changes)
+
+
+@pytest.mark.parametrize("mode", ["layers", "joint", "post"])
+def test_every_mode_can_be_asked_for_and_be_added_to(mode):
+    assert settings(mode=mode, resume=True).mode == mode
 
 
 @pytest.mark.parametrize("enhancer", ["cgan", "lut", "none", "trained/enhancer.safetensors"])

@@ -1,0 +1,157 @@
+"""Adding layers to a finished run: what it was made of, what has to be the same, and the report of both."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .capture import Capture, View, inspect_capture, read_capture
+from .errors import InputError
+from .events import Reporter, StageSpan
+from .report import SCHEMA
+from .settings import Settings
+from .splats.gaussians import Gaussians
+from .splats.ply import read_ply
+
+_NEW_RUN = "make a new run in another folder"
+# Options that shaped what is there already. The others (layers, enhancer, strength, device, Blender's) may differ.
+_FIXED = ("simulation", "mode", "iterations", "gaussians", "sh_degree", "max_size", "holdout", "seed", "sfm")
+_POSE_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class EarlierRun:
+    """A finished run to which layers are added.
+
+    Attributes:
+        out: its folder as the user named it.
+        report: its report.
+        settings: its own.
+        capture: its photographs and cameras as they were used.
+        gaussians: geometry and original colours.
+    """
+
+    out: str
+    report: dict[str, Any]
+    settings: Settings
+    capture: Capture
+    gaussians: Gaussians
+
+    @classmethod
+    def read(cls, folder: Path, out: str) -> EarlierRun:
+        """Read a run from `folder`, which the user calls `out`.
+
+        Raises:
+            InputError: there is none, or its files are damaged.
+        """
+        try:
+            report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+            schema = report["schema"]
+            if schema != SCHEMA:
+                raise InputError(f"a run of another version ({schema})", where=out, remedy=_NEW_RUN)
+            settings = Settings.from_dict({**report["settings"], "resume": False})
+        except FileNotFoundError:
+            raise InputError("no finished run to add a layer to", where=out, remedy="leave out --resume") from None
+        except (OSError, ValueError, KeyError, TypeError):
+            raise InputError("the report of the finished run is damaged", where=out, remedy=_NEW_RUN) from None
+        capture = read_capture(folder / "capture", max_size=None)
+        return cls(out, report, settings, capture, read_ply(folder / "splats.ply"))
+
+    def complete(self, asked: Settings) -> Settings:
+        """`asked` with the run's own value of every option that has to be the same and was left at its default.
+
+        Raises:
+            InputError: such an option has another value, or the run has one of the layers.
+        """
+        usual = {field.name: field.default for field in fields(Settings)}
+        own = {name: getattr(self.settings, name) for name in _FIXED}
+        for name, value in own.items():
+            if getattr(asked, name) not in (value, usual[name]):
+                raise InputError(
+                    f"the finished run has {_shown(value)}, not {_shown(getattr(asked, name))}",
+                    where=f"--{name.replace('_', '-')}",
+                    remedy=f"leave it out, or {_NEW_RUN}",
+                )
+        present = sorted({layer.name for layer in asked.layers} & set(self.report["layers"]))
+        if present:
+            raise InputError(
+                f"the finished run has {', '.join(present)} already", where="--cvd", remedy="ask for others"
+            )
+        return replace(asked, **own)
+
+    def check_photographs(self, folder: Path, reporter: Reporter) -> None:
+        """Make sure that `folder` is the capture that the run was made from.
+
+        Where the run estimated the cameras itself, these stay, and only the number of photographs is compared.
+
+        Raises:
+            InputError: it is another one, or it has changed.
+        """
+        if inspect_capture(folder, sfm=self.settings.sfm).format == "sfm":
+            count = inspect_capture(folder, sfm=True).views
+            _require(count >= len(self.capture.views), f"{count} photographs, fewer than the finished run has", folder)
+            return
+        size = max(max(view.camera.width, view.camera.height) for view in self.capture.views)
+        quiet = _ProgressOnly(reporter, "capture", 0.0, 1.0, "comparing with the finished run")
+        given = read_capture(folder, max_size=size, reporter=quiet)
+        _compare(given.views, self.capture.views, folder)
+
+    def extend(self, added: Mapping[str, Any]) -> dict[str, Any]:
+        """The run's report with the layers of a report that has only what was added.
+
+        ``resumed`` gets an entry with the names of the layers and the seconds; the run's own ``seconds`` stay.
+        """
+        warnings = self.report["warnings"] + [item for item in added["warnings"] if item not in self.report["warnings"]]
+        peaks = [report["peak_memory_mb"] for report in (self.report, added) if report["peak_memory_mb"]]
+        addition = {
+            "layers": list(added["layers"]),
+            "settings": added["settings"],
+            "versions": added["versions"],
+            "device": added["device"],
+            "seconds": added["seconds"],
+        }
+        own = self.report["settings"]
+        return {
+            **self.report,
+            "settings": {**own, "layers": [*own["layers"], *added["settings"]["layers"]]},
+            "layers": {**self.report["layers"], **added["layers"]},
+            "peak_memory_mb": max(peaks, default=None),
+            "warnings": warnings,
+            "notes": {**self.report["notes"], **added["notes"]},
+            "resumed": [*self.report.get("resumed", ()), addition],
+        }
+
+
+class _ProgressOnly(StageSpan):
+    """Keeps back warnings that the finished run's report has already."""
+
+    def warning(self, name: str, message: str) -> None:
+        """Said before."""
+
+
+def _shown(value: Any) -> str:
+    return "auto" if value is None else str(value)
+
+
+def _compare(given: Sequence[View], used: Sequence[View], folder: Path) -> None:
+    _require(len(given) == len(used), f"{len(given)} views, the finished run has {len(used)}", folder)
+    for new, old in zip(given, used, strict=True):
+        _require(new.key == old.key, f"view '{new.key}' where the finished run has '{old.key}'", folder)
+        sizes = [f"{view.camera.width}x{view.camera.height}" for view in (new, old)]
+        _require(sizes[0] == sizes[1], f"view '{new.key}' is {sizes[0]}, in the finished run {sizes[1]}", folder)
+        intrinsics = [[view.camera.fx, view.camera.fy, view.camera.cx, view.camera.cy] for view in (new, old)]
+        same = np.allclose(*intrinsics, rtol=_POSE_TOLERANCE) and np.allclose(
+            new.world_to_camera, old.world_to_camera, rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE
+        )
+        _require(same, f"view '{new.key}' has another camera than in the finished run", folder)
+        _require(np.array_equal(new.image, old.image), f"photograph '{new.key}' has changed since the run", folder)
+
+
+def _require(condition: bool, what: str, folder: Path) -> None:
+    if not condition:
+        raise InputError(what, where=folder, remedy=f"give the run's own capture, or {_NEW_RUN}")

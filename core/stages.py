@@ -1,0 +1,262 @@
+"""The stages of a run between its capture and its report: enhancement, geometry, colour layers, evaluation.
+
+The modes differ in two of them:
+
+    layers   geometry from the photographs; each layer's colours are fitted to the enhanced photographs
+    joint    geometry and the first layer's colours together from its enhanced photographs, with the multi-view loss;
+             the photographs' colours and further layers are then fitted to that geometry
+    post     geometry from the photographs; a layer's pictures are renderings that are enhanced one by one afterwards,
+             and its Gaussians carry the colours that fit those pictures best, which is what Blender can show of them
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .capture import Capture, View
+from .consistency import SceneAgreement, SceneCorrespondences
+from .enhance import Enhancer, LutEnhancer
+from .evaluate.evaluation import Evaluation, Split, enhanced_path, render_path
+from .evaluate.matches import SceneMatches
+from .events import Reporter, StageSpan
+from .images import read_png, to_bytes, write_png
+from .settings import Layer, Settings
+from .splats import raster
+from .splats.gaussians import Gaussians
+from .splats.guides import ViewGuide
+from .splats.joint import JointPlan, JointTraining
+from .splats.layers import LayerPlan, fit_layer
+from .splats.ply import write_ply
+from .splats.renderer import SceneRenderer
+from .splats.targets import Background
+from .splats.trainer import Trainer, TrainingPlan, TrainingResult
+
+# A LUT's fit takes as long as applying it to so many views of 640 pixels.
+LUT_FIT_VIEWS = 100
+
+# What a reader of the report has to know of a mode.
+MODE_NOTES = {
+    "joint": {"curve": "the PSNR is against the enhanced held-out views, which the geometry was fitted to"},
+    "post": {
+        "layers": "the pictures and figures of a layer are of renderings that were enhanced one by one; its Gaussians "
+        "have the colours that fit these pictures best"
+    },
+}
+
+Image = NDArray[np.uint8]
+Picture = Callable[[int], Image]
+"""Index of a view to how a layer looks from there, (H, W, 3) sRGB."""
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A geometry with colours.
+
+    Attributes:
+        original: in the photographs' colours.
+        correspondences: between the views, by its depth; shared by all that compare views.
+        agreement: of the training views.
+        layers: whose colours came with the geometry.
+    """
+
+    original: Gaussians
+    correspondences: SceneCorrespondences
+    agreement: SceneAgreement
+    layers: dict[Layer, Gaussians] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Stages:
+    """What the stages after the capture have in common, and the stages."""
+
+    settings: Settings
+    folder: Path
+    reporter: Reporter
+    capture: Capture
+    split: Split
+    rasterizer: raster.Rasterizer
+    background: Background
+    scene: SceneRenderer
+
+    @classmethod
+    def of(
+        cls,
+        settings: Settings,
+        folder: Path,
+        reporter: Reporter,
+        capture: Capture,
+        split: Split,
+        rasterizer: raster.Rasterizer,
+    ) -> Stages:
+        """The stages of a run on `capture` whose files go into `folder`."""
+        background = Background.of(capture.views)
+        scene = SceneRenderer(rasterizer, capture.views, background)
+        return cls(settings, folder, reporter, capture, split, rasterizer, background, scene)
+
+    def enhance(self, enhancers: dict[Layer, Enhancer]) -> None:
+        """Write ``enhanced/<layer>/<view>.png`` for every view; the enhancers are fitted to the training views only.
+
+        A LUT is also written as ``layer.<layer>.cube``, for grading tools.
+        """
+        training = self._views(self.split.train)
+        costs = {layer: _fit_cost(enhancer) for layer, enhancer in enhancers.items()}
+        total, done = sum(costs.values()) + len(enhancers) * len(self.capture.views), 0
+        for layer, enhancer in enhancers.items():
+            fit_cost = costs[layer]
+            self.reporter.status("enhance", f"{layer.name}: fitting the enhancer")
+            span = StageSpan(
+                self.reporter, "enhance", done / total, (done + fit_cost) / total, f"{layer.name}: fitting"
+            )
+            enhancer.fit([view.image for view in training], span, alphas=[view.alpha for view in training])
+            if isinstance(enhancer, LutEnhancer) and enhancer.lut is not None:
+                cube = self.folder / f"layer.{layer.name}.cube"
+                enhancer.lut.export_cube(cube, strength=self.settings.strength, title=f"cvdgs {layer.name}")
+            done += fit_cost
+            for view in self.capture.views:
+                write_png(enhanced_path(self.folder, layer, view), to_bytes(enhancer(view.image)))
+                done += 1
+                self.reporter.progress("enhance", done / total, f"{layer.name}: {view.key}")
+
+    def train(self) -> tuple[TrainingResult, Reconstruction]:
+        """Fit the geometry; writes ``splats.ply`` in the photographs' colours."""
+        if self.settings.mode == "joint":
+            layer = self.settings.layers[0]
+            result = self._train_jointly(layer)
+            made = self.reconstruction(result.gaussians)
+            self.reporter.status("geometry", "fitting the photographs' colours")
+            original = self._fit_colors(made, self._views(self.split.train), self._guides(made.agreement))
+            made = replace(made, original=original, layers={layer: result.gaussians})
+        else:
+            result = self._train_on_photographs()
+            made = self.reconstruction(result.gaussians)
+        write_ply(self.folder / "splats.ply", made.original)
+        return result, made
+
+    def reconstruction(self, gaussians: Gaussians) -> Reconstruction:
+        """A geometry that is there already, with its views matched."""
+        correspondences = SceneCorrespondences(self.capture.views, lambda index: self.scene.depth(gaussians, index))
+        photographs = {i: self.capture.views[i].image for i in self.split.train}
+        return Reconstruction(gaussians, correspondences, SceneAgreement(correspondences, photographs))
+
+    def fit_layers(self, made: Reconstruction, enhancers: dict[Layer, Enhancer]) -> dict[Layer, Picture]:
+        """Make each layer's Gaussians; writes ``splats.<layer>.ply``. Returns how the layers look."""
+        pictures: dict[Layer, Picture] = {}
+        for done, (layer, enhancer) in enumerate(enhancers.items()):
+            message = f"{layer.name}: fitting colours"
+            self.reporter.status("layers", message)
+            span = StageSpan(self.reporter, "layers", done / len(enhancers), (done + 1) / len(enhancers), message)
+            gaussians = made.layers.get(layer) or self._fit_layer(made, layer, enhancer, span)
+            write_ply(self.folder / f"splats.{layer.name}.ply", gaussians)
+            pictures[layer] = self._picture(layer, gaussians)
+        return pictures
+
+    def evaluate(self, made: Reconstruction, pictures: dict[Layer, Picture]) -> dict[str, Any]:
+        """The report's figures; writes ``renders/``."""
+        evaluation = Evaluation(
+            self.capture, self.split, self.settings.simulation, self.scene, self.folder, self.reporter
+        )
+        matches = SceneMatches.find(made.correspondences)
+        figures = evaluation.run(made.original, pictures, matches)
+        figures["notes"] |= MODE_NOTES.get(self.settings.mode, {})
+        return figures
+
+    def _train_on_photographs(self) -> TrainingResult:
+        trainer = Trainer(
+            self.rasterizer,
+            self._views(self.split.train),
+            self._views(self.split.test),
+            self.capture.points,
+            self.capture.point_colors,
+            self._training_plan(),
+            self.background,
+            self.settings.seed,
+        )
+        return trainer.train(self.reporter)
+
+    def _train_jointly(self, layer: Layer) -> TrainingResult:
+        """Geometry and colours from the layer's enhanced views, every side in the same colours."""
+        training = JointTraining(
+            self.rasterizer,
+            self._views_from(enhanced_path, layer, self.split.train),
+            self._views_from(enhanced_path, layer, self.split.test),
+            replace(self._training_plan(), sh_degree=0),
+            JointPlan(),
+            self.background,
+            self.settings.seed,
+        )
+
+        def guides_of(geometry: Gaussians) -> Sequence[ViewGuide]:
+            return self._guides(self.reconstruction(geometry).agreement, training.views)
+
+        return training.train(self.capture.points, self.capture.point_colors, guides_of, self.reporter)
+
+    def _training_plan(self) -> TrainingPlan:
+        return TrainingPlan(
+            steps=self.settings.iterations,
+            limit=self.settings.gaussians,
+            sh_degree=self.settings.sh_degree,
+        )
+
+    def _fit_layer(self, made: Reconstruction, layer: Layer, enhancer: Enhancer, reporter: Reporter) -> Gaussians:
+        """The colours of a layer for a geometry that is there."""
+        train = self.split.train
+        if self.settings.mode == "post":
+            self._enhance_renderings(made.original, layer, enhancer)
+            # A rendering has its background in it.
+            views = [replace(view, alpha=None) for view in self._views_from(render_path, layer, train)]
+        else:
+            views = self._views_from(enhanced_path, layer, train)
+        guides = self._guides(made.agreement, views if self.settings.mode == "joint" else None)
+        return self._fit_colors(made, views, guides, partial(reporter.progress, "layers"))
+
+    def _fit_colors(
+        self,
+        made: Reconstruction,
+        views: Sequence[View],
+        guides: Sequence[ViewGuide],
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> Gaussians:
+        plan, seed = LayerPlan(), self.settings.seed
+        return fit_layer(self.rasterizer, made.original, views, plan, self.background, seed, progress, guides)
+
+    def _guides(self, agreement: SceneAgreement, enhanced: Sequence[View] | None = None) -> list[ViewGuide]:
+        """For each training view the weights of its pixels, and with `enhanced` training views their consensus."""
+        train = self.split.train
+        if enhanced is None:
+            return [ViewGuide(agreement.weights[i]) for i in train]
+        consensus = agreement.consensus(
+            {i: self.background.behind(view) for i, view in zip(train, enhanced, strict=True)}
+        )
+        return [ViewGuide(agreement.weights[i], consensus[i]) for i in train]
+
+    def _enhance_renderings(self, original: Gaussians, layer: Layer, enhancer: Enhancer) -> None:
+        """Write ``renders/<layer>/<view>.png`` for every view: the original colours' rendering, enhanced on its own."""
+        for index, view in enumerate(self.capture.views):
+            picture = to_bytes(enhancer(self.scene.color(original, index)))
+            write_png(render_path(self.folder, layer, view), picture)
+
+    def _picture(self, layer: Layer, gaussians: Gaussians) -> Picture:
+        if self.settings.mode == "post":
+            return lambda index: read_png(render_path(self.folder, layer, self.capture.views[index]))
+        return lambda index: self.scene.color(gaussians, index)
+
+    def _views(self, indices: Sequence[int]) -> list[View]:
+        return [self.capture.views[i] for i in indices]
+
+    def _views_from(
+        self, place: Callable[[Path, Layer, View], Path], layer: Layer, indices: Sequence[int]
+    ) -> list[View]:
+        """The views with the layer's images of `place` instead of the photographs."""
+        return [replace(view, image=read_png(place(self.folder, layer, view))) for view in self._views(indices)]
+
+
+def _fit_cost(enhancer: Enhancer) -> int:
+    """As how many applications to a view a fit counts for the progress."""
+    return LUT_FIT_VIEWS if isinstance(enhancer, LutEnhancer) else 1
