@@ -52,6 +52,12 @@ class SceneFrame:
         pose[:3, 3] = self.scale * (world_to_camera[:3, :3] @ self.origin + world_to_camera[:3, 3])
         return pose
 
+    def pose_to_world(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The inverse of `world_to_camera`."""
+        result = pose.copy()
+        result[:3, 3] = pose[:3, 3] / self.scale - pose[:3, :3] @ self.origin
+        return result
+
     def to_world(self, gaussians: Gaussians) -> Gaussians:
         """Gaussians of the frame in world units."""
         return replace(

@@ -98,10 +98,13 @@ def rotations(quaternions: torch.Tensor) -> torch.Tensor:
     return torch.eye(3, dtype=unit.dtype) + 2 * w * cross + 2 * cross @ cross
 
 
-def project(scene: Scene) -> dict[str, torch.Tensor]:
-    """Centres (N, 2), covariances (N, 2, 2), depths (N,), opacities (N,) and colours (N, 3), differentiable."""
+def project(scene: Scene, pose: torch.Tensor | None = None) -> dict[str, torch.Tensor]:
+    """Centres (N, 2), covariances (N, 2, 2), depths (N,), opacities (N,) and colours (N, 3), differentiable.
+
+    With a (4, 4) `pose` in place of the camera's also with respect to that.
+    """
     camera, leaves = scene.camera, scene.leaves
-    matrix = torch.from_numpy(np.asarray(camera.world_to_camera))
+    matrix = torch.from_numpy(np.asarray(camera.world_to_camera)) if pose is None else pose
     view = leaves["means"] @ matrix[:3, :3].T + matrix[:3, 3]
     x, y, z = view.unbind(1)
     centers = torch.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], 1)
@@ -114,7 +117,7 @@ def project(scene: Scene) -> dict[str, torch.Tensor]:
     ).view(-1, 2, 3)
     factor = jacobian @ matrix[:3, :3] @ rotations(leaves["quaternions"]) * leaves["log_scales"].exp()[:, None, :]
     covariances = factor @ factor.transpose(1, 2) + DILATION * torch.eye(2, dtype=z.dtype)
-    direction = leaves["means"] - torch.from_numpy(camera.center)
+    direction = leaves["means"] + matrix[:3, :3].T @ matrix[:3, 3]
     direction = direction / direction.norm(dim=1, keepdim=True)
     basis = harmonics(direction, leaves["sh"].shape[1])
     colors = (0.5 + torch.einsum("nk,nkc->nc", basis, leaves["sh"])).clamp(min=0.0)

@@ -1,0 +1,194 @@
+"""Camera poses that are a little off, corrected along with the scene by the gradient of the loss.
+
+A camera that moves is a scene that moves the other way: with the camera's pose W the loss depends on W x, so its
+gradient with respect to a small motion of the camera is that of moving all Gaussians together: sums over what the
+rasteriser returns for means and quaternions anyway. (How the colours of turned Gaussians depend on the direction stays
+as it is, so with colours of degree above 0 a small term is left out.)
+
+Poses that are good stay as they were: after a trial the corrections are thrown away unless they moved the image by more
+than what the noise of the optimisation moves it by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from ..capture.model import View
+from .raster import Gradients, ParameterSet, RasterCamera
+from .scene_frame import SceneFrame
+
+_BETA_1, _BETA_2 = 0.9, 0.99  # of the moving averages; a view is visited some hundred times
+_EPSILON = 1e-30
+_DEPTH = 1.0  # frame units from a camera to what it looks at: the unit is the cameras' distance from their middle
+
+
+@dataclass(frozen=True)
+class PosePlan:
+    """When and how fast poses move.
+
+    Attributes:
+        started: fraction of the run after which poses move; before that there is little to align to.
+        decided: fraction of the run after which it is decided whether they go on moving.
+        threshold: root mean square over the views of the corrections' motion in the image, in pixels; with less than
+            this the poses are put back where they were.
+        rate: step size, as an angle of view in radians.
+        rate_left: what is left of it at the end, reached exponentially.
+    """
+
+    started: float = 0.02
+    decided: float = 0.3
+    threshold: float = 0.5
+    rate: float = 1e-3
+    rate_left: float = 0.05
+
+    def rate_at(self, progress: float) -> float:
+        """The step size when the fraction `progress` of the run is done."""
+        return self.rate * self.rate_left ** min(max((progress - self.started) / (1.0 - self.started), 0.0), 1.0)
+
+
+def pose_gradient(
+    parameters: ParameterSet, gradients: Gradients, world_to_camera: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(6,) gradient of the loss with respect to a small motion of the camera: its translation and its rotation vector.
+
+    The motion M, in camera axes, changes the pose to M @ world_to_camera.
+    """
+    means, quaternions = parameters.means, parameters.quaternions
+    force = _product_sums(None, gradients.means)[0]
+    torque = _antisymmetric(_product_sums(means, gradients.means))
+    # A rotation by the small vector r turns the quaternion (w, v) into itself plus (-r v, w r + r x v) / 2.
+    turning = _product_sums(quaternions, gradients.quaternions)
+    torque += 0.5 * (turning[0, 1:] - turning[1:, 0] + _antisymmetric(turning[1:, 1:]))
+    rotation, translation = world_to_camera[:3, :3], world_to_camera[:3, 3]
+    center = -rotation.T @ translation
+    return np.concatenate([rotation @ force, rotation @ (torque - np.cross(center, force))])
+
+
+class PoseRefinement:
+    """The poses of all views, and their optimiser; as a whole they neither move nor grow, so the scene stays in place.
+
+    Args:
+        poses: (V, 4, 4) world-to-camera, rigid, in frame units.
+    """
+
+    def __init__(self, poses: Sequence[NDArray[np.float64]]) -> None:
+        self._given = np.stack(poses).astype(np.float64)
+        self._poses = self._given.copy()
+        self._extent = _extent(self._given)
+        self._first, self._second = np.zeros((len(poses), 6)), np.zeros(len(poses))
+        self._visits = np.zeros(len(poses), np.int64)
+        self.active = len(poses) > 1
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """(V, 4, 4) as they are now."""
+        return self._poses.copy()
+
+    def camera(self, view: int, camera: RasterCamera) -> RasterCamera:
+        """`camera` of `view`, at any resolution, where it is now."""
+        return replace(camera, world_to_camera=self._poses[view]) if self.active else camera
+
+    def step(
+        self, view: int, parameters: ParameterSet, gradients: Gradients, camera: RasterCamera, rate: float
+    ) -> None:
+        """Move the view's pose with step size `rate` (radians), given a backward pass of its image.
+
+        As Adam does, but with one second moment for all six coordinates, which are such that a unit of each moves the
+        image by about as much. So directions that hardly change the image, a turn around the scene above all, hardly
+        move; with a second moment each they would wander as fast as those that do.
+        """
+        if not self.active:
+            return
+        coordinates = _coordinates(camera)
+        slope = coordinates.T @ pose_gradient(parameters, gradients, self._poses[view])
+        if not np.isfinite(slope).all():
+            return
+        self._visits[view] += 1
+        self._first[view] += (1.0 - _BETA_1) * (slope - self._first[view])
+        self._second[view] += (1.0 - _BETA_2) * ((slope**2).mean() - self._second[view])
+        first = self._first[view] / (1.0 - _BETA_1 ** self._visits[view])
+        second = self._second[view] / (1.0 - _BETA_2 ** self._visits[view])
+        move = coordinates @ (-rate * first / (np.sqrt(second) + _EPSILON))
+        common = _in_world(move, self._poses[view]) / len(self._poses)
+        self._poses[view] = _motion(move) @ self._poses[view]
+        self._poses = self._poses @ _motion(-common)
+        self._poses[:, :3, 3] *= self._extent / _extent(self._poses)
+
+    def image_motion(self, cameras: Sequence[RasterCamera]) -> float:
+        """RMS over the views of how far the corrections have moved the middle of what is seen, in pixels."""
+        squares = []
+        for now, given, camera in zip(self._poses, self._given, cameras, strict=True):
+            seen = now @ np.linalg.inv(given) @ (0.0, 0.0, _DEPTH, 1.0)
+            squares.append((camera.fx * seen[0] / seen[2]) ** 2 + (camera.fy * seen[1] / seen[2]) ** 2)
+        return float(np.sqrt(np.mean(squares)))
+
+    def stop(self) -> None:
+        """Put every pose back to where it was given, for good."""
+        self._poses = self._given.copy()
+        self.active = False
+
+    def moved(self, views: Sequence[View], frame: SceneFrame) -> list[View]:
+        """`views` with their poses as they are now, in world units."""
+        if not self.active:
+            return list(views)
+        return [
+            replace(view, world_to_camera=frame.pose_to_world(pose))
+            for view, pose in zip(views, self._poses, strict=True)
+        ]
+
+
+def _extent(poses: NDArray[np.float64]) -> float:
+    """Root mean square distance of the cameras from their middle."""
+    centers = np.einsum("vji,vj->vi", poses[:, :3, :3], -poses[:, :3, 3])
+    return float(np.sqrt(centers.var(axis=0).sum())) or 1.0
+
+
+def _coordinates(camera: RasterCamera) -> NDArray[np.float64]:
+    """(6, 6) columns: motions (translation, rotation vector) in camera axes that move the image by about as much.
+
+    Turns about x, y and z through the camera's centre; moves along z; and swings about x and y through the scene, which
+    leave what is at its depth in place and show in the parallax alone.
+    """
+    # What is at the edge of the image moves by this share of what a turn of the camera about x or y moves everything.
+    lever = np.hypot(camera.width / camera.fx, camera.height / camera.fy) / np.sqrt(12.0)
+    columns = np.zeros((6, 6))
+    columns[3, 0] = columns[4, 1] = 1.0
+    columns[5, 2] = 1.0 / lever
+    columns[2, 3] = _DEPTH / lever
+    columns[3, 4], columns[1, 4] = 1.0, _DEPTH
+    columns[4, 5], columns[0, 5] = 1.0, -_DEPTH
+    return columns
+
+
+def _product_sums(first: wp.array | None, second: wp.array) -> NDArray[np.float64]:
+    """(A, B) sums over the rows of products of an (N, A) and an (N, B) array's columns; A = 1 of ones for None."""
+    right = wp.to_torch(second, requires_grad=False)
+    if first is None:
+        return right.sum(dim=0, keepdim=True).cpu().numpy().astype(np.float64)
+    left = wp.to_torch(first, requires_grad=False)
+    return (left.T @ right).cpu().numpy().astype(np.float64)
+
+
+def _antisymmetric(products: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The sum of cross products a x b from the (3, 3) sums of products of a's and b's components."""
+    return np.array([products[1, 2] - products[2, 1], products[2, 0] - products[0, 2], products[0, 1] - products[1, 0]])
+
+
+def _motion(twist: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(4, 4) rigid: turned by the rotation vector `twist[3:]`, then moved by `twist[:3]`."""
+    result = np.eye(4)
+    result[:3, :3] = Rotation.from_rotvec(twist[3:]).as_matrix()
+    result[:3, 3] = twist[:3]
+    return result
+
+
+def _in_world(twist: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The small motion of the world before `pose` that does what `twist` does after it, to first order."""
+    rotation, translation = pose[:3, :3], pose[:3, 3]
+    return np.concatenate([rotation.T @ (twist[:3] + np.cross(twist[3:], translation)), rotation.T @ twist[3:]])
