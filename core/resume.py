@@ -144,9 +144,12 @@ def _compare(given: Sequence[View], used: Sequence[View], folder: Path) -> None:
         _require(new.key == old.key, f"view '{new.key}' where the finished run has '{old.key}'", folder)
         sizes = [f"{view.camera.width}x{view.camera.height}" for view in (new, old)]
         _require(sizes[0] == sizes[1], f"view '{new.key}' is {sizes[0]}, in the finished run {sizes[1]}", folder)
-        intrinsics = [[view.camera.fx, view.camera.fy, view.camera.cx, view.camera.cy] for view in (new, old)]
-        same = np.allclose(*intrinsics, rtol=_POSE_TOLERANCE) and np.allclose(
-            new.world_to_camera, old.world_to_camera, rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE
+        lenses, poses = (
+            [[view.camera.fx, view.camera.fy, view.camera.cx, view.camera.cy] for view in (new, old)],
+            [view.world_to_camera for view in (new, old)],
+        )
+        same = all(
+            np.allclose(first, second, rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE) for first, second in (lenses, poses)
         )
         _require(same, f"view '{new.key}' has another camera than in the finished run", folder)
         _require(np.array_equal(new.image, old.image), f"photograph '{new.key}' has changed since the run", folder)

@@ -31,8 +31,8 @@ class AgreementSettings:
         neighbours: other views that each view is compared with.
         blur: pixels of the box over which photographs are averaged before they are compared, so that a texture that is
             matched half a pixel beside itself does not count as gloss.
-        drift_blur: pixels of the box over which the views' disagreement with the others is averaged: drift is smooth,
-            and the texture, which resampling softens, stays the view's own.
+        drift_blur: pixels of the box over which a view's disagreement with the others is averaged: drift is smooth, and
+            the texture, which resampling softens, stays the view's own.
         tolerance: difference of the photographs in units of the scene's median difference at which a weight is 1/2;
             noise, resampling and exposure, which are everywhere, stay below.
         least_tolerance: the same in [0, 1], for scenes that agree perfectly.
@@ -103,10 +103,11 @@ class SceneAgreement:
         known = np.isfinite(others[..., 0]).any(axis=0)
         drift = np.zeros_like(own)
         drift[known] = _median(np.concatenate([own[None, known], others[:, known]])) - own[known]
-        known = known.reshape(image.shape[:2])
-        correction = _mean_over(self._settings.drift_blur, drift.reshape(image.shape), known)
-        colors = np.clip(np.round(image + correction * known[..., None]), 0, 255).astype(np.uint8)
-        return Consensus(colors, np.where(known, self.weights[view], 0.0).astype(np.float32))
+        correction, near = _mean_over(
+            self._settings.drift_blur, drift.reshape(image.shape), known.reshape(image.shape[:2])
+        )
+        colors = np.clip(np.round(image + correction), 0, 255).astype(np.uint8)
+        return Consensus(colors, np.where(near, self.weights[view], 0.0).astype(np.float32))
 
     def _seen_by(self, images: Mapping[int, NDArray], view: int, other: int) -> NDArray[np.float32]:
         """(H * W, 3) colours of the view's pixels in another view, NaN where that does not see them."""
@@ -133,18 +134,31 @@ class SceneAgreement:
         return weights
 
     def _variation(self, smooth: Mapping[int, NDArray[np.float32]], view: int) -> NDArray[np.float32]:
-        """(H, W) median over the neighbours of the mean absolute difference of the channels, NaN where unknown."""
+        """(H, W) median over the neighbours of the mean absolute difference of the channels, NaN where unknown.
+
+        What a match one pixel beside the right one would explain is taken off: edges are not gloss.
+        """
         own = smooth[view].reshape(-1, 3)
         apart = np.stack(
             [np.abs(self._seen_by(smooth, view, other) - own).mean(axis=1) for other in self._neighbours[view]]
         )
-        return _median(apart).reshape(smooth[view].shape[:2])
+        down, right = np.gradient(smooth[view], axis=(0, 1))
+        slope = np.hypot(down, right).mean(axis=2)
+        return np.maximum(_median(apart).reshape(slope.shape) - slope, 0.0)
 
 
-def _mean_over(side: int, image: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """(H, W, 3) means over boxes of `side` pixels of what is known, 0 in boxes without; unknown pixels hold zeros."""
-    share = uniform_filter(known.astype(np.float32), side, mode="constant")[..., None]
-    return uniform_filter(image, (side, side, 0), mode="constant") / np.maximum(share, 0.5 / side**2)
+def _mean_over(
+    side: int, image: NDArray[np.float32], known: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """(H, W, 3) means over boxes of `side` pixels of what is known, and (H, W) whether a box has anything known.
+
+    Args:
+        image: (H, W, 3), zero where nothing is known.
+    """
+    share = uniform_filter(known.astype(np.float32), side, mode="constant")
+    near = share > 0.5 / side**2
+    means = uniform_filter(image, (side, side, 0), mode="constant") / np.where(near, share, 1.0)[..., None]
+    return np.where(near[..., None], means, 0.0), near
 
 
 def _median(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -30,8 +30,8 @@ class LayerPlan:
         multi_view_weight: λ_mv of the multi-view loss where a consensus of the views is given.
     """
 
-    epochs: int = 6
-    minimum_steps: int = 300
+    epochs: int = 3
+    minimum_steps: int = 150
     rate: float = 5e-2
     rate_decay: float = 0.05
     ssim_weight: float = 0.5

@@ -6,7 +6,8 @@ The consensus is the robust mean of what the neighbouring views show at the same
 views of Eq. 9 becomes one image a view that is made once, and a view that drifted far does not pull the others along.
 """
 
-# No `from __future__ import annotations`: Warp evaluates the annotations of kernels.
+# No `from __future__ import annotations`: Warp evaluates the annotations of kernels, which are values, not types.
+# mypy: disable-error-code="valid-type, misc, index"
 import warp as wp
 
 from ..consistency import Consensus

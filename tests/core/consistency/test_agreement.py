@@ -33,13 +33,14 @@ def drift(images: dict[int, np.ndarray], amounts: dict[int, int]) -> dict[int, n
     return {i: np.clip(image.astype(int) + amounts.get(i, 0), 0, 255).astype(np.uint8) for i, image in images.items()}
 
 
-def test_the_others_say_what_a_drifted_view_should_have_shown(rendered):
+@pytest.mark.parametrize("stride", [1, 3])
+def test_the_others_say_what_a_drifted_view_should_have_shown(rendered, stride):
     photographs = as_bytes(rendered[0])
-    consensus = SceneAgreement(matched(rendered), photographs).consensus(drift(photographs, {2: 40}))
+    consensus = SceneAgreement(matched(rendered, stride), photographs).consensus(drift(photographs, {2: 40}))
     said = consensus[2]
     known = said.weights > 0
     assert known.mean() > 0.7
-    assert np.abs(said.colors[known].astype(int) - photographs[2][known]).mean() < 1.5
+    assert np.abs(said.colors[known].astype(int) - photographs[2][known]).mean() < 2.0
     assert said.weights[known].mean() > 0.95
 
 
@@ -63,12 +64,12 @@ def test_where_no_other_view_sees_a_pixel_it_keeps_its_colour_without_weight(ren
     photographs = as_bytes(rendered[0])
     images, depths, alphas, _ = rendered
     alphas = [alpha.copy() for alpha in alphas]
-    alphas[2][:30] = 0.0
+    alphas[2][:36] = 0.0
     correspondences = matched((images, depths, alphas, None))
     said = SceneAgreement(correspondences, photographs).consensus(drift(photographs, {2: 40}))[2]
-    np.testing.assert_array_equal(said.colors[:29], drift(photographs, {2: 40})[2][:29])
-    assert (said.weights[:29] == 0).all()
-    assert said.weights[30:].max() > 0.9
+    np.testing.assert_array_equal(said.colors[:30], drift(photographs, {2: 40})[2][:30])
+    assert (said.weights[:30] == 0).all()
+    assert said.weights[40:].max() > 0.9
 
 
 @pytest.mark.parametrize("stride", [1, 3])
