@@ -10,10 +10,11 @@ from typing import NamedTuple
 from .raster import LearningRates
 
 MANY_VIEWS = 24
-"""Training views from which some can be kept aside for decisions: one in sixteen then costs the fit next to nothing."""
+"""Training views from which some can be kept aside for decisions: one in twelve then costs the fit little."""
 FEW_VIEWS = 8
 """Training views from which one can be kept aside where nothing else is held out."""
 _MOST_DECIDING = 6
+_ONE_IN = 12
 _LEAST_DOUBLINGS = 0.1  # of the number of Gaussians, for a gain to be ascribed to it
 
 
@@ -51,7 +52,7 @@ def assign_views(training: int, held_out: int) -> ViewRoles:
     """Deciding views for a capture of so many views: training views where there are enough, else held-out ones."""
     everything = list(range(training))
     if training >= MANY_VIEWS or (not held_out and training >= FEW_VIEWS):
-        count = min(max(training // 16, 1 if training < MANY_VIEWS else 2), _MOST_DECIDING)
+        count = min(max(training // _ONE_IN, 1 if training < MANY_VIEWS else 2), _MOST_DECIDING)
         aside = sorted({int((i + 0.5) * training / count) for i in range(count)})
         fitted = [i for i in everything if i not in aside]
         return ViewRoles(fitted, aside, False, f"{count} of {training} training views were kept aside to decide")
@@ -121,7 +122,7 @@ class StopRule:
     """
 
     every: float = 0.025
-    patience: float = 0.15
+    patience: float = 0.25
     least_gain: float = 0.02
 
     def due(self, step: int, steps: int) -> bool:
@@ -143,7 +144,7 @@ class HarmonicsRule:
 
     Attributes:
         highest: degree that is tried.
-        steps: share of the run's steps that a trial takes.
+        steps: share of the run's steps that a trial takes, and `fewest_steps` at least.
         degree_gain: dB that a degree has to bring: it makes every Gaussian larger by a half and more.
         base_rate, rest_rate: step sizes of the degree-0 and the higher coefficients at a trial's start.
         rates_decay: what is left of them at its end.
@@ -151,9 +152,10 @@ class HarmonicsRule:
 
     highest: int = 3
     steps: float = 0.06
+    fewest_steps: int = 150
     degree_gain: float = 0.25
     base_rate: float = 2e-3
-    rest_rate: float = 2e-3
+    rest_rate: float = 1e-2
     rates_decay: float = 0.1
 
     def rates(self, progress: float) -> LearningRates:

@@ -18,6 +18,8 @@ ERROR_PERCENTILE = 70.0
 ERROR_FLOOR = 0.02
 """Mean absolute difference of sRGB values (five of 255) that counts as fitted, whatever the percentile is."""
 
+_DARKEST = np.float32((1.0 / 512.0 - 0.5) / SH_C0)  # degree-0 coefficient of a colour just above black
+
 
 def gather_view_evidence(
     rasterizer: Rasterizer,
@@ -28,7 +30,7 @@ def gather_view_evidence(
     complete: bool,
     reduction: int = 1,
 ) -> ViewEvidence:
-    """Renders every view twice and goes backward once: blend weights are what the colours' gradient is made of.
+    """Renders every view and goes backward once: blend weights are what the colours' gradient is made of.
 
     dL/d(colour of k) is the sum over the pixels of w_jk dL/d(pixel j). So with "dL/d(pixel)" 1 in one channel and the
     error in another, one backward pass gives both sums.
@@ -37,13 +39,13 @@ def gather_view_evidence(
         complete: whether `views` are all training views.
         reduction: level of the views that is compared. Sums are in pixels of the full images.
     """
-    # Mid-grey, since the gradient of a channel is cut where the colour is clipped at black.
-    grey = replace(parameters, sh=wp.zeros(parameters.sh.shape, dtype=wp.float32, device=parameters.device))
+    shown, weighed = _without_black(parameters)
     means = parameters.means.numpy()
     total = ViewEvidenceSum(len(parameters))
     for view in views:
         image, camera = view.at(reduction)
-        color = rasterizer.render(parameters, camera, background.color).color.numpy()
+        frame = rasterizer.render(shown, camera, background.color)
+        color = frame.color.numpy()
         error = np.nan_to_num(np.abs(color - image.numpy() * np.float32(1.0 / 255.0)).mean(axis=2))
         threshold = max(float(np.percentile(error, ERROR_PERCENTILE)), ERROR_FLOOR)
         asked = wp.array(
@@ -51,10 +53,26 @@ def gather_view_evidence(
             dtype=wp.float32,
             device=rasterizer.device,
         )
-        frame = rasterizer.render(grey, camera, background.color)
+        if weighed is not shown:
+            frame = rasterizer.render(weighed, camera, background.color)
         sums = rasterizer.backward(frame, grad_color=asked, colors_only=True).sh.numpy()[:, 0]
         full_image, _ = view.at(1)
         pixels = np.float32(full_image.size / image.size / SH_C0)
         distance = np.linalg.norm(means - camera.center.astype(np.float32), axis=1)
         total.add(sums[:, 0] * pixels, sums[:, 1] * pixels, threshold, distance)
     return total.evidence(complete)
+
+
+def _without_black(parameters: ParameterSet) -> tuple[ParameterSet, ParameterSet]:
+    """What to compare with the photographs, and what to weigh; the same where that is possible.
+
+    The gradient of a channel is cut where the colour is clipped at black, and then no weight is known. Degree 0 is
+    lifted from black by less than a byte's step; a colour that changes with the view is weighed in grey.
+    """
+    sh = parameters.sh.numpy()
+    if parameters.sh_count > 1:
+        grey = wp.zeros(parameters.sh.shape, dtype=wp.float32, device=parameters.device)
+        return parameters, replace(parameters, sh=grey)
+    lifted = wp.array(np.maximum(sh, _DARKEST), dtype=wp.float32, device=parameters.device)
+    shown = replace(parameters, sh=lifted)
+    return shown, shown

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from .corrections import ViewCorrection
+from .exposure import estimate_log_gains
 from .gaussians import Gaussians
 from .raster import Adam, LearningRates, ParameterSet, Rasterizer
 from .strategy import Refinement
@@ -54,7 +56,15 @@ class Fit:
         self._adam = Adam(self.parameters)
         self._clear_gradients()
 
-    def step(self, view: TrainingView, reduction: int, rates: LearningRates, *, gather_gradient: bool = False) -> None:
+    def step(
+        self,
+        view: TrainingView,
+        reduction: int,
+        rates: LearningRates,
+        *,
+        gather_gradient: bool = False,
+        correction: ViewCorrection | None = None,
+    ) -> None:
         """Render a view, measure the loss, go backward, move the parameters.
 
         A loss that is not finite ends the step there, and what is broken is removed; a Gaussian whose gradient is not
@@ -63,17 +73,26 @@ class Fit:
         Args:
             reduction: level of the view.
             gather_gradient: add the screen-space gradients to those for `mean_gradient`.
+            correction: of the view's exposure and pose, which moves along.
         """
         self._steps += 1
         image, camera = view.at(reduction)
+        if correction is not None:
+            camera = correction.camera(camera)
         frame = self._rasterizer.render(self.parameters, camera, self._background.color)
         self.work += frame.intersections
+        if correction is not None:
+            correction.before_loss(frame)
         loss = self._rasterizer.photometric_loss(frame, image, self._ssim_weight)
         if not math.isfinite(loss.total):
             self.skipped += 1
             self._remove_broken()
             return
+        if correction is not None:
+            correction.after_loss(frame)
         gradients = self._rasterizer.backward(frame, absolute=gather_gradient)
+        if correction is not None:
+            correction.after_backward(self.parameters, gradients, camera)
         self._adam.step(self._rasterizer, self.parameters, gradients, rates)
         visible = None
         if not self._rasterizer.device.is_cuda or self._steps % _CHECK_EVERY_CUDA == 0:
@@ -109,14 +128,21 @@ class Fit:
         chosen = Gaussians(**{name: value[index] for name, value in vars(old).items()})
         self.apply(Refinement(chosen, index, np.zeros(len(index), bool)))
 
-    def psnr(self, views: Sequence[TrainingView]) -> float:
-        """Mean PSNR over the views at full resolution, dB."""
-        return float(np.mean([self._psnr(view) for view in views]))
+    def psnr(self, views: Sequence[TrainingView], *, any_exposure: bool = False) -> float:
+        """Mean PSNR over the views at full resolution, dB.
 
-    def _psnr(self, view: TrainingView) -> float:
+        Args:
+            any_exposure: give each rendering the three gains first that take it to its photograph's exposure.
+        """
+        return float(np.mean([self._psnr(view, any_exposure) for view in views]))
+
+    def _psnr(self, view: TrainingView, any_exposure: bool) -> float:
         image, camera = view.at(1)
-        color = self._rasterizer.render(self.parameters, camera, self._background.color).color.numpy()
-        error = (np.clip(np.nan_to_num(color), 0.0, 1.0) - image.numpy().astype(np.float32) / 255.0) ** 2
+        color = np.nan_to_num(self._rasterizer.render(self.parameters, camera, self._background.color).color.numpy())
+        photograph = image.numpy().astype(np.float32) / 255.0
+        if any_exposure:
+            color = color * np.exp(estimate_log_gains(color, photograph)).astype(np.float32)
+        error = (np.clip(color, 0.0, 1.0) - photograph) ** 2
         return float(-10.0 * np.log10(max(error.mean(), 1e-12)))
 
     def _clear_gradients(self) -> None:

@@ -10,8 +10,8 @@ from .fitting import Fit
 from .gaussians import Gaussians
 from .plan import TrainingPlan
 
-# Fewer Gaussians are worth more than so little; without it noise alone would send a run back.
-_WORTH_GOING_BACK = 0.05  # dB
+# A few deciding views scatter by so much from one measurement to the next; less is no reason to go back.
+_WORTH_GOING_BACK = 0.15  # dB
 
 
 @dataclass

@@ -5,9 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .decisions import GrowthRule, HarmonicsRule, StopRule
+from .exposure import ExposurePlan
 from .gaussians import Gaussians
 from .initialise import InitialGaussians
+from .poses import PosePlan
 from .raster import LearningRates
 from .strategy import Strategy
 
@@ -31,6 +36,9 @@ class TrainingPlan:
         growth: when there are enough Gaussians.
         stopping: when there were enough steps; None runs them all.
         harmonics: when a higher SH degree pays.
+        exposure: how photographs that differ in exposure or white balance are corrected; None leaves them.
+        poses: how poses that are off are corrected; None leaves them. No views are kept aside to decide in a run
+            with this, because theirs are not corrected.
         curve_points: how often held-out views are measured.
         curve_views: at most so many of them each time.
     """
@@ -52,6 +60,8 @@ class TrainingPlan:
     growth: GrowthRule = field(default_factory=GrowthRule)
     stopping: StopRule | None = field(default_factory=StopRule)
     harmonics: HarmonicsRule = field(default_factory=HarmonicsRule)
+    exposure: ExposurePlan | None = field(default_factory=ExposurePlan)
+    poses: PosePlan | None = None
     curve_points: int = 10
     curve_views: int = 6
 
@@ -63,11 +73,15 @@ class TrainingResult:
     Attributes:
         gaussians: in world units.
         curve: one entry a measurement: step, seconds, psnr (held-out, dB; None without such views), gaussians, and
-            deciding_psnr where other views than the held-out ones decide. The last entry is that of `gaussians`.
+            deciding_psnr where other views than the held-out ones decide, and psnr_any_exposure (held-out, each
+            rendering with its photograph's exposure) where exposures were corrected. The last entry is that of
+            `gaussians`.
         seconds: of the loop and its preparation, without the measurements for the curve.
         initial: Gaussians at the start.
-        decision: in plain words, what was decided by itself and why: views, strategy, gaussians, steps, sh_degree.
+        decision: in plain words, what was decided by itself and why: views, strategy, gaussians, steps, sh_degree,
+            exposure, poses.
         skipped: steps that were left out, in whole or for some Gaussians, because a number was not finite.
+        moved_poses: (4, 4) world-to-camera by view key, of the views whose poses were corrected.
     """
 
     gaussians: Gaussians
@@ -76,3 +90,4 @@ class TrainingResult:
     initial: int
     decision: dict[str, Any] = field(default_factory=dict)
     skipped: int = 0
+    moved_poses: dict[str, NDArray[np.float64]] = field(default_factory=dict)

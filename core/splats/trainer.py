@@ -66,7 +66,7 @@ class Trainer:
         self._course = Course(plan, self._strategy.schedule)
         initial = plan.initial.make(fitted, points, colors, self._frame, self._rng, self._limit)
         self._initial = len(initial)
-        self._fit = Fit(rasterizer, with_sh_degree(initial, plan.sh_degree or 0), background, plan.ssim_weight)
+        self.fit = Fit(rasterizer, with_sh_degree(initial, plan.sh_degree or 0), background, plan.ssim_weight)
         self._order: list[int] = []
         self._curve: list[dict[str, float | None]] = []
         self._decided = Outcome(self._roles.reason, type(self._strategy).__name__)
@@ -103,18 +103,18 @@ class Trainer:
                 psnr = self._show(step)
             if step % _PROGRESS_EVERY == 0:
                 quality = f", {psnr:.1f} dB" if psnr is not None else ""
-                reporter.progress(STAGE, step / course.steps, f"{len(self._fit):,} Gaussians{quality}")
+                reporter.progress(STAGE, step / course.steps, f"{len(self.fit):,} Gaussians{quality}")
         self._finish(step)
-        reporter.progress(STAGE, 1.0, f"{len(self._fit):,} Gaussians")
-        if self._fit.skipped:
+        reporter.progress(STAGE, 1.0, f"{len(self.fit):,} Gaussians")
+        if self.fit.skipped:
             reporter.warning(
                 "skipped-steps",
-                f"{self._fit.skipped} of {step} steps met numbers that are not finite and were left out, in whole or "
+                f"{self.fit.skipped} of {step} steps met numbers that are not finite and were left out, in whole or "
                 "for the Gaussians concerned",
             )
-        gaussians = self._frame.to_world(self._fit.parameters.to_gaussians())
-        decision = self._decided.in_words(plan, step, self._initial, self._fit)
-        return TrainingResult(gaussians, self._curve, self._seconds, self._initial, decision, self._fit.skipped)
+        gaussians = self._frame.to_world(self.fit.parameters.to_gaussians())
+        decision = self._decided.in_words(plan, step, self._initial, self.fit)
+        return TrainingResult(gaussians, self._curve, self._seconds, self._initial, decision, self.fit.skipped)
 
     @property
     def _seconds(self) -> float:
@@ -124,12 +124,12 @@ class Trainer:
         """One optimisation step of the run, on the next view."""
         every, rates = self._strategy.gradient_every, self._course.rates(step)
         gather = every > 0 and step % every == 0 and self._course.growing(step)
-        self._fit.step(self._next_target(), self._course.reduction(step), rates, gather_gradient=gather)
+        self.fit.step(self._next_target(), self._course.reduction(step), rates, gather_gradient=gather)
         if self._course.growing(step):
-            gaussians = Gaussians(**self._fit.parameters.numpy())
+            gaussians = Gaussians(**self.fit.parameters.numpy())
             moved = self._strategy.disturb(gaussians, step, self._plan.steps, rates.means, self._rng)
             if moved is not None:
-                self._fit.put(moved)
+                self.fit.put(moved)
 
     def _next_target(self) -> TrainingView:
         if not self._order:
@@ -146,9 +146,9 @@ class Trainer:
                 self._decided.growth = verdict
                 return
         budget = strategy.schedule.budget(step, plan.steps, self._initial, self._limit)
-        evidence = Evidence(self._fit.mean_gradient, self._ask_views(step))
-        gaussians = self._fit.parameters.to_gaussians()
-        self._fit.apply(strategy.refine(gaussians, evidence, budget, self._rng))
+        evidence = Evidence(self.fit.mean_gradient, self._ask_views(step))
+        gaussians = self.fit.parameters.to_gaussians()
+        self.fit.apply(strategy.refine(gaussians, evidence, budget, self._rng))
 
     def _ask_views(self, step: int) -> ViewEvidence | None:
         available = len(self._targets)
@@ -163,7 +163,7 @@ class Trainer:
     def _evidence(self, views: Sequence[TrainingView], reduction: int) -> ViewEvidence:
         return gather_view_evidence(
             self._rasterizer,
-            self._fit.parameters,
+            self.fit.parameters,
             views,
             self._background,
             complete=len(views) == len(self._targets),
@@ -183,18 +183,18 @@ class Trainer:
 
     def _measure(self, step: int) -> Measurement:
         """What the deciding views say; keeps the Gaussians when they are the best so far."""
-        measurement = Measurement(step, len(self._fit), self._fit.psnr(self._deciding), self._fit.work)
-        self._decided.keep_if_best(measurement, self._fit)
+        measurement = Measurement(step, len(self.fit), self.fit.psnr(self._deciding), self.fit.work)
+        self._decided.keep_if_best(measurement, self.fit)
         return measurement
 
     def _finish(self, step: int) -> None:
         """Go back to the best Gaussians, try higher degrees, remove what no view shows; ends the curve."""
         if self._deciding and self._plan.stopping is not None:
-            self._decided.return_to_best(self._measure(step), self._fit)
+            self._decided.return_to_best(self._measure(step), self.fit)
         if self._plan.sh_degree is None:
             self._choose_degree()
         views = self._evidence(self._targets, self._course.coarsest)
-        self._fit.keep(~unseen(views) & ~floaters(views))
+        self.fit.keep(~unseen(views) & ~floaters(views))
         self._show(step)
 
     def _choose_degree(self) -> None:
@@ -202,30 +202,34 @@ class Trainer:
         rule = self._plan.harmonics
         if not self._deciding:
             return
-        psnr = self._fit.psnr(self._deciding)
+        start = chosen = self.fit.parameters.to_gaussians()
+        before = self._try_degree(start, 0)
         for degree in range(1, rule.highest + 1):
-            before = self._fit.parameters.to_gaussians()
-            self._fit.restart(with_sh_degree(before, degree))
-            steps = max(round(rule.steps * self._plan.steps), 1)
-            for number in range(steps):
-                self._fit.step(self._next_target(), 1, rule.rates(number / steps))
-            gain = self._fit.psnr(self._deciding) - psnr
-            if gain < rule.degree_gain:
-                self._fit.restart(before)
-                self._decided.degree = (
-                    f"degree {degree} gained {gain:.2f} dB in a trial, less than {rule.degree_gain:g}"
-                )
+            after = self._try_degree(start, degree)
+            words = f"degree {degree} gained {after - before:.2f} dB in a trial"
+            if after - before < rule.degree_gain:
+                self.fit.restart(chosen)
+                self._decided.degree = f"{words}, less than {rule.degree_gain:g}"
                 return
-            psnr += gain
-            self._decided.degree = f"degree {degree} gained {gain:.2f} dB"
+            self._decided.degree = words
+            before, chosen = after, self.fit.parameters.to_gaussians()
+
+    def _try_degree(self, start: Gaussians, degree: int) -> float:
+        """PSNR of the deciding views after a trial of the colours: always from the same start and equally long."""
+        rule = self._plan.harmonics
+        self.fit.restart(with_sh_degree(start, degree))
+        steps = max(round(rule.steps * self._plan.steps), rule.fewest_steps)
+        for number in range(steps):
+            self.fit.step(self._next_target(), 1, rule.rates(number / steps))
+        return self.fit.psnr(self._deciding)
 
     def _show(self, step: int) -> float | None:
         """Append to the curve; returns the held-out PSNR."""
         started = time.perf_counter()
-        psnr = self._fit.psnr(self._held_out) if self._held_out else None
-        entry = {"step": step, "psnr": psnr, "gaussians": len(self._fit)}
+        psnr = self.fit.psnr(self._held_out) if self._held_out else None
+        entry = {"step": step, "psnr": psnr, "gaussians": len(self.fit)}
         if self._roles.kept_aside:
-            entry["deciding_psnr"] = self._fit.psnr(self._deciding)
+            entry["deciding_psnr"] = self.fit.psnr(self._deciding)
         self._measuring += time.perf_counter() - started
         self._curve.append({**entry, "seconds": round(self._seconds, 2)})
         return psnr

@@ -29,7 +29,7 @@ class CloneSplitPrune:
         gradient_every: steps between the gradients that are gathered; those from absolute values take a third longer.
     """
 
-    schedule: Schedule = field(default_factory=lambda: Schedule(start=0.06, stop=0.6, rounds=25))
+    schedule: Schedule = field(default_factory=lambda: Schedule(0.06, 0.6, rounds=25))
     gradient_threshold: float = 4e-4
     small: float = 0.01
     split_shrink: float = 1.6

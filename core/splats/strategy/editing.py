@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from ..gaussians import Gaussians
 
-Floats = NDArray[np.float32]
-
 # A Gaussian of unit variance is divided along its longest axis into two at ± this that keep mean and variance.
 DIVISION_OFFSET = 0.7
 DIVISION_SHRINK = float(np.sqrt(1.0 - DIVISION_OFFSET**2))
@@ -33,7 +31,7 @@ def finite(gaussians: Gaussians) -> NDArray[np.bool_]:
     return np.logical_and.reduce([np.isfinite(part).reshape(len(gaussians), -1).all(axis=1) for part in parts])
 
 
-def rotate(quaternions: Floats, vectors: Floats) -> Floats:
+def rotate(quaternions: NDArray[np.floating], vectors: NDArray[np.floating]) -> NDArray[np.floating]:
     """(N, 3) vectors turned by (N, 4) wxyz quaternions of any length but zero."""
     unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
     w, axis = unit[:, :1], unit[:, 1:]
@@ -50,8 +48,10 @@ def divide(gaussians: Gaussians) -> tuple[Gaussians, Gaussians]:
     offset = rotate(gaussians.quaternions, offset).astype(np.float32)
     log_scales = gaussians.log_scales.copy()
     log_scales[rows, longest] += np.float32(np.log(DIVISION_SHRINK))
-    first, second = (replace(gaussians, means=gaussians.means + o, log_scales=log_scales) for o in (offset, -offset))
-    return first, second
+    return (
+        replace(gaussians, means=gaussians.means + offset, log_scales=log_scales),
+        replace(gaussians, means=gaussians.means - offset, log_scales=log_scales),
+    )
 
 
 def concatenate(*sets: Gaussians) -> Gaussians:
@@ -65,7 +65,7 @@ def concatenate(*sets: Gaussians) -> Gaussians:
     )
 
 
-def covariance_product(gaussians: Gaussians, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def covariance_product(gaussians: Gaussians, vectors: NDArray[np.floating]) -> NDArray[np.floating]:
     """(N, 3) vectors multiplied by the Gaussians' covariances R S² Rᵀ."""
     conjugate = gaussians.quaternions * np.array([1.0, -1.0, -1.0, -1.0], np.float32)
     local = rotate(conjugate, vectors) * np.exp(2.0 * gaussians.log_scales.astype(np.float64))

@@ -34,16 +34,17 @@ class Schedule:
 
     Attributes:
         start, stop: between which Gaussians are added.
-        rounds: how often.
+        rounds: how often, but not more often than every `shortest` steps.
     """
 
     start: float
     stop: float
     rounds: int
+    shortest: int = 1
 
     def every(self, steps: int) -> int:
         """Steps between two rounds."""
-        return max(math.ceil((round(self.stop * steps) - round(self.start * steps)) / self.rounds), 1)
+        return max(math.ceil((round(self.stop * steps) - round(self.start * steps)) / self.rounds), self.shortest)
 
     def due(self, step: int, steps: int) -> bool:
         """Whether to refine after `step` of `steps`."""

@@ -24,7 +24,7 @@ class MultiViewConsistent:
     perfect view asks for nothing; two views are enough; everything is in fractions of the run.
 
     Attributes:
-        schedule: when.
+        schedule: when; a round costs as much as a dozen steps.
         sample: training views asked in a round; in large captures `sample_share` of them.
         census_every: every so many rounds all views are asked, and what none of them needs is removed.
         agreeing: so many views have to complain about a Gaussian before it is divided; all, where there are fewer.
@@ -34,7 +34,7 @@ class MultiViewConsistent:
         gradient_every: 0, they are not needed, which saves a third of the backward pass.
     """
 
-    schedule: Schedule = field(default_factory=lambda: Schedule(start=0.06, stop=0.6, rounds=12))
+    schedule: Schedule = field(default_factory=lambda: Schedule(0.06, 0.6, rounds=12, shortest=60))
     sample: int = 10
     sample_share: float = 0.125
     census_every: int = 4

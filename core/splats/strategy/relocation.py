@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussians import Gaussians
-from .editing import Floats, concatenate, covariance_product, finite, take
-from .evidence import Evidence
+from .editing import concatenate, covariance_product, finite, take
+from .evidence import Evidence, Floats
 from .model import Refinement, Schedule
 
 _MOST_COPIES = 32  # at one place; the alternating sum of the correction loses its digits beyond
@@ -36,10 +36,11 @@ class Relocation:
         opacity_decay, scale_decay: what is left of an opacity and of a standard deviation after a whole run, were there
             no photograph to hold it. They take the place of the paper's penalties, whose weight against the loss would
             depend on the number of Gaussians.
+        shortest: a run of fewer steps decays as one of so many does.
         gradient_every: 0, they are not needed.
     """
 
-    schedule: Schedule = field(default_factory=lambda: Schedule(start=0.04, stop=0.75, rounds=30))
+    schedule: Schedule = field(default_factory=lambda: Schedule(0.04, 0.75, rounds=30, shortest=50))
     growth: float = 0.08
     dead_opacity: float = 0.005
     noise: float = 1.25e5
@@ -47,11 +48,14 @@ class Relocation:
     disturb_every: int = 10
     opacity_decay: float = 1e-3
     scale_decay: float = 0.3
+    shortest: int = 1000
+    sample: int = 10
+    error_share: float = 0.8
     gradient_every: int = 0
 
     def views_wanted(self, step: int, steps: int, available: int) -> int:
-        """None: opacity says what is alive."""
-        return 0
+        """A sample, of which the error says where Gaussians are wanted."""
+        return min(self.sample, available)
 
     def refine(self, gaussians: Gaussians, evidence: Evidence, budget: int, rng: np.random.Generator) -> Refinement:
         """Move the dead to the living, drawn in proportion to their opacity, and add as many as `growth` says."""
@@ -64,7 +68,7 @@ class Relocation:
         dead = len(gaussians) - len(alive)
         room = max(budget - len(gaussians), 0)
         copies = dead + min(round(self.growth * len(gaussians)), room)
-        chance = opacity[alive].astype(np.float64)
+        chance = self._chances(opacity[alive], alive, evidence)
         chosen = rng.choice(alive, copies, p=chance / chance.sum())
         times = 1 + np.bincount(chosen, minlength=len(gaussians))
         corrected = _shared_among(take(gaussians, alive), times[alive])
@@ -74,13 +78,21 @@ class Relocation:
         fresh = np.concatenate([times[alive] > 1, np.ones(copies, bool)])
         return Refinement(concatenate(corrected, take(corrected, place[chosen])), source, fresh)
 
+    def _chances(self, opacity: Floats, alive: NDArray[np.int64], evidence: Evidence) -> NDArray[np.float64]:
+        """For each that is `alive`, to be drawn: by opacity as in the paper, and by error where that is known."""
+        chance = opacity.astype(np.float64) / opacity.sum()
+        blame = evidence.views.blame[alive].astype(np.float64) if evidence.views is not None else np.zeros(1)
+        if blame.any():
+            chance = (1.0 - self.error_share) * chance + self.error_share * blame / blame.sum()
+        return chance
+
     def disturb(
         self, gaussians: Gaussians, step: int, steps: int, means_rate: float, rng: np.random.Generator
     ) -> Gaussians | None:
         """Noise and decay, every `disturb_every` steps until the schedule stops."""
         if step % self.disturb_every or not self.schedule.growing(step, steps):
             return None
-        share = self.disturb_every / steps
+        share = self.disturb_every / max(steps, self.shortest)
         opacity = gaussians.opacities.astype(np.float64)
         wandering = 1.0 / (1.0 + np.exp(np.clip(self.noise_sharpness * (opacity - self.dead_opacity), -50.0, 50.0)))
         # A random walk's length goes with the root of its steps.

@@ -6,16 +6,7 @@ import pytest
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.core.splats.strategy import CloneSplitPrune, Evidence
 
-
-def gaussians(count: int, size: float = 0.001, opacity_logit: float = 2.0) -> Gaussians:
-    rng = np.random.default_rng(0)
-    return Gaussians(
-        means=rng.standard_normal((count, 3)).astype(np.float32),
-        log_scales=np.full((count, 3), np.log(size), np.float32),
-        quaternions=rng.standard_normal((count, 4)).astype(np.float32),
-        opacity_logits=np.full(count, opacity_logit, np.float32),
-        sh=rng.standard_normal((count, 1, 3)).astype(np.float32),
-    )
+from .sets import gaussians
 
 
 def refine(old: Gaussians, gradient, budget: int = 10**6):

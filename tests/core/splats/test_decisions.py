@@ -1,0 +1,92 @@
+"""How many Gaussians, steps and views a run takes: the rules, on curves that are known."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cvdgs.core.splats.course import Course
+from cvdgs.core.splats.decisions import GrowthRule, Measurement, StopRule, assign_views
+from cvdgs.core.splats.plan import TrainingPlan
+from cvdgs.core.splats.strategy import Schedule
+
+
+def rounds(counts, psnr):
+    """Measurements whose work is the sum of the counts so far."""
+    work = np.cumsum(counts)
+    return [Measurement(i, n, p, int(w)) for i, (n, p, w) in enumerate(zip(counts, psnr, work, strict=True))]
+
+
+def test_growth_goes_on_while_a_doubling_brings_enough():
+    counts = [1000 * 2**i for i in range(6)]
+    assert GrowthRule().verdict(rounds(counts, [20.0, 22.0, 24.0, 25.5, 26.5, 27.5])) is None
+
+
+def test_growth_ends_when_a_doubling_brings_too_little_and_says_so():
+    counts = [1000 * 2**i for i in range(6)]
+    verdict = GrowthRule(doubling_gain=0.4).verdict(rounds(counts, [20.0, 22.0, 24.0, 24.2, 24.4, 24.6]))
+    assert verdict == "a doubling brought 0.20 dB, less than 0.4"
+
+
+def test_growth_ends_when_time_brings_too_little_though_the_number_hardly_changes():
+    verdict = GrowthRule().verdict(rounds([1000, 1010, 1020, 1030, 1040, 1050], [24.0] * 6))
+    assert "time" in verdict
+
+
+def test_growth_is_not_judged_by_its_first_rounds():
+    assert GrowthRule(window=3).verdict(rounds([1000, 2000, 4000], [24.0, 24.0, 24.0])) is None
+
+
+@given(st.lists(st.floats(5, 40), min_size=5, max_size=12))
+def test_views_that_get_worse_always_end_growth(psnr):
+    falling = sorted(psnr, reverse=True)
+    assert GrowthRule().verdict(rounds([1000 * 2**i for i in range(len(psnr))], falling)) is not None
+
+
+def test_a_run_goes_on_while_it_gains_and_ends_after_its_patience():
+    rule = StopRule(patience=0.15, least_gain=0.02)
+    rising = [Measurement(step, 1, 20.0 + step / 1000, 1) for step in range(25, 1001, 25)]
+    assert not rule.enough(rising, 1000)
+    flat = [*rising, *(Measurement(1000 + step, 1, 21.0, 1) for step in range(25, 126, 25))]
+    assert not rule.enough(flat, 1000)
+    assert rule.enough([*flat, Measurement(1150, 1, 21.0, 1)], 1000)
+    assert not rule.enough([], 1000)
+
+
+@given(st.integers(1, 500), st.integers(0, 100))
+def test_every_view_is_fitted_or_decides_and_enough_are_fitted(training, held_out):
+    roles = assign_views(training, held_out)
+    assert sorted(roles.fitted + roles.kept_aside) == list(range(training))
+    assert len(roles.fitted) >= max(1, 0.85 * training)
+    assert not (roles.kept_aside and roles.held_out_decide)
+
+
+@pytest.mark.parametrize(
+    ("training", "held_out", "aside", "judges_decide"),
+    [(43, 7, 3, False), (200, 20, 6, False), (9, 2, 0, True), (9, 0, 1, False), (3, 0, 0, False), (24, 0, 2, False)],
+)
+def test_the_views_that_judge_decide_only_where_too_few_others_are_there(training, held_out, aside, judges_decide):
+    roles = assign_views(training, held_out)
+    assert (len(roles.kept_aside), roles.held_out_decide) == (aside, judges_decide)
+    assert ("flattering" in roles.reason) == judges_decide
+
+
+def test_when_growth_ends_early_the_rest_keeps_its_proportion_and_reaches_the_smallest_steps():
+    plan = TrainingPlan(steps=1000)
+    course, whole = (Course(plan, Schedule(0.1, 0.5, 10)) for _ in range(2))
+    course.end_growth(300)
+    assert course.steps == 600
+    assert course.rates(300) == whole.rates(300)
+    for ended, planned in zip(vars(course.rates(600)).values(), vars(whole.rates(1000)).values(), strict=True):
+        assert ended == pytest.approx(planned)
+    assert not course.growing(301)
+    assert not any(course.due(step) for step in range(301, 1001))
+
+
+@given(st.integers(1, 5000), st.integers(1, 5000))
+def test_a_course_never_gets_longer_and_step_sizes_never_rise(steps, grown):
+    course = Course(TrainingPlan(steps=steps), Schedule(0.1, 0.6, 10))
+    course.end_growth(min(grown, steps))
+    assert course.steps <= steps
+    sizes = [course.rates(step).means for step in range(min(grown, steps), course.steps + 1)]
+    assert sizes == sorted(sizes, reverse=True)
