@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..capture.model import View
 from ..events import Reporter
+from .corrections import ViewCorrections
 from .course import Course
 from .decisions import Measurement, assign_views, fit_all
 from .evidence import gather_view_evidence
@@ -17,10 +18,10 @@ from .fitting import Fit
 from .gaussians import Gaussians
 from .outcome import Outcome
 from .plan import TrainingPlan, TrainingResult
-from .raster import Rasterizer
+from .raster import LearningRates, Rasterizer
 from .scene_frame import SceneFrame
 from .strategy import Evidence, MultiViewConsistent, Relocation, Strategy, ViewEvidence, floaters, unseen
-from .targets import Background, TrainingView, prepare_targets
+from .targets import Background, prepare_targets
 
 __all__ = ["STAGE", "Trainer", "TrainingPlan", "TrainingResult"]
 
@@ -67,6 +68,7 @@ class Trainer:
         initial = plan.initial.make(fitted, points, colors, self._frame, self._rng, self._limit)
         self._initial = len(initial)
         self.fit = Fit(rasterizer, with_sh_degree(initial, plan.sh_degree or 0), background, plan.ssim_weight)
+        self._corrections = ViewCorrections(rasterizer, self._targets, background, plan.exposure, plan.poses)
         self._order: list[int] = []
         self._curve: list[dict[str, float | None]] = []
         self._decided = Outcome(self._roles.reason, type(self._strategy).__name__)
@@ -74,9 +76,12 @@ class Trainer:
     def _prepare_views(self, views: Sequence[View], held_out: Sequence[View]) -> None:
         plan, frame, background = self._plan, self._frame, self._background
         decides = plan.stopping is not None or plan.limit is None or plan.sh_degree is None
+        # Views kept aside keep the poses that they were given, and would find the corrected scene ever worse.
+        decides = decides and plan.poses is None
         self._roles = assign_views(len(views), len(held_out)) if decides else fit_all(len(views))
         factors = {factor for _, factor in plan.coarse}
         fitted = [views[i] for i in self._roles.fitted]
+        self._keys = [view.key for view in fitted]
         self._targets = prepare_targets(self._rasterizer, fitted, frame, background, factors)
         shown = held_out[:: max(len(held_out) // plan.curve_views, 1)]
         self._held_out = prepare_targets(self._rasterizer, shown, frame, background, set())
@@ -114,7 +119,21 @@ class Trainer:
             )
         gaussians = self._frame.to_world(self.fit.parameters.to_gaussians())
         decision = self._decided.in_words(plan, step, self._initial, self.fit)
-        return TrainingResult(gaussians, self._curve, self._seconds, self._initial, decision, self.fit.skipped)
+        return TrainingResult(
+            gaussians,
+            self._curve,
+            self._seconds,
+            self._initial,
+            decision | self._corrections.in_words(),
+            self.fit.skipped,
+            self._moved_poses(),
+        )
+
+    def _moved_poses(self) -> dict[str, NDArray[np.float64]]:
+        moved = self._corrections.moved_poses
+        if moved is None:
+            return {}
+        return {key: self._frame.pose_to_world(pose) for key, pose in zip(self._keys, moved, strict=True)}
 
     @property
     def _seconds(self) -> float:
@@ -124,17 +143,20 @@ class Trainer:
         """One optimisation step of the run, on the next view."""
         every, rates = self._strategy.gradient_every, self._course.rates(step)
         gather = every > 0 and step % every == 0 and self._course.growing(step)
-        self.fit.step(self._next_target(), self._course.reduction(step), rates, gather_gradient=gather)
+        self._corrections.decide(self._course.progress(step), self.fit.parameters, self._course.coarsest)
+        self._fit_next(self._course.reduction(step), rates, gather_gradient=gather)
         if self._course.growing(step):
             gaussians = Gaussians(**self.fit.parameters.numpy())
             moved = self._strategy.disturb(gaussians, step, self._plan.steps, rates.means, self._rng)
             if moved is not None:
                 self.fit.put(moved)
 
-    def _next_target(self) -> TrainingView:
+    def _fit_next(self, reduction: int, rates: LearningRates, *, gather_gradient: bool = False) -> None:
         if not self._order:
             self._order = self._rng.permutation(len(self._targets)).tolist()
-        return self._targets[self._order.pop()]
+        view = self._order.pop()
+        correction = self._corrections.of(view)
+        self.fit.step(self._targets[view], reduction, rates, gather_gradient=gather_gradient, correction=correction)
 
     def _refine(self, step: int) -> None:
         """Let the strategy change the set of Gaussians, and the growth rule say whether that goes on."""
@@ -158,13 +180,13 @@ class Trainer:
         # All of them are asked at the lower resolution: what they decide is what can go, which fine detail is not.
         reduction = self._course.coarsest if wanted == available else self._course.reduction(step)
         chosen = np.sort(self._rng.choice(available, wanted, replace=False))
-        return self._evidence([self._targets[i] for i in chosen], reduction)
+        return self._evidence(chosen.tolist(), reduction)
 
-    def _evidence(self, views: Sequence[TrainingView], reduction: int) -> ViewEvidence:
+    def _evidence(self, views: Sequence[int], reduction: int) -> ViewEvidence:
         return gather_view_evidence(
             self._rasterizer,
             self.fit.parameters,
-            views,
+            self._corrections.seen(views, reduction),
             self._background,
             complete=len(views) == len(self._targets),
             reduction=reduction,
@@ -193,7 +215,7 @@ class Trainer:
             self._decided.return_to_best(self._measure(step), self.fit)
         if self._plan.sh_degree is None:
             self._choose_degree()
-        views = self._evidence(self._targets, self._course.coarsest)
+        views = self._evidence(range(len(self._targets)), self._course.coarsest)
         self.fit.keep(~unseen(views) & ~floaters(views))
         self._show(step)
 
@@ -220,7 +242,7 @@ class Trainer:
         self.fit.restart(with_sh_degree(start, degree))
         steps = max(round(rule.steps * self._plan.steps), rule.fewest_steps)
         for number in range(steps):
-            self.fit.step(self._next_target(), 1, rule.rates(number / steps))
+            self._fit_next(1, rule.rates(number / steps))
         return self.fit.psnr(self._deciding)
 
     def _show(self, step: int) -> float | None:
@@ -230,6 +252,8 @@ class Trainer:
         entry = {"step": step, "psnr": psnr, "gaussians": len(self.fit)}
         if self._roles.kept_aside:
             entry["deciding_psnr"] = self.fit.psnr(self._deciding)
+        if self._held_out and self._corrections.exposure.active:
+            entry["psnr_any_exposure"] = self.fit.psnr(self._held_out, any_exposure=True)
         self._measuring += time.perf_counter() - started
         self._curve.append({**entry, "seconds": round(self._seconds, 2)})
         return psnr

@@ -1,0 +1,146 @@
+"""What is corrected of a run's views along with the scene: their exposure and their poses.
+
+Both are decided on by measuring: `ViewCorrections.decide` switches on what the photographs call for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from .exposure import ExposureCorrection, ExposurePlan, estimate_log_gains
+from .poses import PosePlan, PoseRefinement
+from .raster import Frame, Gradients, ParameterSet, RasterCamera, Rasterizer
+from .targets import Background, TrainingView
+
+
+class ViewCorrections:
+    """The corrections of all views that a run fits.
+
+    Args:
+        rasterizer: of the run.
+        views: that are fitted.
+        background: of the run.
+        exposure, poses: what may be corrected and how; None corrects nothing.
+    """
+
+    def __init__(
+        self,
+        rasterizer: Rasterizer,
+        views: Sequence[TrainingView],
+        background: Background,
+        exposure: ExposurePlan | None,
+        poses: PosePlan | None,
+    ) -> None:
+        self._rasterizer = rasterizer
+        self._views = views
+        self._background = background
+        self._exposure_plan, self._pose_plan = exposure, poses
+        self._exposure_undecided, self._poses_undecided = exposure is not None, poses is not None
+        self._cameras = [view.at(1)[1] for view in views]
+        self.exposure = ExposureCorrection(rasterizer.device, len(views))
+        self.poses = PoseRefinement([camera.world_to_camera for camera in self._cameras])
+        self._progress = 0.0
+        self._words: dict[str, str] = {}
+
+    def decide(self, progress: float, parameters: ParameterSet, reduction: int) -> None:
+        """Before the step at the fraction `progress` of the run: measure what has to be decided by now.
+
+        Args:
+            parameters: the scene so far.
+            reduction: level of the views at which exposures are compared.
+        """
+        self._progress = progress
+        if self._exposure_undecided and self._exposure_plan is not None and progress >= self._exposure_plan.decided:
+            self._exposure_undecided = False
+            self._decide_exposure(self._exposure_plan, parameters, reduction)
+        if self._poses_undecided and self._pose_plan is not None and progress >= self._pose_plan.decided:
+            self._poses_undecided = False
+            motion = self.poses.image_motion(self._cameras)
+            self._words["poses"] = f"corrected: they were off by about {motion:.1f} pixels"
+            if motion < self._pose_plan.threshold:
+                self.poses.stop()
+                self._words["poses"] = f"as given: corrections moved the images by {motion:.2f} pixels only"
+
+    def camera(self, view: int, camera: RasterCamera) -> RasterCamera:
+        """The camera of `view`, at any resolution, where it is now."""
+        return self.poses.camera(view, camera) if self._moves_poses else camera
+
+    def move(self, view: int, parameters: ParameterSet, gradients: Gradients, camera: RasterCamera) -> None:
+        """Move the view's exposure and pose by their gradients, which are of `parameters` before these move."""
+        if self._exposure_plan is not None:
+            self.exposure.step(view, self._exposure_plan.rate_at(self._progress))
+        if self._pose_plan is not None and self._moves_poses:
+            self.poses.step(view, parameters, gradients, camera, self._pose_plan.rate_at(self._progress))
+
+    def of(self, view: int) -> ViewCorrection:
+        """What a step needs of one view's corrections."""
+        return ViewCorrection(self, view)
+
+    def seen(self, views: Sequence[int], reduction: int) -> list[TrainingView]:
+        """Views as the scene sees them: photographs without their gains, at one level, and cameras where they are."""
+        return [self._seen(view, reduction) for view in views]
+
+    def in_words(self) -> dict[str, str]:
+        """What was decided, for the report."""
+        return dict(self._words)
+
+    @property
+    def moved_poses(self) -> NDArray[np.float64] | None:
+        """(V, 4, 4) world-to-camera in frame units, or None where they are as given."""
+        return self.poses.poses if self._moves_poses else None
+
+    @property
+    def _moves_poses(self) -> bool:
+        plan = self._pose_plan
+        return plan is not None and self.poses.active and self._progress >= plan.started
+
+    def _decide_exposure(self, plan: ExposurePlan, parameters: ParameterSet, reduction: int) -> None:
+        estimates = []
+        for view in range(len(self._views)):
+            image, camera = self._views[view].at(reduction)
+            camera = self.camera(view, camera)
+            rendered = self._rasterizer.render(parameters, camera, self._background.color).color.numpy()
+            estimates.append(estimate_log_gains(rendered, image.numpy() * np.float32(1.0 / 255.0)))
+        active = self.exposure.start(estimates, plan.threshold)
+        spread = np.sqrt(np.mean((np.asarray(estimates) - np.mean(estimates, axis=0)) ** 2))
+        decision = "corrected" if active else "as photographed"
+        self._words["exposure"] = f"{decision}: it differs by {spread:.1%} from view to view"
+
+    def _seen(self, view: int, reduction: int) -> TrainingView:
+        given = self._views[view]
+        levels = {level: (image, self.camera(view, camera)) for level, (image, camera) in given.levels.items()}
+        level = reduction if reduction in levels else 1
+        if self.exposure.active:
+            image, camera = levels[level]
+            scene = np.clip(np.round(image.numpy() * np.exp(-self.exposure.log_gains[view])), 0, 255)
+            levels[level] = wp.array(scene.astype(np.uint8), dtype=wp.uint8, device=self._rasterizer.device), camera
+        return TrainingView(levels)
+
+
+@dataclass(frozen=True)
+class ViewCorrection:
+    """The corrections of the view that a step is about; the methods are to be called in this order."""
+
+    corrections: ViewCorrections
+    view: int
+
+    def camera(self, camera: RasterCamera) -> RasterCamera:
+        """The camera to render from."""
+        return self.corrections.camera(self.view, camera)
+
+    def before_loss(self, frame: Frame) -> None:
+        """Give the rendered image the photograph's exposure."""
+        self.corrections.exposure.apply(frame, self.view)
+
+    def after_loss(self, frame: Frame) -> None:
+        """Take the exposure out of the image and of its gradient again."""
+        self.corrections.exposure.backward(frame, self.view)
+
+    def after_backward(self, parameters: ParameterSet, gradients: Gradients, camera: RasterCamera) -> None:
+        """Move the corrections, before the optimiser moves the Gaussians."""
+        self.corrections.move(self.view, parameters, gradients, camera)
