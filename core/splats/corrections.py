@@ -47,17 +47,15 @@ class ViewCorrections:
         self._progress = 0.0
         self._words: dict[str, str] = {}
 
-    def decide(self, progress: float, parameters: ParameterSet, reduction: int) -> None:
+    def decide(self, progress: float, parameters: ParameterSet) -> None:
         """Before the step at the fraction `progress` of the run: measure what has to be decided by now.
 
-        Args:
-            parameters: the scene so far.
-            reduction: level of the views at which exposures are compared.
+        `parameters` are the scene so far.
         """
         self._progress = progress
         if self._exposure_undecided and self._exposure_plan is not None and progress >= self._exposure_plan.decided:
             self._exposure_undecided = False
-            self._decide_exposure(self._exposure_plan, parameters, reduction)
+            self._decide_exposure(self._exposure_plan, parameters)
         if self._poses_undecided and self._pose_plan is not None and progress >= self._pose_plan.decided:
             self._poses_undecided = False
             motion = self.poses.image_motion(self._cameras)
@@ -99,10 +97,10 @@ class ViewCorrections:
         plan = self._pose_plan
         return plan is not None and self.poses.active and self._progress >= plan.started
 
-    def _decide_exposure(self, plan: ExposurePlan, parameters: ParameterSet, reduction: int) -> None:
+    def _decide_exposure(self, plan: ExposurePlan, parameters: ParameterSet) -> None:
         estimates = []
         for view in range(len(self._views)):
-            image, camera = self._views[view].at(reduction)
+            image, camera = self._views[view].at(1)
             camera = self.camera(view, camera)
             rendered = self._rasterizer.render(parameters, camera, self._background.color).color.numpy()
             estimates.append(estimate_log_gains(rendered, image.numpy() * np.float32(1.0 / 255.0)))

@@ -143,7 +143,7 @@ class Trainer:
         """One optimisation step of the run, on the next view."""
         every, rates = self._strategy.gradient_every, self._course.rates(step)
         gather = every > 0 and step % every == 0 and self._course.growing(step)
-        self._corrections.decide(self._course.progress(step), self.fit.parameters, self._course.coarsest)
+        self._corrections.decide(self._course.progress(step), self.fit.parameters)
         self._fit_next(self._course.reduction(step), rates, gather_gradient=gather)
         if self._course.growing(step):
             gaussians = Gaussians(**self.fit.parameters.numpy())

@@ -1,0 +1,63 @@
+"""Corrections in a training run: decided by measuring, said in words, and worth while where they are on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cvdgs.core.events import Reporter
+from cvdgs.core.splats.plan import TrainingPlan, TrainingResult
+from cvdgs.core.splats.poses import PosePlan
+from cvdgs.core.splats.raster import Rasterizer
+from cvdgs.core.splats.trainer import Trainer
+
+from .test_exposure import lit
+from .test_poses import BLACK, ball, errors, photographs, turned
+
+EVERY = 6  # view is held out
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return ball()
+
+
+@pytest.fixture(scope="module")
+def views(scene):
+    return photographs(scene, size=96)
+
+
+def train(scene, training, held_out, **settings) -> TrainingResult:
+    plan = TrainingPlan(steps=400, limit=800, stopping=None, curve_points=1, **settings)
+    grey = np.full((len(scene), 3), 128, np.uint8)
+    return Trainer(Rasterizer("cpu", 1), training, held_out, scene.means, grey, plan, BLACK, 0).train(Reporter())
+
+
+def parts(views):
+    return [view for i, view in enumerate(views) if i % EVERY], views[::EVERY]
+
+
+def test_a_run_on_photographs_of_different_exposure_keeps_the_scene_clear_of_it(scene, views):
+    log_gains = np.random.default_rng(1).normal(0.0, 0.12, (len(views), 3))
+    training, held_out = parts(lit(views, log_gains))[0], parts(lit(views, 0.0 * log_gains))[1]
+    corrected, plain = (train(scene, training, held_out, **s) for s in ({}, {"exposure": None}))
+    assert corrected.decision["exposure"].startswith("corrected")
+    assert "exposure" not in plain.decision
+    assert corrected.curve[-1]["psnr"] > plain.curve[-1]["psnr"] + 0.4
+    assert corrected.curve[-1]["psnr_any_exposure"] > plain.curve[-1]["psnr"] + 0.6
+
+
+def test_a_run_with_poses_half_a_degree_off_hands_back_better_ones(scene, views):
+    truth, held_out = parts(views)
+    given = turned(truth, 0.5)
+    result = train(scene, given, held_out, exposure=None, poses=PosePlan())
+    assert result.decision["poses"].startswith("corrected")
+    refined = [replace(view, world_to_camera=result.moved_poses[view.key]) for view in given]
+    assert errors(refined, truth, scene.means)[1] < 0.6 * errors(given, truth, scene.means)[1]
+
+
+def test_a_run_with_good_poses_hands_none_back(scene, views):
+    training, held_out = parts(views)
+    result = train(scene, training, held_out, exposure=None, poses=PosePlan())
+    assert result.decision["poses"].startswith("as given")
+    assert result.moved_poses == {}
