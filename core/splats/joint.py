@@ -7,6 +7,7 @@ and colour move together at the small steps with which the first part ended.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -89,12 +90,18 @@ class JointTraining:
         trainer = Trainer(self.rasterizer, self.views, self.held_out, points, colors, plan, self.background, self.seed)
         turn = before / self.plan.steps
         result = trainer.train(StageSpan(reporter, STAGE, 0.0, turn, "fitting enhanced views"))
+        started = time.perf_counter()
         reporter.status(STAGE, "matching the views of the geometry so far")
         guides = guides_of(result.gaussians)
         gaussians = self._agree(result.gaussians, guides, together, StageSpan(reporter, STAGE, turn, 1.0, "agreeing"))
-        last = result.curve[-1]
-        entry = {**last, "step": (last["step"] or 0) + together, "psnr": self._psnr(gaussians)}
-        return replace(result, gaussians=gaussians, curve=[*result.curve, entry])
+        seconds = round(result.seconds + time.perf_counter() - started, 2)
+        entry = {
+            "step": (result.curve[-1]["step"] or 0) + together,
+            "seconds": seconds,
+            "psnr": self._psnr(gaussians),
+            "gaussians": len(gaussians),
+        }
+        return replace(result, gaussians=gaussians, curve=[*result.curve, entry], seconds=seconds)
 
     def _agree(self, gaussians: Gaussians, guides: Sequence[ViewGuide], steps: int, reporter: Reporter) -> Gaussians:
         """The steps with the multi-view loss."""
