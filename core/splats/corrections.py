@@ -25,7 +25,7 @@ class ViewCorrections:
         rasterizer: of the run.
         views: that are fitted.
         background: of the run.
-        exposure, poses: what may be corrected and how; None corrects nothing.
+        exposure, poses: what may be corrected and how; None corrects nothing. Exposures of cut-outs are not corrected.
     """
 
     def __init__(
@@ -39,8 +39,10 @@ class ViewCorrections:
         self._rasterizer = rasterizer
         self._views = views
         self._background = background
-        self._exposure_plan, self._pose_plan = exposure, poses
-        self._exposure_undecided, self._poses_undecided = exposure is not None, poses is not None
+        # A gain would change the light behind cut-outs too, which no photograph shows.
+        self._exposure_plan = None if any(background.color) else exposure
+        self._pose_plan = poses
+        self._exposure_undecided, self._poses_undecided = self._exposure_plan is not None, poses is not None
         self._cameras = [view.at(1)[1] for view in views]
         self.exposure = ExposureCorrection(rasterizer.device, len(views))
         self.poses = PoseRefinement([camera.world_to_camera for camera in self._cameras])

@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from cvdgs.core.events import Reporter
+from cvdgs.core.splats.corrections import ViewCorrections
+from cvdgs.core.splats.exposure import ExposurePlan
 from cvdgs.core.splats.plan import TrainingPlan, TrainingResult
 from cvdgs.core.splats.poses import PosePlan
-from cvdgs.core.splats.raster import Rasterizer
+from cvdgs.core.splats.raster import ParameterSet, Rasterizer
+from cvdgs.core.splats.scene_frame import SceneFrame
+from cvdgs.core.splats.targets import Background, prepare_targets
 from cvdgs.core.splats.trainer import Trainer
 
 from .test_exposure import lit
@@ -61,3 +65,13 @@ def test_a_run_with_good_poses_hands_none_back(scene, views):
     result = train(scene, training, held_out, exposure=None, poses=PosePlan())
     assert result.decision["poses"].startswith("as given")
     assert result.moved_poses == {}
+
+
+def test_exposures_of_cut_outs_are_left_alone(scene, views):
+    white = Background((1.0, 1.0, 1.0))
+    rasterizer, frame = Rasterizer("cpu", 1), SceneFrame.around(views, scene.means)
+    targets = prepare_targets(rasterizer, lit(views, np.linspace(-0.3, 0.3, len(views))), frame, white, set())
+    for background, active in ((white, False), (BLACK, True)):
+        corrections = ViewCorrections(rasterizer, targets, background, ExposurePlan(), None)
+        corrections.decide(0.5, ParameterSet.from_gaussians(frame.from_world(scene)))
+        assert corrections.exposure.active == active
