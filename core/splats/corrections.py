@@ -90,6 +90,11 @@ class ViewCorrections:
         return dict(self._words)
 
     @property
+    def poses_were_off(self) -> bool:
+        """Whether it was decided that the poses need correcting."""
+        return not self._poses_undecided and self._moves_poses
+
+    @property
     def moved_poses(self) -> NDArray[np.float64] | None:
         """(V, 4, 4) world-to-camera in frame units, or None where they are as given."""
         return self.poses.poses if self._moves_poses else None

@@ -37,8 +37,8 @@ class TrainingPlan:
         stopping: when there were enough steps; None runs them all.
         harmonics: when a higher SH degree pays.
         exposure: how photographs that differ in exposure or white balance are corrected; None leaves them.
-        poses: how poses that are off are corrected; None leaves them. No views are kept aside to decide in a run
-            with this, because theirs are not corrected.
+        poses: how poses that are off are corrected; None leaves them. Once they were found to be off, the views that
+            decide do so no more, because theirs are not corrected.
         curve_points: how often held-out views are measured.
         curve_views: at most so many of them each time.
     """

@@ -21,6 +21,8 @@ from .plan import TrainingPlan, TrainingResult
 from .raster import LearningRates, Rasterizer
 from .scene_frame import SceneFrame
 from .strategy import Evidence, MultiViewConsistent, Relocation, Strategy, ViewEvidence, floaters, unseen
+from .strategy.editing import take
+from .strategy.ordering import in_order, morton_order
 from .targets import Background, prepare_targets
 
 __all__ = ["STAGE", "Trainer", "TrainingPlan", "TrainingResult"]
@@ -66,6 +68,7 @@ class Trainer:
         self._strategy = plan.strategy or _strategy_for(len(points), plan)
         self._course = Course(plan, self._strategy.schedule)
         initial = plan.initial.make(fitted, points, colors, self._frame, self._rng, self._limit)
+        initial = take(initial, morton_order(initial.means))
         self._initial = len(initial)
         self.fit = Fit(rasterizer, with_sh_degree(initial, plan.sh_degree or 0), background, plan.ssim_weight)
         self._corrections = ViewCorrections(rasterizer, self._targets, background, plan.exposure, plan.poses)
@@ -76,8 +79,6 @@ class Trainer:
     def _prepare_views(self, views: Sequence[View], held_out: Sequence[View]) -> None:
         plan, frame, background = self._plan, self._frame, self._background
         decides = plan.stopping is not None or plan.limit is None or plan.sh_degree is None
-        # Views kept aside keep the poses that they were given, and would find the corrected scene ever worse.
-        decides = decides and plan.poses is None
         self._roles = assign_views(len(views), len(held_out)) if decides else fit_all(len(views))
         factors = {factor for _, factor in plan.coarse}
         fitted = [views[i] for i in self._roles.fitted]
@@ -144,6 +145,9 @@ class Trainer:
         every, rates = self._strategy.gradient_every, self._course.rates(step)
         gather = every > 0 and step % every == 0 and self._course.growing(step)
         self._corrections.decide(self._course.progress(step), self.fit.parameters)
+        if self._corrections.poses_were_off:
+            # Those of the deciding views are off too, and not corrected: they say nothing about this scene any more.
+            self._deciding = []
         self._fit_next(self._course.reduction(step), rates, gather_gradient=gather)
         if self._course.growing(step):
             gaussians = Gaussians(**self.fit.parameters.numpy())
@@ -170,7 +174,7 @@ class Trainer:
         budget = strategy.schedule.budget(step, plan.steps, self._initial, self._limit)
         evidence = Evidence(self.fit.mean_gradient, self._ask_views(step))
         gaussians = self.fit.parameters.to_gaussians()
-        self.fit.apply(strategy.refine(gaussians, evidence, budget, self._rng))
+        self.fit.apply(in_order(strategy.refine(gaussians, evidence, budget, self._rng)))
 
     def _ask_views(self, step: int) -> ViewEvidence | None:
         available = len(self._targets)
@@ -250,7 +254,7 @@ class Trainer:
         started = time.perf_counter()
         psnr = self.fit.psnr(self._held_out) if self._held_out else None
         entry = {"step": step, "psnr": psnr, "gaussians": len(self.fit)}
-        if self._roles.kept_aside:
+        if self._roles.kept_aside and self._deciding:
             entry["deciding_psnr"] = self.fit.psnr(self._deciding)
         if self._held_out and self._corrections.exposure.active:
             entry["psnr_any_exposure"] = self.fit.psnr(self._held_out, any_exposure=True)

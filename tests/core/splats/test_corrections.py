@@ -7,6 +7,7 @@ import pytest
 
 from cvdgs.core.events import Reporter
 from cvdgs.core.splats.corrections import ViewCorrections
+from cvdgs.core.splats.decisions import StopRule
 from cvdgs.core.splats.exposure import ExposurePlan
 from cvdgs.core.splats.plan import TrainingPlan, TrainingResult
 from cvdgs.core.splats.poses import PosePlan
@@ -32,7 +33,7 @@ def views(scene):
 
 
 def train(scene, training, held_out, **settings) -> TrainingResult:
-    plan = TrainingPlan(steps=400, limit=800, stopping=None, curve_points=1, **settings)
+    plan = TrainingPlan(**{"steps": 400, "limit": 800, "stopping": None, "curve_points": 1, **settings})
     grey = np.full((len(scene), 3), 128, np.uint8)
     return Trainer(Rasterizer("cpu", 1), training, held_out, scene.means, grey, plan, BLACK, 0).train(Reporter())
 
@@ -54,8 +55,10 @@ def test_a_run_on_photographs_of_different_exposure_keeps_the_scene_clear_of_it(
 def test_a_run_with_poses_half_a_degree_off_hands_back_better_ones(scene, views):
     truth, held_out = parts(views)
     given = turned(truth, 0.5)
-    result = train(scene, given, held_out, exposure=None, poses=PosePlan())
+    hasty = StopRule(every=0.1, patience=0.1, least_gain=100.0)
+    result = train(scene, given, held_out, exposure=None, poses=PosePlan(), stopping=hasty)
     assert result.decision["poses"].startswith("corrected")
+    assert result.curve[-1]["step"] == 400  # views whose poses are not corrected did not end it
     refined = [replace(view, world_to_camera=result.moved_poses[view.key]) for view in given]
     assert errors(refined, truth, scene.means)[1] < 0.6 * errors(given, truth, scene.means)[1]
 
