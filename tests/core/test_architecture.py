@@ -34,6 +34,7 @@ NUMPY_ONLY = [
     "splats/whole_file",
     "splats/scene_frame",
     "capture/model",
+    *(f"splats/strategy/{path.stem}" for path in sorted((ROOT / "core/splats/strategy").glob("*.py"))),
 ]
 
 

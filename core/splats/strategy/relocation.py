@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussians import Gaussians
-from .editing import concatenate, covariance_product, finite, take
+from .editing import concatenate, covariance_product, finite, rotate, take
 from .evidence import Evidence, Floats
 from .model import Refinement, Schedule
+from .pruning import floaters
 
 _MOST_COPIES = 32  # at one place; the alternating sum of the correction loses its digits beyond
 _OPACITY_LIMITS = (5e-3, 1.0 - 1e-4)  # of a corrected Gaussian, so that its logit stays where gradients do
@@ -32,6 +33,12 @@ class Relocation:
         noise: of the position a step, in units of the step size times the covariance. The paper's 5e5, for step sizes a
             quarter of ours.
         noise_sharpness: of the switch from wandering to settled Gaussians at the opacity `dead_opacity`, as there.
+        spread: of a copy around its original, in the original's standard deviations: copies at one place get the same
+            gradients and would take long to part.
+        sample: training views asked in a round.
+        error_share: of the chance to be drawn that goes by what the views complain about, beside the paper's opacity.
+        census_every: every so many rounds all views are asked.
+        needed_pixels: a Gaussian that then is worth less in every view is as good as dead.
         disturb_every: steps between disturbances, each as strong as so many together.
         opacity_decay, scale_decay: what is left of an opacity and of a standard deviation after a whole run, were there
             no photograph to hold it. They take the place of the paper's penalties, whose weight against the loss would
@@ -45,23 +52,32 @@ class Relocation:
     dead_opacity: float = 0.005
     noise: float = 1.25e5
     noise_sharpness: float = 100.0
+    spread: float = 0.7
+    sample: int = 10
+    error_share: float = 0.8
+    census_every: int = 4
+    needed_pixels: float = 2.0
     disturb_every: int = 10
     opacity_decay: float = 1e-3
     scale_decay: float = 0.3
     shortest: int = 1000
-    sample: int = 10
-    error_share: float = 0.8
     gradient_every: int = 0
 
     def views_wanted(self, step: int, steps: int, available: int) -> int:
-        """A sample, of which the error says where Gaussians are wanted."""
+        """A sample, of which the error says where Gaussians are wanted, and now and then all, for what is not."""
+        if self.schedule.round_of(step, steps) % self.census_every == self.census_every - 1:
+            return available
         return min(self.sample, available)
 
     def refine(self, gaussians: Gaussians, evidence: Evidence, budget: int, rng: np.random.Generator) -> Refinement:
         """Move the dead to the living, drawn in proportion to their opacity, and add as many as `growth` says."""
         opacity = gaussians.opacities
         with np.errstate(invalid="ignore"):
-            alive = np.flatnonzero(finite(gaussians) & (opacity > self.dead_opacity))
+            living = finite(gaussians) & (opacity > self.dead_opacity)
+        if evidence.views is not None and evidence.views.complete:
+            needed = living & (evidence.views.weight >= self.needed_pixels) & ~floaters(evidence.views)
+            living = needed if needed.any() else living
+        alive = np.flatnonzero(living)
         if len(alive) == 0:
             kept = np.flatnonzero(finite(gaussians))
             return Refinement(take(gaussians, kept), kept, np.zeros(len(kept), bool))
@@ -76,7 +92,10 @@ class Relocation:
         place[alive] = np.arange(len(alive))
         source = np.concatenate([alive, chosen])
         fresh = np.concatenate([times[alive] > 1, np.ones(copies, bool)])
-        return Refinement(concatenate(corrected, take(corrected, place[chosen])), source, fresh)
+        copied = take(corrected, place[chosen])
+        offset = self.spread * np.exp(copied.log_scales) * rng.standard_normal((copies, 3))
+        copied.means[:] += rotate(copied.quaternions, offset)
+        return Refinement(concatenate(corrected, copied), source, fresh)
 
     def _chances(self, opacity: Floats, alive: NDArray[np.int64], evidence: Evidence) -> NDArray[np.float64]:
         """For each that is `alive`, to be drawn: by opacity as in the paper, and by error where that is known."""

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from cvdgs.core.splats.strategy import Evidence, Relocation
 
-from .sets import gaussians
+from .sets import gaussians, opinions
 
-MOVES_ALONE = Relocation(growth=0.0)
+MOVES_ALONE = Relocation(growth=0.0, spread=0.0)
 
 
 def refine(old, budget=0, strategy=MOVES_ALONE):
@@ -104,3 +104,32 @@ def test_over_a_run_decay_leaves_of_opacities_and_scales_what_it_says():
     np.testing.assert_allclose(now.opacities, old.opacities * strategy.opacity_decay**0.75, rtol=1e-3)
     np.testing.assert_allclose(np.exp(now.log_scales - old.log_scales), strategy.scale_decay**0.75, rtol=1e-3)
     assert strategy.disturb(now, 760, 1000, 1e-4, np.random.default_rng(0)) is None
+
+
+def test_copies_part_from_their_original_but_stay_within_its_reach():
+    old = gaussians(400, size=0.01)
+    old.opacity_logits[1:] = -9.0
+    away = np.linalg.norm(refine(old, strategy=Relocation(growth=0.0)).gaussians.means - old.means[0], axis=1)
+    assert away[0] == 0.0
+    assert 0.005 < np.median(away[1:]) < 0.02
+    assert away.max() < 0.05
+
+
+def test_copies_go_where_the_views_complain():
+    old = gaussians(1000)
+    old.opacity_logits[100:] = -9.0
+    error = np.zeros((2, 1000))
+    error[:, 40] = 0.5
+    said = opinions(np.full((2, 1000), 20.0), error, complete=False)
+    source = Relocation(growth=0.0).refine(old, Evidence(views=said), 0, np.random.default_rng(0)).source
+    assert 0.7 < (source[100:] == 40).mean() < 0.9
+
+
+def test_what_no_view_needs_is_moved_like_the_dead_when_all_views_were_asked():
+    weight = np.full((2, 50), 20.0)
+    weight[:, 10:] = 0.1
+    for complete, unmoved in [(True, 10), (False, 50)]:
+        said = opinions(weight, np.zeros((2, 50)), complete=complete)
+        result = Relocation(growth=0.0).refine(gaussians(50), Evidence(views=said), 0, np.random.default_rng(0))
+        assert len(result.gaussians) == 50
+        assert len(set(result.source)) == unmoved
