@@ -56,8 +56,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
     trained: TrainingResult | None = None
     if earlier:
         with clock.measure("layers"):
-            recorder.status("layers", "matching points between views")
-            made = stages.reconstruction(earlier.gaussians)
+            made = stages.reconstruction(earlier.gaussians, "layers", 0.0)
     else:
         with clock.measure("geometry"):
             trained, made = stages.train()

@@ -129,21 +129,25 @@ class Stages:
         if self.settings.mode == "joint":
             layer = self.settings.layers[0]
             result = self._train_jointly(layer)
-            made = self.reconstruction(result.gaussians)
+            made = self.reconstruction(result.gaussians, "geometry", 1.0)
             self.reporter.status("geometry", "fitting the photographs' colours")
             original = self._fit_colors(made, self._views(self.split.train), self._guides(made.agreement))
             made = replace(made, original=original, layers={layer: result.gaussians})
         else:
             result = self._train_on_photographs()
-            made = self.reconstruction(result.gaussians)
+            made = self.reconstruction(result.gaussians, "geometry", 1.0)
         write_ply(self.folder / "splats.ply", made.original)
         return result, made
 
-    def reconstruction(self, gaussians: Gaussians) -> Reconstruction:
-        """A geometry that is there already, with its views matched."""
+    def reconstruction(self, gaussians: Gaussians, stage: str, fraction: float) -> Reconstruction:
+        """A geometry that is there already, with its views matched; `fraction` of the stage is done meanwhile."""
+        message = "matching points between views"
+        self.reporter.status(stage, message)
+        span = StageSpan(self.reporter, stage, fraction, fraction, message)
         correspondences = SceneCorrespondences(self.capture.views, lambda index: self.scene.depth(gaussians, index))
         photographs = {i: self.capture.views[i].image for i in self.split.train}
-        return Reconstruction(gaussians, correspondences, SceneAgreement(correspondences, photographs))
+        agreement = SceneAgreement(correspondences, photographs, reporter=span)
+        return Reconstruction(gaussians, correspondences, agreement)
 
     def fit_layers(self, made: Reconstruction, enhancers: dict[Layer, Enhancer]) -> dict[Layer, Picture]:
         """Make each layer's Gaussians; writes ``splats.<layer>.ply``. Returns how the layers look."""
@@ -193,7 +197,8 @@ class Stages:
         )
 
         def guides_of(geometry: Gaussians) -> Sequence[ViewGuide]:
-            return self._guides(self.reconstruction(geometry).agreement, training.views)
+            agreement = self.reconstruction(geometry, "geometry", 1.0 - JointPlan.share).agreement
+            return self._guides(agreement, training.views)
 
         return training.train(self.capture.points, self.capture.point_colors, guides_of, self.reporter)
 

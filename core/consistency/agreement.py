@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from ..events import Reporter, StageSpan
+from ..events import Reporter
 from .correspondence import sample_bilinear
 from .scene import SceneCorrespondences, nearest_views
 
@@ -86,7 +86,7 @@ class SceneAgreement:
         self._settings = settings
         self._neighbours = nearest_views(correspondences.views, sorted(photographs), settings.neighbours)
         pairs = [(view, other) for view, others in self._neighbours.items() for other in others]
-        correspondences.of_pairs(pairs, reporter and StageSpan(reporter, stage, 0.0, 1.0, "comparing views"), stage)
+        correspondences.of_pairs(pairs, reporter, stage)
         self.weights = self._weigh(photographs)
 
     def consensus(self, images: Mapping[int, Image]) -> dict[int, Consensus]:

@@ -91,7 +91,6 @@ class JointTraining:
         turn = before / self.plan.steps
         result = trainer.train(StageSpan(reporter, STAGE, 0.0, turn, "fitting enhanced views"))
         started = time.perf_counter()
-        reporter.status(STAGE, "matching the views of the geometry so far")
         guides = guides_of(result.gaussians)
         gaussians = self._agree(result.gaussians, guides, together, StageSpan(reporter, STAGE, turn, 1.0, "agreeing"))
         seconds = round(result.seconds + time.perf_counter() - started, 2)
