@@ -48,6 +48,8 @@ class ModeFigures:
             without any enhancement.
         rwe, rwe_long, rwe_normalised, rwe_absolute: of the mode's pictures; see `WarpingError`.
         rwe_to_post: `rwe` relative to the baseline's.
+        added_to_post: the same of what enhancement added, `rwe` - `rwe_unenhanced`; resampling of fine texture, which
+            no mode can remove, is left out.
         psnr_to_enhanced: of the pictures against the enhanced held-out photographs, dB.
         geometry_seconds, layer_seconds: wall time; `layers` and `post` have the geometry of one training.
     """
@@ -66,6 +68,7 @@ class ModeFigures:
     rwe_normalised: float
     rwe_absolute: float
     rwe_to_post: float
+    added_to_post: float
     psnr_to_enhanced: float
     geometry_seconds: float
     layer_seconds: float
@@ -137,7 +140,8 @@ def compare_modes(
         made, seconds = (together, joint_seconds) if mode == "joint" else (shared, shared_seconds)
         pictures, layer_seconds = _timed(partial(runs[mode].fit_layers, made, {layer: enhancer}))
         measured = _figures(runs[mode], replace(made, correspondences=shared.correspondences), pictures)
-        rwe = measured["rwe"]
+        rwe, floor = measured["rwe"], unenhanced["rwe"]["ratio"]
+        baseline = rows[0].rwe if rows else rwe["ratio"]
         rows.append(
             ModeFigures(
                 capture=capture.source.name,
@@ -148,12 +152,13 @@ def compare_modes(
                 ccpr_enhanced=measured["ccpr"]["enhanced"],
                 ccpr=measured["ccpr"]["rendered"],
                 rwe_enhanced=rwe["enhanced_ratio"],
-                rwe_unenhanced=unenhanced["rwe"]["ratio"],
+                rwe_unenhanced=floor,
                 rwe=rwe["ratio"],
                 rwe_long=rwe["long_range_ratio"],
                 rwe_normalised=rwe["normalised_ratio"],
                 rwe_absolute=rwe["absolute"],
-                rwe_to_post=rwe["ratio"] / (rows[0].rwe if rows else rwe["ratio"]),
+                rwe_to_post=rwe["ratio"] / baseline,
+                added_to_post=(rwe["ratio"] - floor) / (baseline - floor) if baseline > floor else float("nan"),
                 psnr_to_enhanced=measured["psnr_to_enhanced"],
                 geometry_seconds=seconds,
                 layer_seconds=layer_seconds,
@@ -165,11 +170,25 @@ def compare_modes(
 def write_modes(folder: Path, rows: Sequence[ModeFigures]) -> str:
     """Write ``modes.csv`` and ``modes.md``; returns the text of the latter."""
     write_csv(folder / "modes.csv", ModeFigures, rows)
-    header = ["capture", "enhancer", "mode", "CCPR", "RWE", "to post", "RWE, 7 apart", "RWE / σ", "L1"]
+    header = [
+        "capture",
+        "enhancer",
+        "mode",
+        "CCPR",
+        "RWE",
+        "to post",
+        "added, to post",
+        "RWE, 7 apart",
+        "RWE / σ",
+        "L1",
+    ]
     header += ["RWE of enhanced photographs", "of unenhanced renderings", "PSNR to enhanced", "geometry s", "layer s"]
     body = [
         [row.capture, row.enhancer, row.mode]
-        + [number(value, 3) for value in (row.ccpr, row.rwe, row.rwe_to_post, row.rwe_long, row.rwe_normalised)]
+        + [
+            number(value, 3)
+            for value in (row.ccpr, row.rwe, row.rwe_to_post, row.added_to_post, row.rwe_long, row.rwe_normalised)
+        ]
         + [number(row.rwe_absolute, 4), number(row.rwe_enhanced, 3), number(row.rwe_unenhanced, 3)]
         + [number(value, 1) for value in (row.psnr_to_enhanced, row.geometry_seconds, row.layer_seconds)]
         for row in rows

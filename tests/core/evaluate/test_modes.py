@@ -45,6 +45,7 @@ def test_what_is_enhanced_afterwards_drifts_and_what_is_fitted_to_all_views_does
     assert rows["post"].rwe_absolute > 0.05
     assert rows["layers"].rwe_to_post < 0.38
     assert rows["joint"].rwe_to_post < 0.38
+    assert rows["layers"].added_to_post < rows["layers"].rwe_to_post
 
 
 def test_the_modes_are_measured_on_the_same_photographs_and_points(rows):
