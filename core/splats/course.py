@@ -11,7 +11,7 @@ class Course:
     """The schedule of one run, which growth may leave early.
 
     A run grows for a share of its steps and settles in the rest, with ever smaller steps. When growth ends early, what
-    is left is shortened to the same proportions.
+    is left may be shortened to the same proportions.
 
     Attributes:
         steps: the run's length as it stands.
@@ -24,11 +24,12 @@ class Course:
         self.steps = plan.steps
         self.grown: int | None = None
 
-    def end_growth(self, step: int) -> None:
-        """Nothing is added after `step`; the rest settles."""
+    def end_growth(self, step: int, *, shorten: bool) -> None:
+        """Nothing is added after `step`; the rest settles, sooner than planned if it is to be shortened."""
         self.grown = step
-        share = min(self._schedule.stop, 1.0)
-        self.steps = min(max(round(step / share), step + 1), self._plan.steps)
+        if shorten:
+            share = min(self._schedule.stop, 1.0)
+            self.steps = min(max(round(step / share), step + 1), self._plan.steps)
 
     def due(self, step: int) -> bool:
         """Whether the set of Gaussians changes after `step`."""

@@ -166,9 +166,10 @@ class Trainer:
         """Let the strategy change the set of Gaussians, and the growth rule say whether that goes on."""
         plan, strategy = self._plan, self._strategy
         if plan.limit is None and self._deciding and self._course.fine_since(step) > 0:
-            verdict = plan.growth.verdict(self._decided.at_round(self._measure(step)))
+            rounds = self._decided.at_round(self._measure(step))
+            verdict = plan.growth.verdict(rounds)
             if verdict is not None:
-                self._course.end_growth(step)
+                self._course.end_growth(step, shorten=plan.growth.on_plateau(rounds))
                 self._decided.growth = verdict
                 return
         budget = strategy.schedule.budget(step, plan.steps, self._initial, self._limit)
