@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from .capture import Capture, View
 from .consistency import SceneAgreement, SceneCorrespondences
-from .enhance import Enhancer, LutEnhancer
+from .enhance import CganEnhancer, Enhancer, IdentityEnhancer, LutEnhancer
 from .evaluate.evaluation import Evaluation, Split, enhanced_path, render_path
 from .evaluate.matches import SceneMatches
 from .events import Reporter, StageSpan
@@ -40,6 +40,7 @@ from .splats.trainer import Trainer, TrainingPlan, TrainingResult
 
 # A LUT's fit takes as long as applying it to so many views of 640 pixels.
 LUT_FIT_VIEWS = 100
+NETWORK_FIT_VIEWS = 20  # the same fit, but applying takes longer
 
 # What a reader of the report has to know of a mode.
 MODE_NOTES = {
@@ -103,7 +104,7 @@ class Stages:
     def enhance(self, enhancers: dict[Layer, Enhancer]) -> None:
         """Write ``enhanced/<layer>/<view>.png`` for every view; the enhancers are fitted to the training views only.
 
-        A LUT is also written as ``layer.<layer>.cube``, for grading tools.
+        The scene's LUT, which the network starts from, is also written as ``layer.<layer>.cube``, for grading tools.
         """
         training = self._views(self.split.train)
         costs = {layer: _fit_cost(enhancer) for layer, enhancer in enhancers.items()}
@@ -115,7 +116,7 @@ class Stages:
                 self.reporter, "enhance", done / total, (done + fit_cost) / total, f"{layer.name}: fitting"
             )
             enhancer.fit([view.image for view in training], span, alphas=[view.alpha for view in training])
-            if isinstance(enhancer, LutEnhancer) and enhancer.lut is not None:
+            if isinstance(enhancer, LutEnhancer | CganEnhancer) and enhancer.lut is not None:
                 cube = self.folder / f"layer.{layer.name}.cube"
                 enhancer.lut.export_cube(cube, strength=self.settings.strength, title=f"cvdgs {layer.name}")
             done += fit_cost
@@ -264,4 +265,6 @@ class Stages:
 
 def _fit_cost(enhancer: Enhancer) -> int:
     """As how many applications to a view a fit counts for the progress."""
-    return LUT_FIT_VIEWS if isinstance(enhancer, LutEnhancer) else 1
+    if isinstance(enhancer, IdentityEnhancer):
+        return 0
+    return LUT_FIT_VIEWS if isinstance(enhancer, LutEnhancer) else NETWORK_FIT_VIEWS

@@ -27,14 +27,17 @@ from cvdgs.core.evaluate.drift import (  # noqa: E402
 from cvdgs.core.evaluate.enhancers.benchmark import EnhancerBenchmark  # noqa: E402
 from cvdgs.core.evaluate.enhancers.methods import method_factory  # noqa: E402
 from cvdgs.core.evaluate.enhancers.scores import ENHANCED_FOR  # noqa: E402
+from cvdgs.core.evaluate.modes import PerViewLut, compare_modes, write_modes  # noqa: E402
 from cvdgs.core.evaluate.selection import measure_selection, read_frames, write_selection  # noqa: E402
 from cvdgs.core.evaluate.step_comparison import compare_steps, write_steps  # noqa: E402
-from cvdgs.core.settings import Layer  # noqa: E402
+from cvdgs.core.settings import Layer, Settings  # noqa: E402
+from cvdgs.core.splats import raster  # noqa: E402
 
 SHARED = bootstrap.ROOT.parent / "shared"
 PHOTOS = SHARED / "data" / "photos"
 FOX = SHARED / "data" / "fox"
 STEP_SIZE = 480  # pixels of the longer side: fox at 270x480, as in the notes
+PER_VIEW = "lut-per-view"  # what `modes` calls a LUT of its own for each image
 QUICK: dict[str, Any] = {
     "types": ("protan", "deutan"),
     "severities": (1.0,),
@@ -68,6 +71,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_display(parts.add_parser("display", help="Cycles against our rasteriser on a finished run"))
     _add_enhancer(parts.add_parser("enhancer", help="enhancers compared on photographs, plates and textiles"))
     _add_drift(parts.add_parser("drift", help="how much enhanced views contradict each other before reconstruction"))
+    _add_modes(parts.add_parser("modes", help="layers, joint and post: contrast, view consistency and time"))
     _add_select(parts.add_parser("select", help="hard frames and sequences of a folder, and what easy frames keep"))
     for part in parts.choices.values():
         part.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the tables")
@@ -158,6 +162,34 @@ def measure_drifts(options: argparse.Namespace) -> str:
         matches = cached_matches(options.out, capture, options.steps, reporter)
         rows += measure_drift(capture, matches, options.enhancers, observers, reporter)
     return write_drift(options.out, rows)
+
+
+def _add_modes(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--capture", type=Path, action="append", help="beside the demo; may be given again (the evaluation data's fox)")
+    add("--enhancers", type=_names, default=(PER_VIEW, "cgan"), metavar="A,B", help=f"({PER_VIEW},cgan)")
+    add("--max-size", type=int, default=320, metavar="PIXELS", help="longer side of the views (320)")
+    add("--iterations", type=int, default=1000, metavar="N", help="of the geometry (1000)")
+    parser.set_defaults(measure=measure_modes)
+
+
+def measure_modes(options: argparse.Namespace) -> str:
+    """Run every mode for a deutan on the demo and other captures; writes modes.csv and modes.md."""
+    reporter = ConsoleReporter(sys.stderr)
+    captures = options.capture if options.capture is not None else [FOX] if FOX.is_dir() else []
+    raster.load("cpu", reporter)
+    layer, rows = Layer("deutan", 1.0), []
+    for folder in [SHOWROOM, *captures]:
+        capture = read_capture(folder, max_size=options.max_size, reporter=reporter)
+        for name in options.enhancers:
+            make = PerViewLut if name == PER_VIEW else method_factory(name)
+            enhancer = make(layer.cvd, layer.severity, ENHANCED_FOR)
+            with tempfile.TemporaryDirectory() as scratch:
+                settings = Settings(
+                    str(folder), scratch, layers=(layer,), iterations=options.iterations, simulation=ENHANCED_FOR
+                )
+                rows += compare_modes(capture, settings, enhancer, name, Path(scratch), reporter)
+    return write_modes(options.out, rows)
 
 
 def _add_select(parser: argparse.ArgumentParser) -> None:

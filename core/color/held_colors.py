@@ -19,6 +19,7 @@ _WHITE_LIGHTNESS = 85.0  # CIELAB
 
 _SKIN_CB = (77.0, 127.0)
 _SKIN_CR = (133.0, 173.0)
+_SKIN_SOFTNESS = 1.5  # steps of 8 bits, of the likeness across the box's border
 # ITU-R BT.601, 8 bits: offset and excursion of the colour difference signals, and the luma weights.
 _CHROMA_OFFSET, _CHROMA_RANGE = 128.0, 224.0
 _RED_WEIGHT, _GREEN_WEIGHT, _BLUE_WEIGHT = 0.299, 0.587, 0.114
@@ -33,8 +34,19 @@ def held_masks(image: Tensor) -> dict[str, Tensor]:
 
 def skin_like(image: Tensor) -> Tensor:
     """(..., H, W) bool: the pixels of a (..., 3, H, W) sRGB image whose colour is like skin."""
+    return _depth_in_box(image) >= 0.0
+
+
+def skin_likeness(image: Tensor) -> Tensor:
+    """(..., H, W) in [0, 1]: how much like skin the colours are, 0.5 at the border of the box and smooth across it."""
+    return torch.sigmoid(_depth_in_box(image) / _SKIN_SOFTNESS)
+
+
+def _depth_in_box(image: Tensor) -> Tensor:
+    """(..., H, W) distance to the nearest side of the box in steps of 8 bits, negative outside."""
     red, green, blue = image.unbind(-3)
     luma = _RED_WEIGHT * red + _GREEN_WEIGHT * green + _BLUE_WEIGHT * blue
     cb = _CHROMA_OFFSET + _CHROMA_RANGE * 0.5 * (blue - luma) / (1.0 - _BLUE_WEIGHT)
     cr = _CHROMA_OFFSET + _CHROMA_RANGE * 0.5 * (red - luma) / (1.0 - _RED_WEIGHT)
-    return (cb >= _SKIN_CB[0]) & (cb <= _SKIN_CB[1]) & (cr >= _SKIN_CR[0]) & (cr <= _SKIN_CR[1])
+    sides = [cb - _SKIN_CB[0], _SKIN_CB[1] - cb, cr - _SKIN_CR[0], _SKIN_CR[1] - cr]
+    return torch.stack(sides).amin(0)

@@ -28,7 +28,8 @@ CCPR_MEAN_THRESHOLDS = tuple(float(tau) for tau in range(1, 16))
 GLOBAL_PAIRS = 200_000
 """Random pixel pairs of the global CCPR."""
 
-_SSIM_WINDOW = 11  # pixels; kornia's Gaussian has a standard deviation of 1.5 (Wang et al. 2004)
+SSIM_WINDOW = 11
+"""Pixels; kornia's Gaussian has a standard deviation of 1.5 (Wang et al. 2004)."""
 
 
 @dataclass(frozen=True)
@@ -115,10 +116,10 @@ def ssim(first: Tensor, second: Tensor, *, mask: Tensor | None = None) -> float:
 
     NaN when the image is smaller than the window of 11 pixels.
     """
-    if min(first.shape[-2:]) < _SSIM_WINDOW:
+    if min(first.shape[-2:]) < SSIM_WINDOW:
         return math.nan
-    similarity = ssim_map(first[None], second[None], _SSIM_WINDOW, padding="valid")[0].mean(0)
-    margin = _SSIM_WINDOW // 2
+    similarity = ssim_map(first[None], second[None], SSIM_WINDOW, padding="valid")[0].mean(0)
+    margin = SSIM_WINDOW // 2
     inner = None if mask is None else mask[margin:-margin, margin:-margin]
     return _mean(similarity, inner)
 

@@ -36,4 +36,4 @@ def make_enhancer(
     if name == "lut":
         return LutEnhancer(cvd, severity, simulation, strength, seed)
     weights = None if name == "cgan" else Path(name)
-    return CganEnhancer(cvd, severity, simulation, strength, weights, device)
+    return CganEnhancer(cvd, severity, simulation, strength, seed, weights, device)

@@ -31,7 +31,7 @@ class LayerPlan:
     """
 
     epochs: int = 3
-    minimum_steps: int = 150
+    minimum_steps: int = 300
     rate: float = 5e-2
     rate_decay: float = 0.05
     ssim_weight: float = 0.5

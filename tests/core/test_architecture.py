@@ -2,6 +2,7 @@
 
 import ast
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -80,3 +81,11 @@ def test_the_package_imports_itself_relatively(path):
     if path.name in ("__main__.py", "worker.py"):
         pytest.skip("loads the package under its own name first")
     assert "cvdgs" not in imported_packages(path)
+
+
+def test_every_package_is_installed():
+    listed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]["packages"]
+    folders = {
+        path.parent for path in files("core", "cvdgs_addon", "operators", "scripts", "ui") if path.stem == "__init__"
+    }
+    assert set(listed) == {"cvdgs", *(".".join(("cvdgs", *folder.relative_to(ROOT).parts)) for folder in folders)}

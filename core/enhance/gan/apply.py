@@ -21,16 +21,18 @@ STATISTICS_SIZE = 512
 def enhance(
     generator: Generator,
     image: Tensor,
+    proposal: Tensor,
     observer: Observer,
     palette: Tensor,
     statistics: Statistics | None = None,
     strength: float = 1.0,
     tile_size: int = TILE_SIZE,
 ) -> Tensor:
-    """(3, H, W) enhanced sRGB in [0, 1]: image + strength (clip(image + residual) - image).
+    """(3, H, W) enhanced sRGB in [0, 1]: image + strength (clip(image + change) - image).
 
     Args:
         image: (3, H, W) float32 sRGB in [0, 1], on the generator's device.
+        proposal: (3, H, W) the teacher's recolouring of it.
         observer, palette: see `conditioning`.
         statistics: of the scene, for a generator with normalisation; None to take the image's own.
         tile_size: larger images are worked on in squares of this size. They overlap by the generator's reach, so that
@@ -38,7 +40,7 @@ def enhance(
     """
     config = generator.config
     if config.normalisation != "none" and statistics is None and max(image.shape[-2:]) > STATISTICS_SIZE:
-        statistics = average_statistics([record_statistics(generator, image, observer, palette)])
+        statistics = average_statistics([record_statistics(generator, image, proposal, observer, palette)])
     core = tile_size - 2 * config.reach
     if core < config.stride:
         raise ValueError(f"tiles of {tile_size} pixels are too small for a reach of {config.reach}")
@@ -52,22 +54,27 @@ def enhance(
             for left in range(0, width, step):
                 y0, x0 = max(top - margin, 0), max(left - margin, 0)
                 bottom, right = min(top + step, height), min(left + step, width)
-                part = image[:, y0 : bottom + margin, x0 : right + margin]
-                changed = part + _residual(generator, part, observer, palette, statistics)
+                part, proposed = (
+                    whole_image[:, y0 : bottom + margin, x0 : right + margin] for whole_image in (image, proposal)
+                )
+                changed = part + _change(generator, part, proposed, observer, palette, statistics)
                 part = torch.lerp(part, changed.clamp_(0.0, 1.0), strength)
                 result[:, top:bottom, left:right] = part[:, top - y0 : bottom - y0, left - x0 : right - x0]
     return result
 
 
-def record_statistics(generator: Generator, image: Tensor, observer: Observer, palette: Tensor) -> Statistics:
+def record_statistics(
+    generator: Generator, image: Tensor, proposal: Tensor, observer: Observer, palette: Tensor
+) -> Statistics:
     """The statistics of every normalised layer for one image, (3, H, W), reduced to `STATISTICS_SIZE` if larger."""
     longest = max(image.shape[-2:])
     if longest > STATISTICS_SIZE:
         size = [max(round(side * STATISTICS_SIZE / longest), 1) for side in image.shape[-2:]]
-        image = functional.interpolate(image[None], size, mode="bilinear", antialias=True)[0]
+        both = functional.interpolate(torch.stack([image, proposal]), size, mode="bilinear", antialias=True)
+        image, proposal = both.clamp(0.0, 1.0)
     record: Statistics = {}
     with torch.inference_mode():
-        _residual(generator, image, observer, palette, None, record)
+        _change(generator, image, proposal, observer, palette, None, record)
     return record
 
 
@@ -81,27 +88,31 @@ def average_statistics(records: list[Statistics]) -> Statistics:
     return result
 
 
-def _residual(
+def _change(
     generator: Generator,
     image: Tensor,
+    proposal: Tensor,
     observer: Observer,
     palette: Tensor,
     statistics: Statistics | None,
     record: Statistics | None = None,
 ) -> Tensor:
-    """(3, H, W) residual of an image of any size, whose border is continued to whole strides."""
+    """(3, H, W) what to add to an image of any size, whose border is continued to whole strides."""
     height, width = image.shape[-2:]
     stride = generator.config.stride
     padding = (0, -width % stride, 0, -height % stride)
-    seen = simulate(image, observer.cvd, observer.severity, observer.simulation)
-    batch = functional.pad(torch.stack([image, seen]), padding, mode="replicate")
-    residual = generator(
-        batch[:1],
-        batch[1:],
+    images = torch.stack([image, proposal])
+    seen = simulate(images, observer.cvd, observer.severity, observer.simulation)
+    images, seen = (functional.pad(batch, padding, mode="replicate") for batch in (images, seen))
+    change = generator(
+        images[:1],
+        seen[:1],
+        images[1:],
+        seen[1:],
         observer_features(observer).to(image.device)[None],
         torch.tensor([float(observer.severity)], device=image.device),
         palette.to(image.device)[None],
         statistics,
         record,
     )
-    return residual[0, :, :height, :width]
+    return change[0, :, :height, :width]

@@ -1,14 +1,19 @@
-"""The generator: a U-Net that says how much each pixel's colour has to change for one observer.
+"""The generator: a U-Net that improves on the teacher's recolouring of each pixel for one observer.
+
+It sees the image and the teacher's proposal, a recolouring of the whole scene by one look-up table, and says how the
+proposal is to be changed. So it need not find out which way a scene's colours are to be moved apart, which any single
+view leaves open, and it can do what no look-up table can: treat one colour differently from place to place.
 
 As in pix2pix (Isola et al. 2017) convolutions of stride 2 lead down and skip connections back up; different are
 
-- the finest level, which sees single pixels only (1×1): recolouring is a function of the pixel's colour, steered by
+- the finest level, which is one narrow layer: recolouring is a function of the pixel and its neighbours, steered by
   features of its surroundings from half resolution downwards. That halves the cost of an image;
 - nearest-neighbour upsampling before a convolution, which leaves no checkerboard;
 - feature-wise modulation (FiLM, Perez et al. 2018) of every level by the observer and the scene's palette;
-- the residual's last layer, which starts at zero: training starts from the identity;
-- the severity as a factor of the residual: at severity 0 the network is the identity, whatever its weights;
-- a factor that fades the residual out towards neutral colours: greys and whites stay, whatever the weights.
+- the residual's last layer, which starts at zero: training starts from the proposal;
+- the severity as a factor of the residual: at severity 0 the proposal stays as it is, whatever the weights;
+- a factor that fades the whole change out towards neutral colours: greys and whites stay, whatever the weights;
+- another that takes back part of it in colours like skin: people look at faces.
 """
 
 from __future__ import annotations
@@ -20,12 +25,16 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from ...color.held_colors import skin_likeness
 from .conditioning import OBSERVER_FEATURES, PALETTE_FEATURES
 
 NORMALISATIONS = ("none", "instance", "scene")
 _SLOPE = 0.2  # of leaky ReLUs, as in pix2pix
 _EPSILON = 1e-5  # added to variances
-_NEUTRAL = 0.06  # difference of the largest and the smallest channel at which half of the residual is applied
+_NEUTRAL = 0.03  # difference of the largest and the smallest channel at which half of the change is applied
+
+_SKIN_HELD = 0.4  # share of the change that is taken back in colours like skin
+_PLANES = 12  # channels of the input: four images
 
 Statistics = dict[int, tuple[Tensor, Tensor]]
 """Mean and variance, (B, C, 1, 1) each, of every normalised layer by its number."""
@@ -99,14 +108,14 @@ class Generator(nn.Module):
         )
         self.down = nn.ModuleList(
             _Modulated(nn.Conv2d(before, after, 4, stride=2, padding=1), config.embedding)
-            for before, after in zip((6, *inner[:-1]), inner, strict=True)
+            for before, after in zip((_PLANES, *inner[:-1]), inner, strict=True)
         )
         self.up = nn.ModuleList(
             _Modulated(nn.Conv2d(below + here, here, 3, padding=1), config.embedding)
             for below, here in zip(reversed(inner[1:]), reversed(inner[:-1]), strict=True)
         )
         self.steer = nn.Conv2d(inner[0], full, 1)
-        self.pixel = _Modulated(nn.Conv2d(6, full, 1), config.embedding)
+        self.pixel = _Modulated(nn.Conv2d(_PLANES, full, 3, padding=1), config.embedding)
         self.mix = nn.Conv2d(full, full, 1)
         self.residual = nn.Conv2d(full, 3, 1)
         nn.init.zeros_(self.residual.weight)
@@ -118,6 +127,8 @@ class Generator(nn.Module):
         self,
         image: Tensor,
         simulated: Tensor,
+        proposal: Tensor,
+        proposal_simulated: Tensor,
         observer: Tensor,
         severity: Tensor,
         palette: Tensor,
@@ -129,6 +140,8 @@ class Generator(nn.Module):
         Args:
             image: (B, 3, H, W) sRGB in [0, 1], sides multiples of `config.stride`.
             simulated: S(image), likewise.
+            proposal: the teacher's recolouring of the image, likewise.
+            proposal_simulated: S(proposal), likewise.
             observer: (B, OBSERVER_FEATURES).
             severity: (B,).
             palette: (B, PALETTE_FEATURES); ignored by a network without palette.
@@ -137,8 +150,11 @@ class Generator(nn.Module):
         """
         norm = _Normaliser(self.config.normalisation != "none", statistics, record)
         steering = self.embed(torch.cat([observer, palette], 1) if self.config.palette else observer)
-        # The difference to the simulation is what the observer loses; it is small, so it is scaled up.
-        seen = torch.cat([image - 0.5, (simulated - image) * 2.0], 1).contiguous(memory_format=torch.channels_last)
+        # Differences are what matters: what the observer loses, and what the proposal gives back. They are small, so
+        # they are scaled up.
+        planes = [image - 0.5, simulated - image, proposal - image, proposal_simulated - simulated]
+        seen = torch.cat([planes[0], *(2.0 * plane for plane in planes[1:])], 1)
+        seen = seen.contiguous(memory_format=torch.channels_last)
         skips, features = [], seen
         for level, layer in enumerate(self.down):
             # As in pix2pix, the outermost layer is not normalised.
@@ -155,7 +171,9 @@ class Generator(nn.Module):
         features = functional.leaky_relu(self.mix(features), _SLOPE)
         colorfulness = (image.amax(1, keepdim=True) - image.amin(1, keepdim=True)) ** 2
         chromatic = colorfulness / (colorfulness + _NEUTRAL**2)
-        return self.residual(features) * chromatic * severity[:, None, None, None]
+        change = proposal - image + self.residual(features) * severity[:, None, None, None]
+        held = 1.0 - _SKIN_HELD * skin_likeness(image)[:, None]
+        return change * chromatic * held
 
 
 def channels_last(network: nn.Module) -> None:

@@ -22,14 +22,14 @@ from torch import Tensor, nn
 
 from ...color.held_colors import skin_like
 from ...color.metrics import ccpr, ssim
-from ...color.spaces import linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
+from ...color.spaces import linear_to_srgb, linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
 from ...events import Reporter
 from .batches import Batch, Examples
 from .checkpoint import load_checkpoint, save_checkpoint
 from .conditioning import ObserverBatch
 from .discriminator import Discriminator
 from .generator import Generator, GeneratorConfig
-from .losses import contrast_distance, discriminator_loss, generator_loss
+from .losses import contrast_distance, discriminator_loss, generator_loss, structure_distance
 from .weights import load_generator, save_generator
 
 CHECKPOINT = "checkpoint.safetensors"
@@ -45,31 +45,34 @@ class TrainingSettings:
         steps: generator updates; 0.5 `steps` at the full rate.
         batch, crop: images a step and their sides in pixels, a multiple of the generator's stride.
         learning_rate, beta1: of Adam, for both networks.
-        l1_weight, contrast_weight: λ_1 and λ_cd.
+        l1_weight, contrast_weight, structure_weight: λ_1, and λ_cd of the two parts of L_cd.
         adversarial_weight: of L_GAN; 0 trains without discriminator.
-        contrast_windows: sides of L_cd's windows in pixels.
+        contrast_offsets: see `contrast_distance`.
         one_sided: see `contrast_distance`.
         discriminator_width: channels of the discriminator's first layer.
+        held_weight: of L1 where the original's colours are skin-like, besides 1.
         protection: how far the targets of skin-like colours are moved back to the original; the teacher does not know
-            that people look at faces.
+            that people look at faces. L_cd does not move such colours either.
         hard_share: share of the batch drawn by how much the teacher changes a pair; the rest is drawn evenly.
         average_decay: of the running mean of the weights, which is what is kept.
         seed: of initial weights and batches.
         generator: the network's shape.
     """
 
-    steps: int = 9_000
+    steps: int = 9_200
     batch: int = 4
     crop: int = 128
     learning_rate: float = 1e-3
     beta1: float = 0.5
     l1_weight: float = 100.0
-    contrast_weight: float = 20.0
+    contrast_weight: float = 250.0
+    structure_weight: float = 150.0
     adversarial_weight: float = 1.0
-    contrast_windows: tuple[int, ...] = (3, 11, 31)
-    one_sided: bool = False
-    discriminator_width: int = 16
-    protection: float = 0.75
+    contrast_offsets: tuple[int, ...] = (1,)
+    one_sided: bool = True
+    discriminator_width: int = 8
+    held_weight: float = 3.0
+    protection: float = 0.6
     hard_share: float = 0.5
     average_decay: float = 0.999
     seed: int = 0
@@ -195,21 +198,19 @@ class Training:
         observers = ObserverBatch(part.observers, self._device)
         original = part.original.to(self._device)
         target = _protect(original, part.target.to(self._device), settings.protection)
-        residual = self.generator(
-            original,
-            observers.simulate(original),
-            observers.features,
-            observers.severities,
-            part.palettes.to(self._device),
-        )
-        mapped = original + residual
+        mapped = _generate(self.generator, part, observers, self._device)
         candidate = mapped.clamp(0.0, 1.0)
-        seen = xyz_to_lab(linear_to_xyz(observers.simulate_linear(srgb_to_linear(candidate))))
-        contrast = contrast_distance(srgb_to_lab(original), seen, settings.contrast_windows, settings.one_sided)
+        free = torch.where(skin_like(original)[:, None], candidate.detach(), candidate)
+        linear = observers.simulate_linear(srgb_to_linear(free))
+        seen = xyz_to_lab(linear_to_xyz(linear))
+        contrast = contrast_distance(srgb_to_lab(original), seen, settings.contrast_offsets, settings.one_sided)
+        structure = structure_distance(original, linear_to_srgb(linear))
         # Unclipped, so that a pixel that left the gamut still finds back.
-        distance = (mapped - target).abs().mean()
-        loss = settings.l1_weight * distance + settings.contrast_weight * contrast
-        losses = {"l1": distance.item(), "contrast": contrast.item()}
+        distance = (_held_weights(original, settings.held_weight) * (mapped - target).abs()).mean()
+        loss = (
+            settings.l1_weight * distance + settings.contrast_weight * contrast + settings.structure_weight * structure
+        )
+        losses = {"l1": distance.item(), "contrast": contrast.item(), "structure": structure.item()}
         if settings.adversarial_weight:
             adversarial = generator_loss(self._discriminator(original, candidate, observers.features))
             loss = loss + settings.adversarial_weight * adversarial
@@ -248,9 +249,29 @@ class Training:
             writer.writerow(row)
 
 
+def _generate(generator: Generator, batch: Batch, observers: ObserverBatch, device: str) -> Tensor:
+    """(B, 3, H, W) what the generator makes of a batch, not clipped; the teacher's proposals are the targets."""
+    original, proposal = batch.original.to(device), batch.target.to(device)
+    change = generator(
+        original,
+        observers.simulate(original),
+        proposal,
+        observers.simulate(proposal),
+        observers.features,
+        observers.severities,
+        batch.palettes.to(device),
+    )
+    return original + change
+
+
 def _protect(original: Tensor, target: Tensor, protection: float) -> Tensor:
     """(B, 3, H, W) targets, those of skin-like colours moved back to the original."""
     return torch.lerp(target, original, protection * skin_like(original)[:, None].to(original))
+
+
+def _held_weights(original: Tensor, weight: float) -> Tensor:
+    """(B, 1, H, W) weights of L1."""
+    return 1.0 + weight * skin_like(original)[:, None].to(original)
 
 
 def validate(generator: Generator, examples: Examples, device: str = "cpu", batch: int = 8) -> dict[str, float]:
@@ -267,11 +288,7 @@ def validate(generator: Generator, examples: Examples, device: str = "cpu", batc
         observers = ObserverBatch(part.observers, device)
         original = part.original.to(device)
         with torch.inference_mode():
-            simulated = observers.simulate(original)
-            residual = generator(
-                original, simulated, observers.features, observers.severities, part.palettes.to(device)
-            )
-            candidate = (original + residual).clamp(0.0, 1.0)
+            candidate = _generate(generator, part, observers, device).clamp(0.0, 1.0)
             target = part.target.to(device)
             for suffix, image in (("_input", original), ("_teacher", target), ("", candidate)):
                 pairs = list(zip(original, observers.simulate(image), strict=True))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from PIL import Image
 
-from cvdgs.core.color.held_colors import held_masks
+from cvdgs.core.color.held_colors import held_masks, skin_like, skin_likeness
 from cvdgs.core.color.spaces import image_to_tensor
 
 
@@ -44,3 +45,15 @@ def test_skin_agrees_with_pillows_ycbcr(image):
     possibly = (cb > 76) & (cb < 128) & (cr > 132) & (cr < 174)
     assert found[surely].all()
     assert not found[~possibly].any()
+
+
+def test_skin_likeness_is_the_boxs_smooth_version():
+    image = torch.rand(3, 64, 64, generator=torch.Generator().manual_seed(0))
+    assert torch.equal(skin_likeness(image) >= 0.5, skin_like(image))
+    brown = torch.tensor([0.70, 0.50, 0.40])[:, None, None]
+    assert skin_likeness(brown) > 0.95
+    assert skin_likeness(torch.tensor([0.2, 0.6, 0.9])[:, None, None]) < 0.01
+    steps = torch.diff(
+        skin_likeness(torch.lerp(torch.full((3, 1, 256), 0.5), brown.expand(3, 1, 256), torch.linspace(0, 1, 256)))
+    )
+    assert steps.abs().max() < 0.05

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 
 from cvdgs.core.color.observer import Observer
 from cvdgs.core.color.spaces import image_to_tensor
-from cvdgs.core.enhance.gan.apply import average_statistics, enhance, record_statistics
+from cvdgs.core.enhance.gan.apply import average_statistics, record_statistics
+from cvdgs.core.enhance.gan.apply import enhance as enhance_proposal
 from cvdgs.core.enhance.gan.conditioning import palette
+from cvdgs.core.enhance.gan.generator import Generator
 
 from .networks import SMALL, random_generator
 
@@ -22,6 +24,15 @@ DEUTAN = Observer("deutan", 1.0)
 
 def noise(height: int, width: int, seed: int = 0) -> torch.Tensor:
     return image_to_tensor(np.random.default_rng(seed).random((height, width, 3), dtype=np.float32))
+
+
+def proposal_of(image: torch.Tensor) -> torch.Tensor:
+    """A recolouring: every colour a little warmer."""
+    return (image + torch.tensor([0.05, 0.0, -0.05])[:, None, None]).clamp(0.0, 1.0)
+
+
+def enhance(generator, image, *arguments, **options) -> torch.Tensor:
+    return enhance_proposal(generator, image, proposal_of(image), *arguments, **options)
 
 
 def palette_of(image: torch.Tensor) -> torch.Tensor:
@@ -49,7 +60,9 @@ def test_tiles_leave_no_seams(normalisation, size):
     config = replace(SMALL, normalisation=normalisation)
     generator, image = random_generator(config), noise(*size)
     colors = palette_of(image)
-    statistics = record_statistics(generator, image, DEUTAN, colors) if normalisation == "scene" else None
+    statistics = (
+        record_statistics(generator, image, proposal_of(image), DEUTAN, colors) if normalisation == "scene" else None
+    )
     whole = enhance(generator, image, DEUTAN, colors, statistics)
     tiled = enhance(generator, image, DEUTAN, colors, statistics, tile_size=2 * config.reach + 5 * config.stride)
     assert (whole - tiled).abs().max() < 1e-5
@@ -65,17 +78,26 @@ def test_a_pixel_changes_nothing_beyond_the_networks_reach():
     assert 8 < distance <= SMALL.reach
 
 
-def test_severity_zero_is_the_identity_whatever_the_weights():
+def test_at_severity_zero_the_identity_stays_the_identity_whatever_the_weights():
     image = noise(40, 40)
-    assert torch.equal(enhance(random_generator(), image, Observer("protan", 0.0), palette_of(image)), image)
+    observer = Observer("protan", 0.0)
+    assert torch.equal(enhance_proposal(random_generator(), image, image, observer, palette_of(image)), image)
+
+
+def test_an_untrained_generator_leaves_the_proposals_of_strong_colours():
+    image = noise(40, 40)
+    strong = image.amax(0) - image.amin(0) > 0.5
+    difference = (enhance(Generator(SMALL), image, DEUTAN, palette_of(image)) - proposal_of(image)).abs()
+    assert difference[:, strong].max() < 1e-3
 
 
 @given(severity=st.floats(0.0, 0.02))
 @settings(max_examples=10, deadline=None)
-def test_a_very_small_severity_changes_very_little(severity):
+def test_a_very_small_severity_changes_the_proposal_very_little(severity):
     image = noise(32, 32)
     result = enhance(random_generator(), image, Observer("tritan", severity), palette_of(image))
-    assert (result - image).abs().max() <= 0.02 * 10.0
+    unchanged = enhance(Generator(SMALL), image, Observer("tritan", severity), palette_of(image))
+    assert (result - unchanged).abs().max() <= 0.02 * 10.0
 
 
 def test_strength_blends_from_the_original():
@@ -90,7 +112,7 @@ def test_strength_blends_from_the_original():
 def test_statistics_of_one_image_are_its_own():
     generator, image = random_generator(replace(SMALL, normalisation="instance")), noise(64, 64)
     colors = palette_of(image)
-    statistics = average_statistics([record_statistics(generator, image, DEUTAN, colors)])
+    statistics = average_statistics([record_statistics(generator, image, proposal_of(image), DEUTAN, colors)])
     own = enhance(generator, image, DEUTAN, colors)
     assert torch.allclose(enhance(generator, image, DEUTAN, colors, statistics), own, atol=1e-5)
 

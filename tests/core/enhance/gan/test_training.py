@@ -56,21 +56,20 @@ class Interrupts(Reporter):
             raise KeyboardInterrupt
 
 
-def test_an_untrained_generator_is_the_identity(tmp_path, examples, validation):
+def test_an_untrained_generator_is_the_teacher(tmp_path, examples, validation):
     figures = validate(Training(tmp_path, examples, validation, QUICK).average, validation)
-    assert figures["shift"] == pytest.approx(0.0, abs=1e-4)
-    assert figures["ccpr"] == pytest.approx(figures["ccpr_input"])
+    assert figures["distance"] < 0.02 * figures["shift"]  # greyish pixels are held
+    assert figures["ccpr"] == pytest.approx(figures["ccpr_teacher"], abs=0.01)
     assert figures["ccpr_teacher"] > figures["ccpr_input"]
 
 
-def test_training_comes_closer_to_the_teacher(tmp_path, examples, validation):
-    settings = replace(QUICK, steps=120)
+def test_training_improves_on_the_teacher(tmp_path, examples, validation):
+    settings = replace(QUICK, steps=120, structure_weight=100.0)
     training = Training(tmp_path, examples, validation, settings)
-    before = validate(training.average, validation)
     training.run()
     after = validate(training.average, validation)
-    assert after["distance"] < 0.6 * before["distance"]
-    assert after["ccpr"] > before["ccpr"] + 0.2
+    assert after["ssim"] > after["ssim_teacher"] + 0.01
+    assert after["ccpr"] > after["ccpr_teacher"] - 0.01
 
 
 def test_an_interrupted_training_ends_where_an_uninterrupted_one_does(tmp_path, examples, validation):
