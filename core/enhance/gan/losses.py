@@ -32,7 +32,8 @@ def contrast_distance(
 
     Args:
         original_lab, seen_lab: (B, 3, H, W) CIELAB of the original and of S(candidate).
-        offsets: distances of the pairs in pixels; the loss is averaged over them.
+        offsets: distances of the pairs in pixels; the loss is averaged over them. Neighbours alone could be told
+            apart by outlines; pairs further apart ask that areas differ.
         one_sided: whether contrast beyond the original's counts as similar; else the denominator is Σ max(d, d').
     """
     losses = []

@@ -20,7 +20,7 @@ CHANGES: Mapping[str, dict[str, Any]] = {
     "no contrast loss": {"contrast_weight": 0.0},
     "no structure loss": {"structure_weight": 0.0},
     "both weights 60": {"contrast_weight": 60.0, "structure_weight": 60.0},
-    "offsets 1, 4": {"contrast_offsets": (1, 4)},
+    "neighbours alone": {"contrast_offsets": (1,)},
     "two-sided contrast": {"one_sided": False},
     "no protection of skin": {"protection": 0.0, "held_weight": 0.0},
     "no discriminator": {"adversarial_weight": 0.0},

@@ -65,10 +65,10 @@ class TrainingSettings:
     learning_rate: float = 1e-3
     beta1: float = 0.5
     l1_weight: float = 100.0
-    contrast_weight: float = 250.0
+    contrast_weight: float = 200.0
     structure_weight: float = 150.0
     adversarial_weight: float = 1.0
-    contrast_offsets: tuple[int, ...] = (1,)
+    contrast_offsets: tuple[int, ...] = (1, 6, 24)
     one_sided: bool = True
     discriminator_width: int = 8
     held_weight: float = 3.0
