@@ -69,7 +69,7 @@ class Settings:
     layers: tuple[Layer, ...] = (Layer("deutan", 1.0),)
     simulation: str = "machado"
     strength: float = 1.0
-    enhancer: str = "cgan"
+    enhancer: str = "lut"
     mode: str = "layers"
     iterations: int = 5000
     gaussians: int | None = None

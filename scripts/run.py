@@ -37,7 +37,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--severity", action="append", type=float, metavar="0..1", help="one for all layers, or one per --cvd (1)")
     add("--simulation", default="machado", metavar="MODEL", help="|".join(SIMULATIONS) + " (machado)")
     add("--strength", type=float, default=1.0, metavar="0..1", help="of the enhancement (1)")
-    add("--enhancer", default="cgan", metavar="NAME", help="|".join(ENHANCERS) + "|FILE.safetensors (cgan)")
+    add("--enhancer", default="lut", metavar="NAME", help="|".join(ENHANCERS) + "|FILE.safetensors (lut)")
     add("--mode", default="layers", metavar="MODE", help="|".join(MODES) + ", see core/stages.py (layers)")
     add("--iterations", type=int, default=5000, metavar="N", help="of the geometry stage (5000)")
     add("--gaussians", type=number_or_auto, default=None, metavar="N", help="at most so many; auto (auto)")

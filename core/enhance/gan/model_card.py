@@ -15,10 +15,10 @@ from .weights import SHIPPED, load_generator, read_notes
 
 _PURPOSE = """\
 Recolours photographs, view by view, so that people with a colour vision deficiency can tell apart what others can. It
-starts from one look-up table that is fitted to the whole scene and improves on it. Made for textiles photographed from
-several sides; `scripts/run.py` and `scripts/enhance.py` use it unless another `--enhancer` is named. Observers: protan,
-deutan, tritan and achromat, severity 0 to 1, under the simulations of Machado, Viénot and Brettel. At severity 0 it is
-the identity by construction, greys stay, and colours like skin move less.
+starts from one look-up table that is fitted to the whole scene. Made for textiles photographed from several sides;
+`scripts/run.py` and `scripts/enhance.py` use it with `--enhancer cgan`. Observers: protan, deutan, tritan and achromat,
+severity 0 to 1, under the simulations of Machado, Viénot and Brettel. At severity 0 it is the identity by construction,
+greys stay, and colours like skin move less.
 
 It is no diagnosis and no aid in traffic, medicine or wherever a colour's meaning is fixed. Trained on drawn and
 rendered images alone, without a single photograph. The renders are two variants of the demo capture's room in other
