@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from .corrections import ViewCorrection
 from .exposure import estimate_log_gains
 from .gaussians import Gaussians
-from .raster import Adam, LearningRates, ParameterSet, Rasterizer
+from .raster import Adam, Frame, LearningRates, Loss, ParameterSet, Rasterizer
 from .strategy import Refinement
 from .targets import Background, TrainingView
 
@@ -63,7 +64,9 @@ class Fit:
         rates: LearningRates,
         *,
         gather_gradient: bool = False,
+        colors_only: bool = False,
         correction: ViewCorrection | None = None,
+        loss: Callable[[Frame, wp.array], Loss] | None = None,
     ) -> None:
         """Render a view, measure the loss, go backward, move the parameters.
 
@@ -73,7 +76,9 @@ class Fit:
         Args:
             reduction: level of the view.
             gather_gradient: add the screen-space gradients to those for `mean_gradient`.
+            colors_only: move the colours of degree 0 alone.
             correction: of the view's exposure and pose, which moves along.
+            loss: of the frame against the photograph, which fills `frame.grad_color`; None takes the photometric loss.
         """
         self._steps += 1
         image, camera = view.at(reduction)
@@ -83,14 +88,15 @@ class Fit:
         self.work += frame.intersections
         if correction is not None:
             correction.before_loss(frame)
-        loss = self._rasterizer.photometric_loss(frame, image, self._ssim_weight)
-        if not math.isfinite(loss.total):
+        measured = (loss or self._photometric_loss)(frame, image)
+        if not math.isfinite(measured.total):
             self.skipped += 1
-            self._remove_broken()
+            if not colors_only:  # then the Gaussians are given
+                self._remove_broken()
             return
         if correction is not None:
             correction.after_loss(frame)
-        gradients = self._rasterizer.backward(frame, absolute=gather_gradient)
+        gradients = self._rasterizer.backward(frame, colors_only=colors_only, absolute=gather_gradient)
         if correction is not None:
             correction.after_backward(self.parameters, gradients, camera)
         self._adam.step(self._rasterizer, self.parameters, gradients, rates)
@@ -144,6 +150,9 @@ class Fit:
             color = color * np.exp(estimate_log_gains(color, photograph)).astype(np.float32)
         error = (np.clip(color, 0.0, 1.0) - photograph) ** 2
         return float(-10.0 * np.log10(max(error.mean(), 1e-12)))
+
+    def _photometric_loss(self, frame: Frame, image: wp.array) -> Loss:
+        return self._rasterizer.photometric_loss(frame, image, self._ssim_weight)
 
     def _clear_gradients(self) -> None:
         self._gradient = np.zeros(len(self), np.float32)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import warp as wp
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..consistency import Consensus
 from .multi_view_loss import MultiViewLoss
-from .raster import Frame, Rasterizer
+from .raster import Frame, Loss, Rasterizer
 
 
 @dataclass(frozen=True)
@@ -52,10 +53,17 @@ class GuidedLoss:
             for guide in guides or ()
         ]
 
-    def measure(self, frame: Frame, image: wp.array, view: int) -> None:
-        """Fill `frame.grad_color` for the (H, W, 3) photograph of the view with this number."""
+    def of(self, view: int) -> Callable[[Frame, wp.array], Loss]:
+        """The loss of the view with this number, which fills `frame.grad_color`.
+
+        Its value is that of the photometric part; the multi-view loss is a gradient only.
+        """
+        return partial(self._measure, view)
+
+    def _measure(self, view: int, frame: Frame, image: wp.array) -> Loss:
         mask = self._masks[view] if self._masks else None
-        self._rasterizer.photometric_loss(frame, image, self._ssim_weight, mask)
+        loss = self._rasterizer.photometric_loss(frame, image, self._ssim_weight, mask)
         pull = self._pulls[view] if self._pulls else None
         if pull is not None:
             pull.add_gradient(frame)
+        return loss

@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from ..capture.model import View
 from ..events import Reporter, StageSpan
+from .fitting import Fit
 from .gaussians import Gaussians
 from .guides import GuidedLoss, ViewGuide
 from .plan import TrainingPlan, TrainingResult
-from .raster import Adam, LearningRates, ParameterSet, Rasterizer
+from .raster import LearningRates, Rasterizer
 from .renderer import SceneRenderer
 from .scene_frame import SceneFrame
-from .targets import Background, prepare_targets
+from .targets import Background, ViewOrder, prepare_targets
 from .trainer import STAGE, Trainer
 
 GuidesOfGeometry = Callable[[Gaussians], Sequence[ViewGuide]]
@@ -92,7 +93,8 @@ class JointTraining:
         result = trainer.train(StageSpan(reporter, STAGE, 0.0, turn, "fitting enhanced views"))
         started = time.perf_counter()
         guides = guides_of(result.gaussians)
-        gaussians = self._agree(result.gaussians, guides, together, StageSpan(reporter, STAGE, turn, 1.0, "agreeing"))
+        span = StageSpan(reporter, STAGE, turn, 1.0, "agreeing")
+        gaussians, skipped = self._agree(result.gaussians, guides, together, span)
         seconds = round(result.seconds + time.perf_counter() - started, 2)
         entry = {
             "step": (result.curve[-1]["step"] or 0) + together,
@@ -100,27 +102,28 @@ class JointTraining:
             "psnr": self._psnr(gaussians),
             "gaussians": len(gaussians),
         }
-        return replace(result, gaussians=gaussians, curve=[*result.curve, entry], seconds=seconds)
+        return replace(
+            result,
+            gaussians=gaussians,
+            curve=[*result.curve, entry],
+            seconds=seconds,
+            skipped=result.skipped + skipped,
+        )
 
-    def _agree(self, gaussians: Gaussians, guides: Sequence[ViewGuide], steps: int, reporter: Reporter) -> Gaussians:
-        """The steps with the multi-view loss."""
+    def _agree(
+        self, gaussians: Gaussians, guides: Sequence[ViewGuide], steps: int, reporter: Reporter
+    ) -> tuple[Gaussians, int]:
+        """The steps with the multi-view loss; also returns how many of them were skipped."""
         frame = SceneFrame.around(self.views, gaussians.means)
-        parameters = ParameterSet.from_gaussians(frame.from_world(gaussians), self.rasterizer.device)
-        adam = Adam(parameters)
+        fit = Fit(self.rasterizer, frame.from_world(gaussians), self.background, self.plan.ssim_weight)
         targets = prepare_targets(self.rasterizer, self.views, frame, self.background, set())
         loss = GuidedLoss(self.rasterizer, guides, self.plan.ssim_weight, self.joint.multi_view_weight)
-        rng = np.random.default_rng(self.seed)
-        order: list[int] = []
+        order = ViewOrder(len(targets), np.random.default_rng(self.seed))
         for step in range(1, steps + 1):
-            order = order or rng.permutation(len(targets)).tolist()
-            view = order.pop()
-            image, camera = targets[view].at(1)
-            rendered = self.rasterizer.render(parameters, camera, self.background.color)
-            loss.measure(rendered, image, view)
-            gradients = self.rasterizer.backward(rendered)
-            adam.step(self.rasterizer, parameters, gradients, self._rates(step / steps))
+            view = order.next()
+            fit.step(targets[view], 1, self._rates(step / steps), loss=loss.of(view))
             reporter.progress(STAGE, step / steps)
-        return frame.to_world(parameters.to_gaussians())
+        return frame.to_world(fit.parameters.to_gaussians()), fit.skipped
 
     def _rates(self, progress: float) -> LearningRates:
         left = self.joint.rates_decay**progress

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..capture.model import View
+from .fitting import Fit
 from .gaussians import Gaussians
 from .guides import GuidedLoss, ViewGuide
-from .raster import Adam, LearningRates, ParameterSet, Rasterizer
+from .raster import LearningRates, Rasterizer
 from .scene_frame import SceneFrame
-from .targets import Background, prepare_targets
+from .targets import Background, ViewOrder, prepare_targets
 
 
 @dataclass(frozen=True)
@@ -58,23 +59,17 @@ def fit_layer(
     """
     frame = SceneFrame.around(views, gaussians.means)
     local = frame.from_world(gaussians.with_base_colors(gaussians.base_colors))
-    parameters = ParameterSet.from_gaussians(local, rasterizer.device)
-    adam = Adam(parameters)
+    fit = Fit(rasterizer, local, background, plan.ssim_weight)
     targets = prepare_targets(rasterizer, views, frame, background, set())
     loss = GuidedLoss(rasterizer, guides, plan.ssim_weight, plan.multi_view_weight)
-    rng = np.random.default_rng(seed)
+    order = ViewOrder(len(targets), np.random.default_rng(seed))
     steps = max(plan.epochs * len(targets), plan.minimum_steps)
-    order: list[int] = []
     for step in range(1, steps + 1):
-        order = order or rng.permutation(len(targets)).tolist()
-        view = order.pop()
-        image, camera = targets[view].at(1)
-        rendered = rasterizer.render(parameters, camera, background.color)
-        loss.measure(rendered, image, view)
-        gradients = rasterizer.backward(rendered, colors_only=True)
-        adam.step(rasterizer, parameters, gradients, _colors_only(plan.rate * plan.rate_decay ** (step / steps)))
+        view = order.next()
+        rates = _colors_only(plan.rate * plan.rate_decay ** (step / steps))
+        fit.step(targets[view], 1, rates, colors_only=True, loss=loss.of(view))
         progress(step / steps)
-    return gaussians.with_base_colors(parameters.to_gaussians().base_colors)
+    return gaussians.with_base_colors(fit.parameters.to_gaussians().base_colors)
 
 
 def _colors_only(rate: float) -> LearningRates:

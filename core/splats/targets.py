@@ -57,6 +57,20 @@ class TrainingView:
         return self.levels.get(reduction) or self.levels[1]
 
 
+class ViewOrder:
+    """The numbers 0 to `count` - 1 over and over, each time in another order."""
+
+    def __init__(self, count: int, rng: np.random.Generator) -> None:
+        self._count = count
+        self._rng = rng
+        self._left: list[int] = []
+
+    def next(self) -> int:
+        """The next number."""
+        self._left = self._left or self._rng.permutation(self._count).tolist()
+        return self._left.pop()
+
+
 def prepare_targets(
     rasterizer: Rasterizer, views: Sequence[View], frame: SceneFrame, background: Background, reductions: set[int]
 ) -> list[TrainingView]:

@@ -23,7 +23,7 @@ from .scene_frame import SceneFrame
 from .strategy import Evidence, MultiViewConsistent, Relocation, Strategy, ViewEvidence, floaters, unseen
 from .strategy.editing import take
 from .strategy.ordering import in_order, morton_order
-from .targets import Background, prepare_targets
+from .targets import Background, ViewOrder, prepare_targets
 
 __all__ = ["STAGE", "Trainer", "TrainingPlan", "TrainingResult"]
 
@@ -72,7 +72,7 @@ class Trainer:
         self._initial = len(initial)
         self.fit = Fit(rasterizer, with_sh_degree(initial, plan.sh_degree or 0), background, plan.ssim_weight)
         self._corrections = ViewCorrections(rasterizer, self._targets, background, plan.exposure, plan.poses)
-        self._order: list[int] = []
+        self._order = ViewOrder(len(self._targets), self._rng)
         self._curve: list[dict[str, float | None]] = []
         self._decided = Outcome(self._roles.reason, type(self._strategy).__name__)
 
@@ -142,23 +142,19 @@ class Trainer:
 
     def step(self, step: int) -> None:
         """One optimisation step of the run, on the next view."""
-        every, rates = self._strategy.gradient_every, self._course.rates(step)
-        gather = every > 0 and step % every == 0 and self._course.growing(step)
+        strategy, rates, growing = self._strategy, self._course.rates(step), self._course.growing(step)
+        gather = growing and _due(strategy.gradient_every, step)
         self._corrections.decide(self._course.progress(step), self.fit.parameters)
         if self._corrections.poses_were_off:
             # Those of the deciding views are off too, and not corrected: they say nothing about this scene any more.
             self._deciding = []
         self._fit_next(self._course.reduction(step), rates, gather_gradient=gather)
-        if self._course.growing(step):
-            gaussians = Gaussians(**self.fit.parameters.numpy())
-            moved = self._strategy.disturb(gaussians, step, self._plan.steps, rates.means, self._rng)
-            if moved is not None:
-                self.fit.put(moved)
+        if growing and _due(strategy.disturb_every, step):
+            gaussians = self.fit.parameters.to_gaussians()
+            self.fit.put(strategy.disturb(gaussians, self._plan.steps, rates.means, self._rng))
 
     def _fit_next(self, reduction: int, rates: LearningRates, *, gather_gradient: bool = False) -> None:
-        if not self._order:
-            self._order = self._rng.permutation(len(self._targets)).tolist()
-        view = self._order.pop()
+        view = self._order.next()
         correction = self._corrections.of(view)
         self.fit.step(self._targets[view], reduction, rates, gather_gradient=gather_gradient, correction=correction)
 
@@ -262,6 +258,10 @@ class Trainer:
         self._measuring += time.perf_counter() - started
         self._curve.append({**entry, "seconds": round(self._seconds, 2)})
         return psnr
+
+
+def _due(every: int, step: int) -> bool:
+    return every > 0 and step % every == 0
 
 
 def _strategy_for(points: int, plan: TrainingPlan) -> Strategy:

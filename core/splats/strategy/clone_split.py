@@ -27,6 +27,7 @@ class CloneSplitPrune:
         split_shrink: standard deviations of the two halves are divided by this.
         min_opacity: a Gaussian below it is removed.
         gradient_every: steps between the gradients that are gathered; those from absolute values take a third longer.
+        disturb_every: 0.
     """
 
     schedule: Schedule = field(default_factory=lambda: Schedule(0.06, 0.6, rounds=25))
@@ -35,6 +36,7 @@ class CloneSplitPrune:
     split_shrink: float = 1.6
     min_opacity: float = 0.005
     gradient_every: int = 1
+    disturb_every: int = 0
 
     def views_wanted(self, step: int, steps: int, available: int) -> int:
         """None: the gradients of the steps say where to grow."""
@@ -66,5 +68,6 @@ class CloneSplitPrune:
         new.log_scales[halves] -= np.float32(np.log(self.split_shrink))
         return Refinement(new, source, fresh)
 
-    def disturb(self, gaussians: Gaussians, step: int, steps: int, means_rate: float, rng: np.random.Generator) -> None:
-        """Leaves the Gaussians alone between refinements."""
+    def disturb(self, gaussians: Gaussians, steps: int, means_rate: float, rng: np.random.Generator) -> Gaussians:
+        """The Gaussians as they are: between refinements they are left alone."""
+        return gaussians

@@ -76,6 +76,10 @@ class Strategy(Protocol):
     def gradient_every(self) -> int:
         """Every so many steps the screen-space gradients are gathered; 0: it does not need them."""
 
+    @property
+    def disturb_every(self) -> int:
+        """Every so many steps, while it grows, `disturb` is called; 0: never, which spares a look at the Gaussians."""
+
     def views_wanted(self, step: int, steps: int, available: int) -> int:
         """How many of `available` training views to render for `Evidence.views` before refining at `step`."""
 
@@ -86,11 +90,10 @@ class Strategy(Protocol):
             gaussians: N, in frame units.
         """
 
-    def disturb(
-        self, gaussians: Gaussians, step: int, steps: int, means_rate: float, rng: np.random.Generator
-    ) -> Gaussians | None:
-        """What the strategy does to the Gaussians after a step; None where it leaves them alone.
+    def disturb(self, gaussians: Gaussians, steps: int, means_rate: float, rng: np.random.Generator) -> Gaussians:
+        """Other values for the same Gaussians.
 
         Args:
+            steps: of the run.
             means_rate: the optimiser's present step size of the positions.
         """

@@ -32,6 +32,7 @@ class MultiViewConsistent:
         needed_pixels: a Gaussian that in no view is worth so many pixels is removed.
         min_opacity: and so is one below this.
         gradient_every: 0, they are not needed, which saves a third of the backward pass.
+        disturb_every: 0.
     """
 
     schedule: Schedule = field(default_factory=lambda: Schedule(0.06, 0.6, rounds=12, shortest=60))
@@ -43,6 +44,7 @@ class MultiViewConsistent:
     needed_pixels: float = 2.0
     min_opacity: float = 0.005
     gradient_every: int = 0
+    disturb_every: int = 0
 
     def views_wanted(self, step: int, steps: int, available: int) -> int:
         """A sample, and at every census all."""
@@ -64,8 +66,9 @@ class MultiViewConsistent:
         halves = divide(take(gaussians, divided))
         return Refinement(concatenate(take(gaussians, stays), *halves), source, np.arange(len(source)) >= len(stays))
 
-    def disturb(self, gaussians: Gaussians, step: int, steps: int, means_rate: float, rng: np.random.Generator) -> None:
-        """Leaves the Gaussians alone between refinements."""
+    def disturb(self, gaussians: Gaussians, steps: int, means_rate: float, rng: np.random.Generator) -> Gaussians:
+        """The Gaussians as they are: between refinements they are left alone."""
+        return gaussians
 
     def _needed(self, gaussians: Gaussians, views: ViewEvidence) -> NDArray[np.bool_]:
         with np.errstate(invalid="ignore"):

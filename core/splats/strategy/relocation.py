@@ -105,12 +105,8 @@ class Relocation:
             chance = (1.0 - self.error_share) * chance + self.error_share * blame / blame.sum()
         return chance
 
-    def disturb(
-        self, gaussians: Gaussians, step: int, steps: int, means_rate: float, rng: np.random.Generator
-    ) -> Gaussians | None:
-        """Noise and decay, every `disturb_every` steps until the schedule stops."""
-        if step % self.disturb_every or not self.schedule.growing(step, steps):
-            return None
+    def disturb(self, gaussians: Gaussians, steps: int, means_rate: float, rng: np.random.Generator) -> Gaussians:
+        """Noise and decay, as much as `disturb_every` steps bring."""
         share = self.disturb_every / max(steps, self.shortest)
         opacity = gaussians.opacities.astype(np.float64)
         wandering = 1.0 / (1.0 + np.exp(np.clip(self.noise_sharpness * (opacity - self.dead_opacity), -50.0, 50.0)))
