@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from .job import WORKER, Event, Job, blender_command, find_python
+from .job import Event, Workers, blender_command
 from .job_console import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from .progress import RunProgress, format_seconds
 from .report import finish_report, latest_seconds
@@ -42,11 +42,12 @@ def run_in_console(settings: Settings, *, json_events: bool) -> int:
     return in_console(work, JsonDisplay(sys.stdout) if json_events else bar)
 
 
-def run(settings: Settings, listen: Listener) -> dict[str, Any]:
+def run(settings: Settings, listen: Listener, workers: Workers | None = None) -> dict[str, Any]:
     """Run the whole job and put its results into ``settings.out``; returns the report.
 
     Args:
         listen: receives every event of the workers.
+        workers: does the work; None takes the interpreter that `job.find_python` finds.
 
     Raises:
         InputError: unusable input or output; nothing was written.
@@ -55,7 +56,8 @@ def run(settings: Settings, listen: Listener) -> dict[str, Any]:
     """
     started = time.monotonic()
     listen({"event": "status", "stage": "start", "message": "starting"})
-    python = find_python()
+    workers = workers or Workers()
+    workers.require_python()  # before a folder is made
     folder = RunFolder(settings.out)
     with all_or_nothing(folder, settings.out, LOG_NAME), ExitStack() as stack:
         if settings.resume:
@@ -64,14 +66,14 @@ def run(settings: Settings, listen: Listener) -> dict[str, Any]:
         log = Log(log_file, listen)
         log.line("settings " + json.dumps(settings.to_dict()))
         request = {"job": "run", "settings": settings.to_dict(), "folder": str(folder.staging)}
-        report = finish(Job([python, str(WORKER)], request, log.line), log.event)["report"]
+        report = finish(workers.start(request, log.line), log.event)["report"]
         seconds = latest_seconds(report)
         if settings.blend:
             blender_started = time.monotonic()
             # A held-out view from the middle: its still can be compared with renders/.
             shown = report["views_shown"]
             arguments = [str(folder.staging), "--view", shown[len(shown) // 2]]
-            blender = finish(Job(blender_command(arguments), None, log.line), log.event)
+            blender = finish(workers.start_command(blender_command(arguments), None, log.line), log.event)
             blender.pop("event")
             report["blender"] = blender
             seconds["blender"] = round(time.monotonic() - blender_started, 2)

@@ -15,11 +15,12 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, Any
 
-from .errors import InputError
+from .errors import Cancelled, InputError
 
 ROOT = Path(__file__).resolve().parent.parent
 WORKER = ROOT / "core" / "__main__.py"
@@ -93,12 +94,17 @@ class Job:
         command: program and arguments.
         request: sent to the worker's stdin as one JSON line, if given.
         log: receives every line that the worker writes, stderr included.
+        variables: environment variables of the worker, beside this process's.
     """
 
     def __init__(
-        self, command: list[str], request: Event | None = None, log: Callable[[str], None] = lambda _: None
+        self,
+        command: list[str],
+        request: Event | None = None,
+        log: Callable[[str], None] = lambda _: None,
+        variables: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
-        environment = dict(os.environ)
+        environment = {**os.environ, **variables}
         # Blender sets these for its own Python; they would lead the worker's interpreter astray.
         for name in ("PYTHONHOME", "PYTHONPATH"):
             environment.pop(name, None)
@@ -188,6 +194,54 @@ class Job:
                 self._process.terminate()
         except (ProcessLookupError, PermissionError):
             pass  # it has ended
+
+
+class Workers:
+    """Starts the workers of one piece of work, one after the other, and cancels them from any thread.
+
+    Args:
+        python: interpreter that has torch and Warp; None looks for one when it is needed (`find_python`).
+        variables: environment variables of the workers, beside this process's.
+    """
+
+    def __init__(self, python: str | None = None, variables: Mapping[str, str] = MappingProxyType({})) -> None:
+        self._python = python
+        self._variables = dict(variables)
+        self._lock = threading.Lock()
+        self._current: Job | None = None
+        self._cancelled = False
+
+    def start(self, request: Event, log: Callable[[str], None] = lambda _: None) -> Job:
+        """A worker of `core` that does `request`.
+
+        Raises:
+            InputError: there is no interpreter for it, or it cannot be started.
+            Cancelled: `cancel` was called.
+        """
+        return self.start_command([self.require_python(), str(WORKER)], request, log)
+
+    def start_command(
+        self, command: list[str], request: Event | None = None, log: Callable[[str], None] = lambda _: None
+    ) -> Job:
+        """Another program that speaks the protocol; errors as for `start`."""
+        with self._lock:
+            if self._cancelled:
+                raise Cancelled
+            self._current = Job(command, request, log, self._variables)
+            return self._current
+
+    def require_python(self) -> str:
+        """The interpreter; raises `InputError` when there is none."""
+        if self._python is None:
+            self._python = find_python()
+        return self._python
+
+    def cancel(self) -> None:
+        """End the current worker and start no other. Returns at once; whoever follows the worker meets `Cancelled`."""
+        with self._lock:
+            self._cancelled = True
+            if self._current is not None:
+                threading.Thread(target=self._current.cancel, name="cancel", daemon=True).start()
 
 
 def _parse(line: str) -> Event | None:

@@ -91,6 +91,7 @@ def finish(job: Job, listen: Listener) -> Event:
 
     Raises:
         WorkerRefusal: the worker refused its input.
+        Cancelled: another thread cancelled it.
         WorkerDefect: it ended without a result.
     """
     result: Event | None = None
@@ -107,6 +108,8 @@ def finish(job: Job, listen: Listener) -> Event:
     except BaseException:
         job.cancel()
         raise
+    if job.cancelled:
+        raise Cancelled
     if complaint is not None and complaint.get("kind") == "input":
         raise WorkerRefusal(str(complaint["message"]))
     if code != 0 or result is None:

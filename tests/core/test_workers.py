@@ -1,0 +1,86 @@
+"""Workers that another thread cancels, as Blender's window does."""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from cvdgs.core.errors import Cancelled, InputError
+from cvdgs.core.front import run
+from cvdgs.core.job import Workers
+from cvdgs.core.job_console import finish
+from cvdgs.core.settings import Settings
+
+
+@pytest.fixture
+def interpreter(tmp_path: Path):
+    """Makes a program that takes the place of the worker's Python and does what its body says."""
+
+    def make(body: str) -> str:
+        program = tmp_path / "python"
+        program.write_text(f"#!{sys.executable}\nimport json, os, signal, sys, time\n" + textwrap.dedent(body))
+        program.chmod(0o755)
+        return str(program)
+
+    return make
+
+
+def start_event(path: Path) -> None:
+    deadline = time.monotonic() + 20.0
+    while not path.exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+
+
+@pytest.mark.parametrize("deaf", [False, True], ids=["obedient", "deaf"])
+def test_a_cancelled_run_ends_within_two_seconds_and_leaves_nothing(interpreter, tmp_path, deaf):
+    started = tmp_path / "started"
+    python = interpreter(
+        f"""
+        {"signal.signal(signal.SIGINT, signal.SIG_IGN)" if deaf else ""}
+        open({str(started)!r}, "w").close()
+        time.sleep(60)
+        """
+    )
+    workers, seen = Workers(python), []
+
+    def work() -> None:
+        try:
+            run(Settings("photos", str(tmp_path / "out"), blend=False), lambda _: None, workers)
+        except Cancelled:
+            seen.append("cancelled")
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    start_event(started)
+    began = time.monotonic()
+    workers.cancel()
+    assert time.monotonic() - began < 0.1
+    thread.join(timeout=10)
+    assert time.monotonic() - began < 2.0
+    assert seen == ["cancelled"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_nothing_is_started_after_a_cancellation(interpreter):
+    workers = Workers(interpreter("raise SystemExit(0)"))
+    workers.cancel()
+    with pytest.raises(Cancelled):
+        workers.start({"job": "inspect"})
+
+
+def test_workers_get_their_variables(interpreter):
+    body = """print(json.dumps({"event": "result", "folder": os.environ["CVDGS_TEST"]}), flush=True)"""
+    job = Workers(interpreter(body), {"CVDGS_TEST": "here"}).start({"job": "inspect"})
+    assert finish(job, lambda _: None)["folder"] == "here"
+
+
+def test_a_missing_interpreter_is_refused_before_a_folder_is_made(tmp_path, monkeypatch):
+    monkeypatch.setenv("CVDGS_PYTHON", str(tmp_path / "nowhere"))
+    with pytest.raises(InputError, match="not a program"):
+        run(Settings("photos", str(tmp_path / "out")), lambda _: None)
+    assert not (tmp_path / "out").exists()
