@@ -18,6 +18,7 @@ from .events import Reporter
 from .report import SCHEMA, without_non_finite
 from .resume import EarlierRun
 from .run_facts import describe_device, peak_memory_mb, versions
+from .run_folder import CAPTURE_FOLDER
 from .settings import Layer, Settings
 from .splats import raster
 from .splats.trainer import TrainingResult
@@ -47,7 +48,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
         else:
             size = settings.max_size or AUTO_MAX_SIZE[device]
             capture = read_capture(Path(settings.capture), max_size=size, sfm=settings.sfm, reporter=recorder)
-            write_capture(capture, folder / "capture")
+            write_capture(capture, folder / CAPTURE_FOLDER)
     raster.load(device, recorder)
     split = _split(capture, settings.holdout, recorder)
     stages = Stages.of(settings, folder, recorder, capture, split, raster.Rasterizer(device))
@@ -59,7 +60,9 @@ def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
             made = stages.reconstruction(earlier.gaussians, "layers", 0.0)
     else:
         with clock.measure("geometry"):
-            trained, made = stages.train()
+            trained = stages.train()
+            stages = stages.after(trained)
+            made = stages.reconstruct(trained)
     with clock.measure("layers"):
         pictures = stages.fit_layers(made, enhancers)
     with clock.measure("evaluate"):

@@ -14,13 +14,25 @@ from .capture import Capture, View, inspect_capture, read_capture
 from .errors import InputError
 from .events import Reporter, StageSpan
 from .report import SCHEMA
+from .run_folder import CAPTURE_FOLDER
 from .settings import Settings
 from .splats.gaussians import Gaussians
 from .splats.ply import read_ply
 
 _NEW_RUN = "make a new run in another folder"
 # Options that shaped what is there already. The others (layers, enhancer, strength, device, Blender's) may differ.
-_FIXED = ("simulation", "mode", "iterations", "gaussians", "sh_degree", "max_size", "holdout", "seed", "sfm")
+_FIXED = (
+    "simulation",
+    "mode",
+    "iterations",
+    "gaussians",
+    "sh_degree",
+    "max_size",
+    "holdout",
+    "seed",
+    "refine_poses",
+    "sfm",
+)
 _POSE_TOLERANCE = 1e-6
 
 
@@ -59,7 +71,7 @@ class EarlierRun:
             raise InputError("no finished run to add a layer to", where=out, remedy="leave out --resume") from None
         except (OSError, ValueError, KeyError, TypeError):
             raise InputError("the report of the finished run is damaged", where=out, remedy=_NEW_RUN) from None
-        capture = read_capture(folder / "capture", max_size=None)
+        capture = read_capture(folder / CAPTURE_FOLDER, max_size=None)
         return cls(out, report, settings, capture, read_ply(folder / "splats.ply"))
 
     def complete(self, asked: Settings) -> Settings:
@@ -87,7 +99,8 @@ class EarlierRun:
     def check_photographs(self, folder: Path, reporter: Reporter) -> None:
         """Make sure that `folder` is the capture that the run was made from.
 
-        Where the run estimated the cameras itself, these stay, and only the number of photographs is compared.
+        Where the run estimated the cameras itself, these stay, and only the number of photographs is compared; where it
+        corrected them, the poses are not compared.
 
         Raises:
             InputError: it is another one, or it has changed.
@@ -99,7 +112,7 @@ class EarlierRun:
         size = max(max(view.camera.width, view.camera.height) for view in self.capture.views)
         quiet = _ProgressOnly(reporter, "capture", 0.0, 1.0, "comparing with the finished run")
         given = read_capture(folder, max_size=size, reporter=quiet)
-        _compare(given.views, self.capture.views, folder)
+        _compare(given.views, self.capture.views, folder, poses=not self.settings.refine_poses)
 
     def extend(self, added: Mapping[str, Any]) -> dict[str, Any]:
         """The run's report with the layers of a report that has only what was added.
@@ -138,21 +151,23 @@ def _shown(value: Any) -> str:
     return "auto" if value is None else str(value)
 
 
-def _compare(given: Sequence[View], used: Sequence[View], folder: Path) -> None:
+def _compare(given: Sequence[View], used: Sequence[View], folder: Path, *, poses: bool) -> None:
     _require(len(given) == len(used), f"{len(given)} views, the finished run has {len(used)}", folder)
     for new, old in zip(given, used, strict=True):
         _require(new.key == old.key, f"view '{new.key}' where the finished run has '{old.key}'", folder)
         sizes = [f"{view.camera.width}x{view.camera.height}" for view in (new, old)]
         _require(sizes[0] == sizes[1], f"view '{new.key}' is {sizes[0]}, in the finished run {sizes[1]}", folder)
-        lenses, poses = (
-            [[view.camera.fx, view.camera.fy, view.camera.cx, view.camera.cy] for view in (new, old)],
-            [view.world_to_camera for view in (new, old)],
-        )
-        same = all(
-            np.allclose(first, second, rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE) for first, second in (lenses, poses)
-        )
+        same = np.allclose(_lens(new), _lens(old), rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE)
+        if poses:
+            near = np.isclose(new.world_to_camera, old.world_to_camera, rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE)
+            same = same and bool(near.all())
         _require(same, f"view '{new.key}' has another camera than in the finished run", folder)
         _require(np.array_equal(new.image, old.image), f"photograph '{new.key}' has changed since the run", folder)
+
+
+def _lens(view: View) -> list[float]:
+    camera = view.camera
+    return [camera.fx, camera.fy, camera.cx, camera.cy]
 
 
 def _require(condition: bool, what: str, folder: Path) -> None:

@@ -19,9 +19,11 @@ from .errors import InputError
 _STAGING = ".partial"
 _RETIRED = ".replaced"
 _LOCK = ".lock"
+CAPTURE_FOLDER = "capture"
+"""Where a run keeps the photographs and cameras that it used."""
 # What scripts/run.py may have written, by the contract of design.md.
 _OWN_NAMES = (
-    "capture",
+    CAPTURE_FOLDER,
     "enhanced",
     "renders",
     "stills",

@@ -57,6 +57,7 @@ class Settings:
         holdout: every Nth view is kept for testing; 0 keeps none.
         device: "auto", "cpu" or "cuda".
         seed: of everything random.
+        refine_poses: whether to correct cameras that are a little off; those that are good stay as given.
         turntable: frames of a turntable; 0 renders none.
         engine: Blender's render engine for stills.
         blend: whether to build scene.blend and render stills.
@@ -78,6 +79,7 @@ class Settings:
     holdout: int = 8
     device: str = "auto"
     seed: int = 0
+    refine_poses: bool = False
     turntable: int = 0
     engine: str = "cycles"
     blend: bool = True
@@ -116,6 +118,12 @@ class Settings:
             "colours that enhanced views are fitted to jointly are the same from every side",
             "--sh-degree",
             "use degree 0, or --mode layers",
+        )
+        _check(
+            self.mode != "joint" or not self.refine_poses,
+            "cameras are not corrected when geometry and colours are fitted together",
+            "--refine-poses",
+            "leave it out, or use --mode layers",
         )
         _at_least(self.max_size, MIN_SIZE, "--max-size")
         _check(

@@ -20,13 +20,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .capture import Capture, View
+from .capture import Capture, View, write_cameras
 from .consistency import SceneAgreement, SceneCorrespondences
 from .enhance import CganEnhancer, Enhancer, IdentityEnhancer, LutEnhancer
 from .evaluate.evaluation import Evaluation, Split, enhanced_path, render_path
 from .evaluate.matches import SceneMatches
 from .events import Reporter, StageSpan
 from .images import read_png, to_bytes, write_png
+from .run_folder import CAPTURE_FOLDER
 from .settings import Layer, Settings
 from .splats import raster
 from .splats.gaussians import Gaussians
@@ -34,6 +35,7 @@ from .splats.guides import ViewGuide
 from .splats.joint import JointPlan, JointTraining
 from .splats.layers import LayerPlan, fit_layer
 from .splats.ply import write_ply
+from .splats.poses import PosePlan
 from .splats.renderer import SceneRenderer
 from .splats.targets import Background
 from .splats.trainer import Trainer, TrainingPlan, TrainingResult
@@ -125,20 +127,29 @@ class Stages:
                 done += 1
                 self.reporter.progress("enhance", done / total, f"{layer.name}: {view.key}")
 
-    def train(self) -> tuple[TrainingResult, Reconstruction]:
-        """Fit the geometry; writes ``splats.ply`` in the photographs' colours."""
+    def train(self) -> TrainingResult:
+        """Fit the geometry."""
         if self.settings.mode == "joint":
-            layer = self.settings.layers[0]
-            result = self._train_jointly(layer)
-            made = self.reconstruction(result.gaussians, "geometry", 1.0)
+            return self._train_jointly(self.settings.layers[0])
+        return self._train_on_photographs()
+
+    def after(self, result: TrainingResult) -> Stages:
+        """The stages that follow: on the capture with the poses that training corrected, which are written too."""
+        if not result.moved_poses:
+            return self
+        capture = self.capture.moved(result.moved_poses)
+        write_cameras(capture, self.folder / CAPTURE_FOLDER)
+        return replace(self, capture=capture, scene=SceneRenderer(self.rasterizer, capture.views, self.background))
+
+    def reconstruct(self, result: TrainingResult) -> Reconstruction:
+        """What training gave, with its views matched; writes ``splats.ply`` in the photographs' colours."""
+        made = self.reconstruction(result.gaussians, "geometry", 1.0)
+        if self.settings.mode == "joint":
             self.reporter.status("geometry", "fitting the photographs' colours")
             original = self._fit_colors(made, self._views(self.split.train), self._guides(made.agreement))
-            made = replace(made, original=original, layers={layer: result.gaussians})
-        else:
-            result = self._train_on_photographs()
-            made = self.reconstruction(result.gaussians, "geometry", 1.0)
+            made = replace(made, original=original, layers={self.settings.layers[0]: result.gaussians})
         write_ply(self.folder / "splats.ply", made.original)
-        return result, made
+        return made
 
     def reconstruction(self, gaussians: Gaussians, stage: str, fraction: float) -> Reconstruction:
         """A geometry that is there already, with its views matched; `fraction` of the stage is done meanwhile."""
@@ -208,6 +219,7 @@ class Stages:
             steps=self.settings.iterations,
             limit=self.settings.gaussians,
             sh_degree=self.settings.sh_degree,
+            poses=PosePlan() if self.settings.refine_poses else None,
         )
 
     def _fit_layer(self, made: Reconstruction, layer: Layer, enhancer: Enhancer, reporter: Reporter) -> Gaussians:

@@ -112,7 +112,7 @@ def measure_display(options: argparse.Namespace) -> str:
 
 def _add_enhancer(parser: argparse.ArgumentParser) -> None:
     add, usual = parser.add_argument, EnhancerBenchmark(methods=())
-    add("--enhancers", type=_names, default=("none", "gain", "lut"), metavar="A,B", help="names or weight files")
+    add("--enhancers", type=_names, default=("none", "gain", "fidaner", "lut", "cgan"), metavar="A,B", help="names or weight files")
     add(
         "--images",
         type=_named_folder,

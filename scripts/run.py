@@ -38,7 +38,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--simulation", default="machado", metavar="MODEL", help="|".join(SIMULATIONS) + " (machado)")
     add("--strength", type=float, default=1.0, metavar="0..1", help="of the enhancement (1)")
     add("--enhancer", default="lut", metavar="NAME", help="|".join(ENHANCERS) + "|FILE.safetensors (lut)")
-    add("--mode", default="layers", metavar="MODE", help="|".join(MODES) + ", see core/stages.py (layers)")
+    add("--mode", default="layers", metavar="MODE", help="|".join(MODES) + "; the README says what they are (layers)")
     add("--iterations", type=int, default=5000, metavar="N", help="of the geometry stage (5000)")
     add("--gaussians", type=number_or_auto, default=None, metavar="N", help="at most so many; auto (auto)")
     add("--sh-degree", type=number_or_auto, default=None, metavar="0..3", help="of the original colours; auto (auto)")
@@ -46,6 +46,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--holdout", type=int, default=8, metavar="N", help="keep every Nth view for testing; 0 = none (8)")
     add("--device", default="auto", metavar="DEVICE", help="|".join(DEVICES) + " (auto)")
     add("--seed", type=int, default=0, metavar="N", help="of everything random (0)")
+    add("--refine-poses", action="store_true", help="correct cameras that are a little off; good ones stay as given")
     add("--turntable", type=int, default=0, metavar="FRAMES", help="not there yet (0)")
     add(
         "--engine",
@@ -87,6 +88,7 @@ def parse_settings(options: argparse.Namespace) -> Settings:
         holdout=options.holdout,
         device=options.device,
         seed=options.seed,
+        refine_poses=options.refine_poses,
         turntable=options.turntable,
         engine=options.engine,
         blend=not options.no_blend,

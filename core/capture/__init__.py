@@ -1,7 +1,7 @@
 """Captures: photographs with known cameras, read from COLMAP, transforms.json or photographs alone."""
 
 from .model import Capture, CaptureSummary, CaptureWarning, PinholeCamera, View
-from .normalised import write_capture
+from .normalised import write_cameras, write_capture
 from .reader import inspect_capture, read_capture
 
 __all__ = [
@@ -12,5 +12,6 @@ __all__ = [
     "View",
     "inspect_capture",
     "read_capture",
+    "write_cameras",
     "write_capture",
 ]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,10 @@ class View:
     world_to_camera: NDArray[np.float64]
     image: NDArray[np.uint8]
     alpha: NDArray[np.uint8] | None = None
+
+    def at(self, world_to_camera: NDArray[np.float64]) -> View:
+        """The same photograph from another (4, 4) pose."""
+        return replace(self, world_to_camera=world_to_camera)
 
     @property
     def center(self) -> NDArray[np.float64]:
@@ -102,3 +107,8 @@ class CaptureSummary:
     sizes: tuple[tuple[int, int, int], ...]
     points: int
     warnings: tuple[CaptureWarning, ...] = field(default=())
+
+    def moved(self, poses: Mapping[str, NDArray[np.float64]]) -> Capture:
+        """The same photographs, those of the given keys from other (4, 4) world-to-camera poses."""
+        views = tuple(view.at(poses[view.key]) if view.key in poses else view for view in self.views)
+        return replace(self, views=views)

@@ -30,9 +30,19 @@ def write_capture(capture: Capture, folder: str | Path) -> None:
     (folder / IMAGES_FOLDER).mkdir(parents=True, exist_ok=True)
     for view in capture.views:
         write_png(folder / _image_name(view), view.image, view.alpha)
-    document: dict[str, Any] = {"camera_model": "PINHOLE", "frames": [_frame(view) for view in capture.views]}
     if len(capture.points):
         write_point_cloud(folder / POINTS_FILE, capture.points, capture.point_colors)
+    write_cameras(capture, folder)
+
+
+def write_cameras(capture: Capture, folder: Path) -> None:
+    """Write the cameras alone, where `write_capture` has written the rest.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    document: dict[str, Any] = {"camera_model": "PINHOLE", "frames": [_frame(view) for view in capture.views]}
+    if len(capture.points):
         document["ply_file_path"] = POINTS_FILE
     temporary = folder / f"{CAMERA_FILE}.partial"
     try:

@@ -132,8 +132,8 @@ def compare_modes(
         for mode in MODES
     }
     runs[BASELINE].enhance({layer: enhancer})
-    shared, shared_seconds = _timed(lambda: runs[BASELINE].train()[1])
-    together, joint_seconds = _timed(lambda: runs["joint"].train()[1])
+    shared, shared_seconds = _timed(lambda: _reconstructed(runs[BASELINE]))
+    together, joint_seconds = _timed(lambda: _reconstructed(runs["joint"]))
     rows: list[ModeFigures] = []
     unenhanced = _figures(runs["layers"], shared, {layer: lambda i: runs["layers"].scene.color(shared.original, i)})
     for mode in (BASELINE, *(mode for mode in MODES if mode != BASELINE)):
@@ -201,6 +201,10 @@ def write_modes(folder: Path, rows: Sequence[ModeFigures]) -> str:
 def _figures(stages: Stages, made: Reconstruction, pictures: dict[Layer, Picture]) -> dict[str, Any]:
     (figures,) = stages.evaluate(made, pictures)["layers"].values()
     return figures
+
+
+def _reconstructed(stages: Stages) -> Reconstruction:
+    return stages.reconstruct(stages.train())
 
 
 def _timed(work: Callable[[], Result]) -> tuple[Result, float]:

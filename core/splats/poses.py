@@ -19,9 +19,7 @@ import warp as wp
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ..capture.model import View
 from .raster import Gradients, ParameterSet, RasterCamera
-from .scene_frame import SceneFrame
 
 _BETA_1, _BETA_2 = 0.9, 0.99  # of the moving averages; a view is visited some hundred times
 _EPSILON = 1e-30
@@ -132,15 +130,6 @@ class PoseRefinement:
         """Put every pose back to where it was given, for good."""
         self._poses = self._given.copy()
         self.active = False
-
-    def moved(self, views: Sequence[View], frame: SceneFrame) -> list[View]:
-        """`views` with their poses as they are now, in world units."""
-        if not self.active:
-            return list(views)
-        return [
-            replace(view, world_to_camera=frame.pose_to_world(pose))
-            for view, pose in zip(views, self._poses, strict=True)
-        ]
 
 
 def _extent(poses: NDArray[np.float64]) -> float:

@@ -152,6 +152,12 @@ def test_estimated_cameras_stay_and_only_the_photographs_are_counted(run, tmp_pa
         estimated.check_photographs(tmp_path / "photos", Reporter())
 
 
+def test_poses_that_the_run_corrected_may_differ_from_those_given(run, tmp_path):
+    corrected = replace(run, settings=replace(run.settings, refine_poses=True))
+    moved = changed_capture(tmp_path, lambda views: (views[0].at(views[1].world_to_camera), *views[1:]))
+    corrected.check_photographs(moved, Reporter())
+
+
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [

@@ -54,9 +54,7 @@ def enhance(
             for left in range(0, width, step):
                 y0, x0 = max(top - margin, 0), max(left - margin, 0)
                 bottom, right = min(top + step, height), min(left + step, width)
-                part, proposed = (
-                    whole_image[:, y0 : bottom + margin, x0 : right + margin] for whole_image in (image, proposal)
-                )
+                part, proposed = (full[:, y0 : bottom + margin, x0 : right + margin] for full in (image, proposal))
                 changed = part + _change(generator, part, proposed, observer, palette, statistics)
                 part = torch.lerp(part, changed.clamp_(0.0, 1.0), strength)
                 result[:, top:bottom, left:right] = part[:, top - y0 : bottom - y0, left - x0 : right - x0]

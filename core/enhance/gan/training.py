@@ -176,7 +176,7 @@ class Training:
         settings = self.settings
         for optimizer in self._optimizers.values():
             optimizer.param_groups[0]["lr"] = settings.learning_rate * settings.rate(self.step)
-        parts = batch.split(self._workers)
+        parts = [_Part.of(part, settings.protection, self._device) for part in batch.split(self._workers)]
         self._discriminator.requires_grad_(False)
         self._optimizers["generator"].zero_grad(set_to_none=True)
         results = list(self._pool.map(self._generator_gradients, parts))
@@ -192,21 +192,19 @@ class Training:
         self._update_average()
         return {name: float(np.mean([loss[name] for loss in losses])) for name in losses[0]}
 
-    def _generator_gradients(self, part: Batch) -> tuple[dict[str, float], Tensor]:
+    def _generator_gradients(self, part: _Part) -> tuple[dict[str, float], Tensor]:
         """Add a part's share to the generator's gradients; returns the losses and what was generated."""
-        settings = self.settings
-        observers = ObserverBatch(part.observers, self._device)
-        original = part.original.to(self._device)
-        target = _protect(original, part.target.to(self._device), settings.protection)
-        mapped = _generate(self.generator, part, observers, self._device)
+        settings, observers, original = self.settings, part.observers, part.original
+        mapped = part.generate(self.generator)
         candidate = mapped.clamp(0.0, 1.0)
-        free = torch.where(skin_like(original)[:, None], candidate.detach(), candidate)
+        free = torch.where(part.held, candidate.detach(), candidate)
         linear = observers.simulate_linear(srgb_to_linear(free))
         seen = xyz_to_lab(linear_to_xyz(linear))
         contrast = contrast_distance(srgb_to_lab(original), seen, settings.contrast_offsets, settings.one_sided)
         structure = structure_distance(original, linear_to_srgb(linear))
         # Unclipped, so that a pixel that left the gamut still finds back.
-        distance = (_held_weights(original, settings.held_weight) * (mapped - target).abs()).mean()
+        weights = 1.0 + settings.held_weight * part.held.to(original)
+        distance = (weights * (mapped - part.target).abs()).mean()
         loss = (
             settings.l1_weight * distance + settings.contrast_weight * contrast + settings.structure_weight * structure
         )
@@ -218,14 +216,12 @@ class Training:
         (loss / self._workers).backward()
         return losses, candidate.detach()
 
-    def _discriminator_gradients(self, part: Batch, candidate: Tensor) -> float:
+    def _discriminator_gradients(self, part: _Part, candidate: Tensor) -> float:
         """Add a part's share to the discriminator's gradients; returns its loss."""
-        features = ObserverBatch(part.observers, self._device).features
-        original = part.original.to(self._device)
-        target = _protect(original, part.target.to(self._device), self.settings.protection)
-        loss = discriminator_loss(
-            self._discriminator(original, target, features), self._discriminator(original, candidate, features)
-        )
+        judged = [
+            self._discriminator(part.original, image, part.observers.features) for image in (part.target, candidate)
+        ]
+        loss = discriminator_loss(*judged)
         (loss / self._workers).backward()
         return loss.item()
 
@@ -249,29 +245,45 @@ class Training:
             writer.writerow(row)
 
 
-def _generate(generator: Generator, batch: Batch, observers: ObserverBatch, device: str) -> Tensor:
-    """(B, 3, H, W) what the generator makes of a batch, not clipped; the teacher's proposals are the targets."""
-    original, proposal = batch.original.to(device), batch.target.to(device)
-    change = generator(
-        original,
-        observers.simulate(original),
-        proposal,
-        observers.simulate(proposal),
-        observers.features,
-        observers.severities,
-        batch.palettes.to(device),
-    )
-    return original + change
+@dataclass(frozen=True)
+class _Part:
+    """What the networks see of a batch, on their device.
 
+    Attributes:
+        observers, palettes: one for each of the B images.
+        original, proposal: (B, 3, H, W), and what the teacher makes of them, from which the generator starts.
+        held: (B, 1, H, W) bool, where the original's colours are skin-like.
+        target: (B, 3, H, W), the proposal with the held colours moved back to the original.
+    """
 
-def _protect(original: Tensor, target: Tensor, protection: float) -> Tensor:
-    """(B, 3, H, W) targets, those of skin-like colours moved back to the original."""
-    return torch.lerp(target, original, protection * skin_like(original)[:, None].to(original))
+    observers: ObserverBatch
+    palettes: Tensor
+    original: Tensor
+    proposal: Tensor
+    held: Tensor
+    target: Tensor
 
+    @classmethod
+    def of(cls, batch: Batch, protection: float, device: str) -> _Part:
+        """`protection`: how far the held colours are moved back."""
+        original, proposal = batch.original.to(device), batch.target.to(device)
+        held = skin_like(original)[:, None]
+        target = torch.lerp(proposal, original, protection * held.to(original))
+        return cls(ObserverBatch(batch.observers, device), batch.palettes.to(device), original, proposal, held, target)
 
-def _held_weights(original: Tensor, weight: float) -> Tensor:
-    """(B, 1, H, W) weights of L1."""
-    return 1.0 + weight * skin_like(original)[:, None].to(original)
+    def generate(self, generator: Generator) -> Tensor:
+        """(B, 3, H, W) what the generator makes of the originals, not clipped."""
+        observers = self.observers
+        change = generator(
+            self.original,
+            observers.simulate(self.original),
+            self.proposal,
+            observers.simulate(self.proposal),
+            observers.features,
+            observers.severities,
+            self.palettes,
+        )
+        return self.original + change
 
 
 def validate(generator: Generator, examples: Examples, device: str = "cpu", batch: int = 8) -> dict[str, float]:
@@ -284,18 +296,17 @@ def validate(generator: Generator, examples: Examples, device: str = "cpu", batc
     """
     totals: dict[str, list[float]] = {}
     for first in range(0, len(examples), batch):
-        part = examples.whole(range(first, min(first + batch, len(examples))))
-        observers = ObserverBatch(part.observers, device)
-        original = part.original.to(device)
+        images = examples.whole(range(first, min(first + batch, len(examples))))
         with torch.inference_mode():
-            candidate = _generate(generator, part, observers, device).clamp(0.0, 1.0)
-            target = part.target.to(device)
-            for suffix, image in (("_input", original), ("_teacher", target), ("", candidate)):
-                pairs = list(zip(original, observers.simulate(image), strict=True))
+            part = _Part.of(images, 0.0, device)
+            original, teacher = part.original, part.proposal
+            candidate = part.generate(generator).clamp(0.0, 1.0)
+            for suffix, image in (("_input", original), ("_teacher", teacher), ("", candidate)):
+                pairs = list(zip(original, part.observers.simulate(image), strict=True))
                 totals.setdefault(f"ccpr{suffix}", []).extend(ccpr(*pair)[0] for pair in pairs)
                 totals.setdefault(f"ssim{suffix}", []).extend(ssim(*pair) for pair in pairs)
-            totals.setdefault("distance", []).extend((candidate - target).abs().mean((1, 2, 3)).tolist())
-            for name, image in (("shift", candidate), ("shift_teacher", target)):
+            totals.setdefault("distance", []).extend((candidate - teacher).abs().mean((1, 2, 3)).tolist())
+            for name, image in (("shift", candidate), ("shift_teacher", teacher)):
                 totals.setdefault(name, []).extend(_shift(original, image))
     return {name: float(np.nanmean(values)) for name, values in totals.items()}
 
