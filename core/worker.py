@@ -1,6 +1,7 @@
 """The worker process: one JSON request on stdin, events on stdout, an exit code of the contract.
 
     {"job": "inspect", "capture": "FOLDER"}              what the folder holds, without reading pixels
+        also with "sfm": true; "thumbnails": {"folder": "DIR", "count": N, "size": PIXELS} for small pictures
     {"job": "run", "settings": {...}, "folder": "DIR"}   the whole pipeline up to Blender, written into DIR
     {"job": "enhance", "request": {...}, "folder": "DIR"}   photographs alone, recoloured into DIR
 
@@ -50,9 +51,7 @@ def main() -> int:
 def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
     job = request.get("job")
     if job == "inspect":
-        from .capture import inspect_capture
-
-        return {"summary": asdict(inspect_capture(Path(request["capture"])))}
+        return _inspect(Path(request["capture"]), bool(request.get("sfm")), request.get("thumbnails"))
     if job == "run":
         settings = Settings.from_dict(request["settings"])
         reporter.status("start", "loading")
@@ -66,6 +65,19 @@ def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
 
         return {"summary": enhance_folder(enhance_request, Path(request["folder"]), reporter)}
     raise InputError(f"unknown job '{job}'", remedy="update the program that sends it")
+
+
+def _inspect(capture: Path, sfm: bool, thumbnails: dict[str, Any] | None) -> dict[str, Any]:
+    from .capture import inspect_capture
+    from .capture.thumbnails import write_thumbnails
+
+    summary = asdict(inspect_capture(capture, sfm=sfm))
+    summary["source"] = str(summary["source"])
+    if thumbnails is None:
+        return {"summary": summary}
+    count, size = int(thumbnails["count"]), int(thumbnails["size"])
+    paths = write_thumbnails(capture, Path(thumbnails["folder"]), count=count, size=size, sfm=sfm)
+    return {"summary": summary, "thumbnails": [str(path) for path in paths]}
 
 
 def _explain(error: MemoryError | OSError) -> str:
