@@ -87,6 +87,11 @@ class Capture:
     point_colors: NDArray[np.uint8]
     warnings: tuple[CaptureWarning, ...] = field(default=())
 
+    def moved(self, poses: Mapping[str, NDArray[np.float64]]) -> Capture:
+        """The same photographs, those of the given keys from other (4, 4) world-to-camera poses."""
+        views = tuple(view.at(poses[view.key]) if view.key in poses else view for view in self.views)
+        return replace(self, views=views)
+
 
 @dataclass(frozen=True)
 class CaptureSummary:
@@ -107,8 +112,3 @@ class CaptureSummary:
     sizes: tuple[tuple[int, int, int], ...]
     points: int
     warnings: tuple[CaptureWarning, ...] = field(default=())
-
-    def moved(self, poses: Mapping[str, NDArray[np.float64]]) -> Capture:
-        """The same photographs, those of the given keys from other (4, 4) world-to-camera poses."""
-        views = tuple(view.at(poses[view.key]) if view.key in poses else view for view in self.views)
-        return replace(self, views=views)

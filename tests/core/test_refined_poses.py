@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from test_pipeline import run
 
 from cvdgs.core.capture import Capture, read_capture, write_capture
 from cvdgs.core.demo import SHOWROOM
+
+from .test_pipeline import run
 
 DEGREES = 0.7
 
