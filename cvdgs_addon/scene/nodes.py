@@ -55,6 +55,13 @@ class NodeWriter:
             total = self.math("ADD", total, value)
         return total
 
+    def product(self, *values: Value) -> bpy.types.NodeSocket:
+        """Product of two or more scalars."""
+        product = values[0]
+        for value in values[1:]:
+            product = self.math("MULTIPLY", product, value)
+        return product
+
     def vector_math(self, operation: str, *values: Value) -> bpy.types.NodeSocket:
         """A vector operation; a scalar result (dot product, length) comes back as such."""
         return self.output("ShaderNodeVectorMath", *values, operation=operation)
@@ -95,6 +102,13 @@ class NodeWriter:
         last_row = (0.0, 0.0, 0.0, 1.0)
         entries = [entry for column, last in zip(columns, last_row, strict=True) for entry in (*column, last)]
         return self.output("FunctionNodeCombineMatrix", *entries)
+
+    def group(self, tree: bpy.types.NodeTree, **inputs: Value) -> dict[str, bpy.types.NodeSocket]:
+        """A node that uses `tree`, a group of the same type of tree: inputs and outputs by name."""
+        node = self.node(self.tree.bl_idname.removesuffix("Tree") + "Group", node_tree=tree)
+        for name, value in inputs.items():
+            self.feed(node.inputs[name], value)
+        return {socket.name: socket for socket in node.outputs}
 
     def attribute(self, kind: str, name: Value) -> bpy.types.Node:
         """A named attribute; its outputs are the value and whether it exists."""

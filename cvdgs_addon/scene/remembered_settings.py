@@ -1,0 +1,103 @@
+"""Settings of a scene that are changed for a purpose and put back afterwards; what they were is saved with the scene.
+
+A purpose is a name such as ``cvdgs_render``. A setting that somebody changed in the meantime stays as it is then.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import bpy
+
+Setting = str | float | bool | None
+"""Plain values; a data-block stands as its name, for which there is `_DATA_BLOCKS`."""
+
+_DATA_BLOCKS = {"world": "worlds"}  # path from the scene, and where its data-blocks are listed
+_TOLERANCE = 1e-6  # relative: Blender keeps floats in single precision
+
+
+def change_settings(scene: bpy.types.Scene, purpose: str, wanted: Mapping[str, Setting]) -> list[str]:
+    """Set the settings at the given paths (from the scene) and remember what they were.
+
+    Returns:
+        What was changed, in words: "Render > Engine: BLENDER_EEVEE to CYCLES".
+    """
+    record = _record(scene, purpose)
+    told = []
+    for path, value in wanted.items():
+        before = _get(scene, path)
+        if _same(before, value):
+            continue
+        _set(scene, path, value)
+        first = record[path][0] if path in record else before
+        record[path] = [first, _get(scene, path)]
+        told.append(f"{_label(path)}: {_shown(before)} to {_shown(value)}")
+    scene[purpose] = json.dumps(record)
+    return told
+
+
+def restore_settings(scene: bpy.types.Scene, purpose: str) -> list[str]:
+    """Put back what `change_settings` changed; returns that in words."""
+    told = []
+    for path, (before, changed) in _record(scene, purpose).items():
+        now = _get(scene, path)
+        if _same(now, changed) and not _same(now, before):
+            _set(scene, path, before)
+            told.append(f"{_label(path)}: {_shown(now)} to {_shown(before)}")
+    if purpose in scene:
+        del scene[purpose]
+    return told
+
+
+def is_changed(scene: bpy.types.Scene, purpose: str) -> bool:
+    """Whether settings are remembered that `restore_settings` would put back."""
+    return bool(_record(scene, purpose))
+
+
+def changes(scene: bpy.types.Scene, purpose: str) -> Iterator[str]:
+    """What was changed for the purpose, in words."""
+    for path, (before, changed) in _record(scene, purpose).items():
+        yield f"{_label(path)}: {_shown(before)} to {_shown(changed)}"
+
+
+def _record(scene: bpy.types.Scene, purpose: str) -> dict[str, list[Any]]:
+    return json.loads(scene.get(purpose) or "{}")
+
+
+def _owner(scene: bpy.types.Scene, path: str) -> tuple[bpy.types.bpy_struct, str]:
+    parent, _, name = path.rpartition(".")
+    return (scene.path_resolve(parent) if parent else scene), name
+
+
+def _get(scene: bpy.types.Scene, path: str) -> Setting:
+    owner, name = _owner(scene, path)
+    value = getattr(owner, name)
+    return getattr(value, "name", None) if path in _DATA_BLOCKS else value
+
+
+def _set(scene: bpy.types.Scene, path: str, value: Setting) -> None:
+    owner, name = _owner(scene, path)
+    if path in _DATA_BLOCKS:
+        block = getattr(bpy.data, _DATA_BLOCKS[path]).get(value) if value is not None else None
+        setattr(owner, name, block)
+    else:
+        setattr(owner, name, value)
+
+
+def _same(a: Setting, b: Setting) -> bool:
+    if isinstance(a, float) and isinstance(b, (int, float)):
+        return math.isclose(a, b, rel_tol=_TOLERANCE)
+    return a == b
+
+
+def _label(path: str) -> str:
+    return " > ".join(part.replace("_", " ").capitalize() for part in path.split("."))
+
+
+def _shown(value: Setting) -> str:
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return f"{value:g}" if isinstance(value, float) else str(value if value is not None else "none")
