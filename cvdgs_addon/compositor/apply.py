@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import bpy
 
-from ..scene.remembered_settings import change_settings, restore_settings
+from ..scene.remembered_settings import change_settings, changes, restore_settings
 from .display_nodes import Picture, add_display_nodes, picture_kind, raw_view
 from .scene_tree import ensure_tree, is_ours, output_socket, picture_source, remove_tree, scene_tree, viewers_of
 from .simulation_group import GROUP_NAME, Socket, choose, simulation_group
@@ -96,6 +96,12 @@ def simulation_node(scene: bpy.types.Scene) -> bpy.types.Node | None:
     """The node that `show_simulation` put there."""
     tree = scene_tree(scene)
     return tree.nodes.get(NODE_NAME) if tree is not None else None
+
+
+def told_changes(scene: bpy.types.Scene) -> Iterator[str]:
+    """The settings of `scene` that the simulation changed and `remove_simulation` will restore, in words."""
+    for purpose in (_VIEW, _RENDER):
+        yield from changes(scene, purpose)
 
 
 def _insert(scene: bpy.types.Scene) -> bpy.types.Node:

@@ -38,11 +38,6 @@ class DisplayProperties(bpy.types.PropertyGroup):
         ),
         default="PHOTO",
     )
-    remembered: bpy.props.StringProperty(
-        name="Earlier Render Settings",
-        description="What the render settings were before they were set up for Gaussians, as JSON; empty: not set up",
-        options={"HIDDEN"},
-    )
 
 
 CLASSES: tuple[type, ...] = (DisplayProperties,)
