@@ -25,7 +25,17 @@ def run_in_console(settings: Settings, *, json_events: bool) -> int:
     Args:
         json_events: write the events to stdout as JSON lines instead of a progress bar on stderr.
     """
-    stages = (
+
+    def work(listen: Listener) -> Event:
+        return {"out": settings.out, "report": run(settings, listen)}
+
+    bar = BarDisplay(sys.stderr, "run.py", RunProgress(stages_of(settings)), _summary)
+    return in_console(work, JsonDisplay(sys.stdout) if json_events else bar)
+
+
+def stages_of(settings: Settings) -> tuple[str, ...]:
+    """The stages that a run with `settings` reports, in order."""
+    return (
         "start",
         "capture",
         "enhance",
@@ -34,12 +44,6 @@ def run_in_console(settings: Settings, *, json_events: bool) -> int:
         "evaluate",
         *(("blender",) if settings.blend else ()),
     )
-
-    def work(listen: Listener) -> Event:
-        return {"out": settings.out, "report": run(settings, listen)}
-
-    bar = BarDisplay(sys.stderr, "run.py", RunProgress(stages), _summary)
-    return in_console(work, JsonDisplay(sys.stdout) if json_events else bar)
 
 
 def run(settings: Settings, listen: Listener, workers: Workers | None = None) -> dict[str, Any]:

@@ -2,6 +2,8 @@
 
     {"job": "inspect", "capture": "FOLDER"}              what the folder holds, without reading pixels
         also with "sfm": true; "thumbnails": {"folder": "DIR", "count": N, "size": PIXELS} for small pictures
+    {"job": "check", "device": "auto"}                   versions, device and speed; compiles the kernels
+    {"job": "make-environment", "folder": "DIR"}         the worker's own environment; for any Python, whatever it has
     {"job": "run", "settings": {...}, "folder": "DIR"}   the whole pipeline up to Blender, written into DIR
     {"job": "enhance", "request": {...}, "folder": "DIR"}   photographs alone, recoloured into DIR
 
@@ -52,6 +54,15 @@ def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
     job = request.get("job")
     if job == "inspect":
         return _inspect(Path(request["capture"]), bool(request.get("sfm")), request.get("thumbnails"))
+    if job == "check":
+        reporter.status("check", "loading")
+        from .machine import check_machine
+
+        return {"machine": check_machine(str(request["device"]), reporter)}
+    if job == "make-environment":
+        from .environment import make_environment
+
+        return {"python": str(make_environment(Path(request["folder"]), reporter, request.get("packages")))}
     if job == "run":
         settings = Settings.from_dict(request["settings"])
         reporter.status("start", "loading")

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 from types import ModuleType
 
-# Modules with register() and unregister(), in the order in which they need each other.
-_MODULES: tuple[ModuleType, ...] = ()
+
+def _modules() -> tuple[ModuleType, ...]:
+    """Modules with register() and unregister(), in the order in which they need each other.
+
+    Imported only when Blender asks: the process that converts runs shares this package and starts before it needs bpy.
+    """
+    from .. import operators, ui
+    from . import activity, pictures, preferences, properties
+
+    return preferences, pictures, properties, activity, operators, ui
 
 
 def register() -> None:
     """Register with Blender; either everything or, when one module fails, nothing."""
     done: list[ModuleType] = []
     try:
-        for module in _MODULES:
+        for module in _modules():
             module.register()
             done.append(module)
     except Exception:
@@ -23,5 +31,5 @@ def register() -> None:
 
 def unregister() -> None:
     """Undo `register`, in the opposite order."""
-    for module in reversed(_MODULES):
+    for module in reversed(_modules()):
         module.unregister()

@@ -1,0 +1,22 @@
+"""Operators: one thin file a panel section. What they do is a function of `cvdgs_addon`."""
+
+from __future__ import annotations
+
+import bpy
+
+from . import capture, environment, export, report, run, viewer
+
+_MODULES = (capture, viewer, run, report, export, environment)
+CLASSES: tuple[type, ...] = tuple(cls for module in _MODULES for cls in module.CLASSES)
+
+
+def register() -> None:
+    """Register all operators."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    """Undo `register`."""
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

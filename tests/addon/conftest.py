@@ -17,6 +17,9 @@ else:
         worker = Path(__file__).resolve().parents[2] / "cvdgs_addon" / "scene" / "worker.py"
         runpy.run_path(str(worker))["load_package"]()
 
+    import cvdgs
+
+    from .interpreters import interpreter
     from .scenes import synthetic_run
 
 
@@ -38,3 +41,26 @@ def scene():
 def run_folder(tmp_path: Path) -> Path:
     """A finished run of a small synthetic scene with the layers deutan-1.0 and tritan-0.5."""
     return synthetic_run(tmp_path / "run")
+
+
+@pytest.fixture
+def addon(tmp_path: Path):
+    """The add-on, enabled in an empty file; its preferences."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    entry = bpy.context.preferences.addons.new()
+    entry.module = "cvdgs"
+    cvdgs.register()
+    entry.preferences.cache = str(tmp_path / "cache")
+    yield entry.preferences
+    cvdgs.unregister()
+    bpy.context.preferences.addons.remove(entry)
+
+
+@pytest.fixture
+def worker(tmp_path: Path, monkeypatch):
+    """Lets a program that does what it is given take the place of the worker's Python."""
+
+    def use(body: str) -> None:
+        monkeypatch.setenv("CVDGS_PYTHON", interpreter(tmp_path, body))
+
+    return use

@@ -56,6 +56,7 @@ def test_the_zip_holds_the_package_and_only_that(extension):
         "LICENSE",
         "README.md",
         "__init__.py",
+        "pyproject.toml",
         "constraints.txt",
         "core",
         "cvdgs_addon",

@@ -15,6 +15,7 @@ STANDARD_LIBRARY_ONLY = [
     "arguments",
     "bootstrap",
     "console",
+    "environment",
     "errors",
     "events",
     "front",

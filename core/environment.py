@@ -1,0 +1,133 @@
+"""Makes the Python environment that the worker needs. Standard library only: any Python of a fitting version runs this.
+
+The environment is a folder of its own (venv), filled by pip with what pyproject.toml requires, at the versions of
+constraints.txt where these are for this Python. It is marked as complete at the very end.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+import venv
+from collections.abc import Sequence
+from pathlib import Path
+
+from .errors import InputError
+from .events import Reporter
+from .job import ROOT
+
+STAGE = "environment"
+OLDEST_PYTHON = (3, 11)
+_PINNED_PYTHON = (3, 11)  # what constraints.txt is for
+_COMPLETE = ".complete"
+# PyPI's torch for Linux brings gigabytes of CUDA libraries along; this index has the build for processors.
+_TORCH_CPU_INDEX = ""
+_LOG_LINES = 12  # of pip's last words, kept for the message when it fails
+# From pip's own words: "Collecting numpy", "Downloading numpy-2.whl (15 MB)".
+_COLLECTING = re.compile(r"^Collecting (\S+)")
+_DOWNLOADING = re.compile(r"^\s*(?:Downloading|Using cached) (\S+?)-\S+ \(([^)]*)\)")
+# Shares of the time until collecting and downloading are done, and installing begins.
+_VENV_SHARE, _INSTALLING_SHARE = 0.05, 0.8
+
+
+def python_in(folder: Path) -> Path:
+    """The interpreter of the environment in `folder`."""
+    return folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
+def is_complete(folder: Path) -> bool:
+    """Whether `make_environment` has finished there."""
+    return (folder / _COMPLETE).is_file() and python_in(folder).is_file()
+
+
+def requirements() -> list[str]:
+    """What the worker needs, as pip's command line takes it, for the Python that runs this."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    if sys.version_info[:2] == _PINNED_PYTHON:
+        return [*project["dependencies"], "--constraint", str(ROOT / "constraints.txt")]
+    # numpy's upper bound is the bpy wheel's, which the worker does not use; later Pythons have no builds of 1.x.
+    return [re.sub(r"^(numpy>=[^,]+),<2$", r"\1", requirement) for requirement in project["dependencies"]]
+
+
+def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | None = None) -> Path:
+    """Make the environment in `folder`; returns its interpreter. What was there is replaced.
+
+    Args:
+        reporter: told of every download.
+        wanted: requirements and options for pip; None takes `requirements`.
+
+    Raises:
+        InputError: this Python cannot make environments, or a package cannot be had.
+        OSError: the folder cannot be written.
+    """
+    if sys.version_info[:2] < OLDEST_PYTHON:
+        version = f"Python {sys.version_info[0]}.{sys.version_info[1]}"
+        raise InputError(f"{version} is too old", where=sys.executable, remedy="use Python 3.11 or later")
+    reporter.status(STAGE, f"making an environment for Python {sys.version_info[0]}.{sys.version_info[1]}")
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    try:
+        venv.create(folder, with_pip=True, symlinks=os.name != "nt")
+    except (subprocess.CalledProcessError, ImportError):
+        remedy = "choose another Python, or install this one's venv and ensurepip (Debian: python3-venv)"
+        raise InputError("cannot make environments", where=sys.executable, remedy=remedy) from None
+    reporter.progress(STAGE, _VENV_SHARE, "downloading")
+    install = list(requirements() if wanted is None else wanted)
+    if sys.platform == "linux" and any(requirement.startswith("torch") for requirement in install):
+        install += ["--extra-index-url", _TORCH_CPU_INDEX]
+    _install(python_in(folder), install, reporter)
+    (folder / _COMPLETE).touch()
+    reporter.progress(STAGE, 1.0, "done")
+    return python_in(folder)
+
+
+def _install(python: Path, wanted: Sequence[str], reporter: Reporter) -> None:
+    command = [str(python), "-m", "pip", "install", "--no-input", "--disable-pip-version-check",
+               "--only-binary", ":all:", *wanted]  # fmt: skip
+    progress = _PipProgress(sum(not option.startswith("-") for option in wanted), reporter)
+    last: list[str] = []
+    with subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
+    ) as pip:
+        assert pip.stdout is not None
+        for line in pip.stdout:
+            print(line.rstrip(), file=sys.stderr)
+            last = [*last, line.strip()][-_LOG_LINES:]
+            progress.read(line)
+    if pip.returncode != 0:
+        complaints = [line for line in last if line.startswith("ERROR")] or last[-1:]
+        remedy = "check the connection to the internet and the space on the disk, then try again"
+        raise InputError(f"the packages cannot be installed: {' '.join(complaints)}", where=python, remedy=remedy)
+
+
+class _PipProgress:
+    """From what pip prints to how far it is.
+
+    Args:
+        expected: packages that were asked for; those they need in turn come on top.
+    """
+
+    _PACKAGES_EACH = 2.5  # that a required package brings along, itself included: 30 for the worker's 11
+
+    def __init__(self, expected: int, reporter: Reporter) -> None:
+        self._expected = max(expected * self._PACKAGES_EACH, 1.0)
+        self._reporter = reporter
+        self._collected = 0
+
+    def read(self, line: str) -> None:
+        """Take in a line."""
+        if found := _COLLECTING.match(line):
+            self._collected += 1
+            self._tell(f"looking for {found[1]}")
+        elif found := _DOWNLOADING.match(line):
+            self._tell(f"downloading {found[1]} ({found[2]})")
+        elif line.startswith("Installing collected packages"):
+            self._reporter.progress(STAGE, _INSTALLING_SHARE, "installing; this takes a minute or two")
+
+    def _tell(self, message: str) -> None:
+        share = min(self._collected / self._expected, 1.0)
+        self._reporter.progress(STAGE, _VENV_SHARE + (_INSTALLING_SHARE - _VENV_SHARE) * share, message)

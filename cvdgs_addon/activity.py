@@ -1,0 +1,133 @@
+"""The background jobs of this Blender: polled by a timer, shown in the panels, ended with the file or with Blender.
+
+A running process has no place in Blender's data. `ACTIVITY` is the one object of the add-on that outlives a call.
+"""
+
+from __future__ import annotations
+
+import atexit
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import bpy
+
+from .background import BackgroundJob
+from .messages import show_problem
+
+_INTERVAL = 0.1  # seconds between looks at the jobs; progress is reported every 0.2
+
+OnEnd = Callable[[BackgroundJob], None]
+
+
+@dataclass
+class _Entry:
+    job: BackgroundJob
+    on_end: OnEnd
+    ends_with_file: bool
+
+
+class Activity:
+    """Background jobs by name; of each name one runs at a time, and the last one stays to be looked at."""
+
+    def __init__(self) -> None:
+        self._entries: dict[str, _Entry] = {}
+
+        @bpy.app.handlers.persistent
+        def before_load(*_: object) -> None:
+            self._end_with_file()
+
+        # Blender knows timers and handlers by identity, and every access to a method makes another object.
+        self._timer, self._before_load = self.look, before_load
+
+    def start(self, name: str, job: BackgroundJob, on_end: OnEnd, *, ends_with_file: bool = False) -> None:
+        """Follow `job`; a job of the same name that still runs is ended first.
+
+        Args:
+            on_end: called on the main thread when the job has ended, however it did.
+            ends_with_file: whether the job belongs to the open file.
+        """
+        self.end(name)
+        self._entries[name] = _Entry(job, on_end, ends_with_file)
+        if not bpy.app.timers.is_registered(self._timer):
+            bpy.app.timers.register(self._timer, first_interval=_INTERVAL, persistent=True)
+
+    def job(self, name: str) -> BackgroundJob | None:
+        """The job of that name that runs or ran last."""
+        entry = self._entries.get(name)
+        return entry.job if entry else None
+
+    def running(self, name: str) -> BackgroundJob | None:
+        """The job of that name, if it still runs."""
+        job = self.job(name)
+        return job if job is not None and job.is_running else None
+
+    def end(self, name: str) -> None:
+        """End the job of that name, wait for it, and forget it; `on_end` is not called."""
+        entry = self._entries.pop(name, None)
+        if entry is not None and entry.job.is_running:
+            entry.job.end()
+
+    def end_all(self) -> None:
+        """End every job and forget it."""
+        for entry in self._entries.values():
+            entry.job.cancel()
+        for name in list(self._entries):
+            self.end(name)
+
+    def register(self) -> None:
+        """Let the jobs end with the file or with Blender."""
+        bpy.app.handlers.load_pre.append(self._before_load)
+        atexit.register(self.end_all)
+
+    def unregister(self) -> None:
+        """End all jobs and leave nothing behind in Blender."""
+        self.end_all()
+        if bpy.app.timers.is_registered(self._timer):
+            bpy.app.timers.unregister(self._timer)
+        if self._before_load in bpy.app.handlers.load_pre:
+            bpy.app.handlers.load_pre.remove(self._before_load)
+        atexit.unregister(self.end_all)
+
+    def _end_with_file(self) -> None:
+        for name in [name for name, entry in self._entries.items() if entry.ends_with_file]:
+            self.end(name)
+
+    def look(self) -> float | None:
+        """Take in what has happened; returns the seconds to the next look, or None, as Blender's timers want it."""
+        entries = list(self._entries.values())
+        for entry in entries:
+            if entry.job.is_running and entry.job.poll():
+                redraw_panels()
+                if not entry.job.is_running:
+                    _finish(entry)
+        return _INTERVAL if any(entry.job.is_running for entry in self._entries.values()) else None
+
+
+ACTIVITY = Activity()
+
+
+def redraw_panels() -> None:
+    """Draw the side bars of the 3D views and the preferences anew, and nothing that takes long."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            for region in area.regions:
+                if (area.type, region.type) in (("VIEW_3D", "UI"), ("PREFERENCES", "WINDOW")):
+                    region.tag_redraw()
+
+
+def _finish(entry: _Entry) -> None:
+    try:
+        entry.on_end(entry.job)
+    except Exception as error:  # Blender's timers only print
+        show_problem(entry.job.title, f"{type(error).__name__}: {error} - this is a defect of ours")
+        raise
+
+
+def register() -> None:
+    """Let the jobs end with the file or with Blender."""
+    ACTIVITY.register()
+
+
+def unregister() -> None:
+    """End all jobs and leave nothing behind in Blender."""
+    ACTIVITY.unregister()

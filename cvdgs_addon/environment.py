@@ -1,0 +1,154 @@
+"""The interpreter of the worker: chosen in the preferences, made by one button, or found; and jobs that need it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..core.environment import OLDEST_PYTHON, STAGE, is_complete, python_in
+from ..core.errors import InputError
+from ..core.job import WORKER, Workers, find_python
+from ..core.job_console import Listener, finish
+from .activity import ACTIVITY
+from .background import BackgroundJob, State
+from .messages import show_information, show_problem
+from .package import user_folder
+from .preferences import get_cache, get_preferences, shrink_cache
+
+MAKE_JOB, CHECK_JOB = "environment", "check"
+DOWNLOAD_SIZE = "400 MB to download, 2 GB on the disk"
+
+_FOLDER = "environment"
+_SET_UP = "open the add-on's preferences and set up the worker"
+_NAMES = ("python3.11", "python3.12", "python3.13", "python3", "python")
+_PROBE = "import sys, venv, ensurepip; sys.exit(sys.version_info[:2] < {oldest})"
+_PROBE_SECONDS = 10.0
+
+
+def environment_folder() -> Path:
+    """Where the button makes the environment."""
+    return user_folder() / _FOLDER
+
+
+def worker_python() -> str:
+    """The interpreter that workers are started with.
+
+    Raises:
+        InputError: none is chosen, made or found.
+    """
+    chosen = bpy.path.abspath(get_preferences().python)
+    if chosen:
+        if not os.path.isfile(chosen) or not os.access(chosen, os.X_OK):
+            raise InputError("is not a program that can be run", where=chosen, remedy="correct it in the preferences")
+        return chosen
+    if is_complete(environment_folder()):
+        return str(python_in(environment_folder()))
+    try:
+        return find_python()
+    except InputError:
+        raise InputError("there is no worker yet", remedy=_SET_UP) from None
+
+
+def make_workers() -> Workers:
+    """What starts workers with the interpreter of the preferences; refuses only when one is to be started."""
+    variables = {"WARP_CACHE_PATH": str(get_cache().kernels)}
+    try:
+        return Workers(worker_python(), variables)
+    except InputError:
+        return _NoWorkers(variables=variables)
+
+
+class _NoWorkers(Workers):
+    """Says what to do when there is no interpreter."""
+
+    def require_python(self) -> str:
+        return worker_python()
+
+
+def start_check() -> None:
+    """Check the worker in the background: versions, device and speed go into the preferences."""
+    device = get_preferences().device
+
+    def work(workers: Workers, listen: Listener) -> dict[str, Any]:
+        found = finish(workers.start({"job": "check", "device": device}), listen)["machine"]
+        return {**found, "asked_of": workers.require_python()}
+
+    job = BackgroundJob("Checking the worker", work, make_workers(), ("check",), {"check": 1.0})
+    ACTIVITY.start(CHECK_JOB, job, _take_over_check)
+
+
+def start_making(base_python: str) -> None:
+    """Make the environment in the background, from the interpreter `base_python`."""
+    work = partial(_make, base_python, environment_folder())
+    job = BackgroundJob("Setting up the worker", work, Workers(base_python), (STAGE,), {STAGE: 1.0})
+    ACTIVITY.start(MAKE_JOB, job, _take_over_environment)
+
+
+def remove_environment() -> None:
+    """Delete the environment that was made."""
+    ACTIVITY.end(MAKE_JOB)
+    shutil.rmtree(environment_folder(), ignore_errors=True)
+    get_preferences().machine = ""
+
+
+def find_base_python() -> str:
+    """An interpreter that can make environments: the preferences', Blender's own, or one of this system.
+
+    Raises:
+        InputError: there is none.
+    """
+    chosen = bpy.path.abspath(get_preferences().base_python)
+    candidates = [chosen] if chosen else [sys.executable, *filter(None, map(shutil.which, _NAMES))]
+    for candidate in candidates:
+        if _can_make_environments(candidate):
+            return candidate
+    version = ".".join(map(str, OLDEST_PYTHON))
+    raise InputError(
+        f"no Python {version} or later that can make environments is found",
+        where=chosen,
+        remedy="install one from python.org (Debian: python3-venv), and name it under Made From",
+    )
+
+
+def _can_make_environments(python: str) -> bool:
+    command = [python, "-I", "-c", _PROBE.format(oldest=OLDEST_PYTHON)]
+    try:
+        return subprocess.run(command, capture_output=True, timeout=_PROBE_SECONDS).returncode == 0
+    except (OSError, subprocess.SubprocessError):
+        return False
+
+
+def _make(base_python: str, folder: Path, workers: Workers, listen: Listener) -> str:
+    """Make the environment and return its interpreter; a failure or a cancellation leaves nothing."""
+    request = {"job": "make-environment", "folder": str(folder)}
+    try:
+        return finish(workers.start_command([base_python, str(WORKER)], request), listen)["python"]
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _take_over_environment(job: BackgroundJob) -> None:
+    if job.state is State.FAILED:
+        show_problem(job.title, job.problem)
+    elif job.state is State.DONE:
+        show_information(job.title, "The worker is set up; it is being checked now")
+        start_check()
+
+
+def _take_over_check(job: BackgroundJob) -> None:
+    preferences = get_preferences()
+    if job.state is State.FAILED:
+        preferences.machine = ""
+        show_problem(job.title, job.problem)
+    elif job.state is State.DONE:
+        preferences.machine, preferences.speed = json.dumps(job.result), float(job.result["speed"])
+        shrink_cache()

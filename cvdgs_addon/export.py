@@ -1,0 +1,221 @@
+"""From Blender's objects to files of other programs: Gaussians as they are edited and blended, and the scene's LUT."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core.errors import InputError
+from ..core.splats.files import write_gaussians
+from ..core.splats.gaussians import SH_C0, Gaussians
+from .scene.harmonics_nodes import coefficient_attribute, coefficient_count
+from .scene.splat_attributes import ORIGINAL, Attribute, Frame, color_attribute
+from .shown import require_object_mode
+
+# A logit beyond this is as good as 0 or 1, and finite.
+_LARGEST_LOGIT = 15.0
+_SMALLEST_SCALE = 1e-12
+# A linear map that differs from a uniform scale by less than this turns nothing that could be seen.
+_TURN_TOLERANCE = 1e-5
+
+
+@dataclass(frozen=True)
+class ExportedGaussians:
+    """Gaussians read from an object.
+
+    Attributes:
+        gaussians: as a PLY has them.
+        lost_view_dependence: whether the original colours' view-dependent terms were left out, because the object was
+            turned or the colours are blended.
+    """
+
+    gaussians: Gaussians
+    lost_view_dependence: bool
+
+
+def read_gaussians(
+    splats: bpy.types.Object, layer: str, enhanced: float, *, in_scene_axes: bool = False
+) -> ExportedGaussians:
+    """The Gaussians of an object as they are now: what was deleted is gone, and transforms that were applied count.
+
+    Args:
+        splats: made by `scene.splats.add_gaussians`.
+        layer: colour layer.
+        enhanced: 0 for the original colours, 1 for the layer's.
+        in_scene_axes: where they stand in Blender's scene; else in the object's own axes, which are the capture's.
+
+    Raises:
+        InputError: no Gaussians are left, they are being edited, or there is no such layer.
+    """
+    require_object_mode(splats)
+    mesh = splats.data
+    frame = _values(mesh, Attribute.FRAME, "value", (), np.int32)
+    kept = frame == 0
+    if not kept.any():
+        raise InputError("no Gaussians are left", where=splats.name, remedy="undo what deleted them")
+    positions = _positions(mesh)
+    shape = _frame_map(positions, frame, _values(mesh, Attribute.SCALE, "vector", (3,)))
+    scales = _values(mesh, Attribute.SCALE, "vector", (3,))[kept].astype(np.float64)
+    quaternions = _values(mesh, Attribute.ROTATION, "value", (4,))[kept]
+    means = positions[kept].astype(np.float64)
+    if in_scene_axes:
+        matrix = np.array(splats.matrix_world, np.float64)
+        means, shape = means @ matrix[:3, :3].T + matrix[:3, 3], matrix[:3, :3] @ shape
+    if not np.allclose(shape, np.eye(3), atol=_TURN_TOLERANCE):
+        scales, quaternions = _deformed(scales, quaternions, shape)
+    opacities = np.clip(_values(mesh, Attribute.OPACITY, "value", ())[kept].astype(np.float64), 1e-9, 1.0 - 1e-9)
+    sh, lost = _harmonics(splats, layer, enhanced, kept, turned=_turns(shape))
+    gaussians = Gaussians(
+        means.astype(np.float32),
+        np.log(np.maximum(scales, _SMALLEST_SCALE)).astype(np.float32),
+        quaternions.astype(np.float32),
+        np.clip(np.log(opacities / (1.0 - opacities)), -_LARGEST_LOGIT, _LARGEST_LOGIT).astype(np.float32),
+        sh,
+    )
+    return ExportedGaussians(gaussians, lost)
+
+
+def export_gaussians(path: str, exported: ExportedGaussians) -> None:
+    """Write a splat file; its ending chooses the format (PLY, SPZ or .splat).
+
+    Raises:
+        InputError: an unknown ending, or the file cannot be written.
+    """
+    try:
+        write_gaussians(path, exported.gaussians)
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+
+
+def export_cube(folder: str, layer: str, path: str) -> None:
+    """Copy the LUT of a layer of the run in `folder`.
+
+    Raises:
+        InputError: the run has none for this layer, or the file cannot be written.
+    """
+    source = Path(folder, f"layer.{layer}.cube")
+    if not source.is_file():
+        remedy = "choose a layer that this run made, or load the run from where it is now"
+        raise InputError("there is no such LUT", where=source, remedy=remedy)
+    try:
+        shutil.copyfile(source, path)
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+
+
+def _cannot_write(path: str, error: OSError) -> InputError:
+    return InputError(f"cannot be written ({error.strerror})", where=path, remedy="choose another place")
+
+
+def _positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
+    positions = np.empty(len(mesh.vertices) * 3, np.float32)
+    mesh.vertices.foreach_get("co", positions)
+    return positions.reshape(-1, 3)
+
+
+def _values(mesh: bpy.types.Mesh, name: str, field: str, shape: tuple[int, ...], dtype: type = np.float32) -> NDArray:
+    """(V, *shape) values of an attribute.
+
+    Raises:
+        InputError: somebody has removed it.
+    """
+    attribute = mesh.attributes.get(name)
+    if attribute is None:
+        raise InputError(f"it has no attribute '{name}' any more", where=mesh.name, remedy="load the run again")
+    values: NDArray = np.empty((len(mesh.vertices), *shape), dtype)
+    attribute.data.foreach_get(field, values.reshape(-1))
+    return values
+
+
+def _frame_map(
+    positions: NDArray[np.float32], frame: NDArray[np.int32], scales: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """(3, 3) linear map that the mesh went through since it was made (see `splat_nodes.Frame`)."""
+    points = {number: positions[frame == number].mean(axis=0) for number in Frame if (frame == number).any()}
+    if len(points) < len(Frame):
+        return np.eye(3)
+    size = float(scales[frame == Frame.ORIGIN][0, 0])
+    edges = [(points[axis] - points[Frame.ORIGIN]) / size for axis in (Frame.X, Frame.Y, Frame.Z)]
+    return np.stack(edges, axis=1).astype(np.float64)
+
+
+def _deformed(
+    scales: NDArray[np.float64], quaternions: NDArray, shape: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Scales and rotations of the ellipsoids after the linear map `shape`: again ellipsoids, by their axes."""
+    axes = shape @ (_rotation_matrices(quaternions.astype(np.float64)) * scales[:, None, :])
+    directions, deviations, _ = np.linalg.svd(axes)
+    directions[:, :, 2] *= np.sign(np.linalg.det(directions))[:, None]  # a rotation, not a reflection
+    return deviations, _quaternions(directions)
+
+
+def _turns(shape: NDArray[np.float64]) -> bool:
+    """Whether a linear map is more than a uniform scale."""
+    scale = np.cbrt(abs(np.linalg.det(shape)))
+    return not np.allclose(shape, scale * np.eye(3), atol=_TURN_TOLERANCE * max(scale, 1e-12))
+
+
+def _harmonics(
+    splats: bpy.types.Object, layer: str, enhanced: float, kept: NDArray[np.bool_], *, turned: bool
+) -> tuple[NDArray[np.float32], bool]:
+    """(N, K, 3) coefficients of the blended colours, and whether view-dependent terms were left out."""
+    mesh = splats.data
+    colors = _colors(mesh, ORIGINAL)[kept]
+    if layer != ORIGINAL and enhanced > 0.0:
+        colors = (1.0 - enhanced) * colors + enhanced * _colors(mesh, layer)[kept]
+    constant = ((colors - 0.5) / SH_C0)[:, None, :]
+    degree = _degree(mesh)
+    # Where the original colours still show, so does what depends on the view.
+    original_shows = layer == ORIGINAL or enhanced < 1.0
+    if degree == 0 or turned or not original_shows:
+        return constant.astype(np.float32), degree > 0 and turned and original_shows
+    share = 1.0 if layer == ORIGINAL else 1.0 - enhanced
+    names = [coefficient_attribute(index) for index in range(1, coefficient_count(degree) + 1)]
+    rest = np.stack([_values(mesh, name, "vector", (3,))[kept] for name in names], axis=1)
+    return np.concatenate([constant, share * rest], axis=1).astype(np.float32), False
+
+
+def _colors(mesh: bpy.types.Mesh, layer: str) -> NDArray[np.float32]:
+    """(V, 3) display-referred sRGB of a layer."""
+    if color_attribute(layer) not in mesh.attributes:
+        raise InputError(f"no colour layer '{layer}'", where=mesh.name, remedy="choose another")
+    return _values(mesh, color_attribute(layer), "color", (4,))[:, :3]
+
+
+def _degree(mesh: bpy.types.Mesh) -> int:
+    return next(
+        degree
+        for degree in (3, 2, 1, 0)
+        if degree == 0 or coefficient_attribute(coefficient_count(degree)) in mesh.attributes
+    )
+
+
+def _rotation_matrices(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 3, 3) of (N, 4) wxyz."""
+    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], 1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], 1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], 1),
+        ],
+        axis=1,
+    )
+
+
+def _quaternions(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 4) wxyz of (N, 3, 3): the eigenvector of Bar-Itzhack's symmetric matrix (2000), stable for every angle."""
+    r = rotations
+    matrix = np.zeros((len(r), 4, 4))
+    trace = np.trace(r, axis1=1, axis2=2)
+    matrix[:, :3, :3] = r + r.transpose(0, 2, 1) - trace[:, None, None] * np.eye(3)
+    matrix[:, 3, :3] = np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], 1)
+    matrix[:, :3, 3] = matrix[:, 3, :3]
+    matrix[:, 3, 3] = trace
+    xyzw = np.linalg.eigh(matrix)[1][:, :, -1]
+    return np.roll(xyzw, 1, axis=1)

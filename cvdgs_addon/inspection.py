@@ -1,0 +1,131 @@
+"""Looks at the capture that the user has picked: a worker reads it in the background, the panel shows what it found."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import bpy
+
+from ..core.job import Workers
+from ..core.job_console import Listener, finish
+from .activity import ACTIVITY
+from .background import BackgroundJob, State
+from .environment import make_workers
+from .pictures import PICTURES
+from .preferences import get_cache
+
+JOB = "inspect"
+_THUMBNAILS, _THUMBNAIL_SIZE = 4, 192  # pixels of the longer side; a side bar of usual width shows them at about this
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What a worker found in a folder.
+
+    Attributes:
+        format: where the cameras come from.
+        views: usable photographs.
+        sizes: (width, height, count), most frequent first.
+        points: sparse points.
+        warnings: one line each.
+        thumbnails: paths of small pictures.
+    """
+
+    format: str
+    views: int
+    sizes: tuple[tuple[int, int, int], ...]
+    points: int
+    warnings: tuple[str, ...]
+    thumbnails: tuple[Path, ...]
+
+
+def inspect(folder: str, sfm: bool, thumbnails: Path, workers: Workers, listen: Listener) -> Inspection:
+    """Let a worker look at the capture in `folder`.
+
+    Args:
+        sfm: accept photographs without cameras.
+        thumbnails: where small pictures are written.
+
+    Raises:
+        InputError: the folder cannot be used, or there is no worker.
+    """
+    pictures = {"folder": str(thumbnails), "count": _THUMBNAILS, "size": _THUMBNAIL_SIZE}
+    request = {"job": "inspect", "capture": folder, "sfm": sfm, "thumbnails": pictures}
+    result = finish(workers.start(request), listen)
+    summary = result["summary"]
+    return Inspection(
+        summary["format"],
+        summary["views"],
+        tuple((width, height, count) for width, height, count in summary["sizes"]),
+        summary["points"],
+        tuple(warning["message"] for warning in summary["warnings"]),
+        tuple(Path(path) for path in result["thumbnails"]),
+    )
+
+
+def start_inspection(scene: bpy.types.Scene) -> None:
+    """Inspect the folder of `scene` in the background; an empty one is forgotten."""
+    _clear(scene)
+    capture = scene.cvdgs.capture
+    ACTIVITY.end(JOB)
+    if capture.folder:
+        folder = bpy.path.abspath(capture.folder)
+        work = partial(inspect, folder, capture.sfm, get_cache().thumbnails(folder))
+        job = BackgroundJob("Inspecting the capture", work, make_workers(), ("start",))
+        ACTIVITY.start(JOB, job, partial(_take_over, scene.session_uid, folder), ends_with_file=True)
+
+
+def inspect_now(scene: bpy.types.Scene) -> None:
+    """Inspect the folder of `scene` and wait for it; for scripts.
+
+    Raises:
+        InputError: it cannot be used.
+    """
+    _clear(scene)
+    capture = scene.cvdgs.capture
+    folder = bpy.path.abspath(capture.folder)
+    _fill(scene, folder, inspect(folder, capture.sfm, get_cache().thumbnails(folder), make_workers(), lambda _: None))
+
+
+def thumbnail_key(folder: str, number: int) -> str:
+    """Under which `PICTURES` has a photograph of a capture."""
+    return f"capture {number} {folder}"
+
+
+def thumbnails_of(capture: bpy.types.PropertyGroup) -> list[str]:
+    """Keys of the pictures of an inspected capture; loads those of an earlier session from the cache."""
+    folder = capture.inspected
+    keys = [thumbnail_key(folder, number) for number in range(_THUMBNAILS)]
+    for number, key in enumerate(keys):
+        if key not in PICTURES:
+            PICTURES.load(key, get_cache().thumbnails(folder) / f"{number}.png")
+    return [key for key in keys if key in PICTURES]
+
+
+def _take_over(scene_uid: int, folder: str, job: BackgroundJob) -> None:
+    scene = next((scene for scene in bpy.data.scenes if scene.session_uid == scene_uid), None)
+    if scene is None or job.state is State.CANCELLED:
+        return
+    if job.state is State.FAILED:
+        scene.cvdgs.capture.problem = job.problem
+    else:
+        _fill(scene, folder, job.result)
+
+
+def _clear(scene: bpy.types.Scene) -> None:
+    capture = scene.cvdgs.capture
+    capture.inspected = capture.format = capture.sizes = capture.warnings = capture.problem = ""
+    capture.views = capture.points = capture.width = capture.height = 0
+
+
+def _fill(scene: bpy.types.Scene, folder: str, found: Inspection) -> None:
+    capture = scene.cvdgs.capture
+    capture.inspected, capture.format = folder, found.format
+    capture.views, capture.points = found.views, found.points
+    capture.width, capture.height = found.sizes[0][:2]
+    capture.sizes = ", ".join(f"{width} × {height}" for width, height, _ in found.sizes)
+    capture.warnings = "\n".join(found.warnings)
+    for number, path in enumerate(found.thumbnails):
+        PICTURES.load(thumbnail_key(folder, number), path)

@@ -1,0 +1,179 @@
+"""The button "Make CVD-friendly": from the panels' settings to a run in the background, and its result in the scene."""
+
+from __future__ import annotations
+
+import os
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..core import front
+from ..core.errors import InputError
+from ..core.job import ROOT, Workers
+from ..core.job_console import Listener
+from ..core.settings import Layer, Settings
+from .activity import ACTIVITY, redraw_panels
+from .background import BackgroundJob, State
+from .environment import make_workers
+from .messages import show_information, show_problem
+from .pictures import PICTURES
+from .preferences import get_preferences, machine_speed, shrink_cache
+from .quality import TIME_MODEL, Quality, in_words, learned_speed, quality_called
+from .results import is_finished_run, read_report, show_run
+
+JOB = "run"
+PREVIEW = "run preview"
+"""Key in `PICTURES` of the latest picture of the run."""
+
+_SEVERITY_DIGITS = 2  # of a layer's name; a slider gives more than anybody sees
+
+
+def output_folder(scene: bpy.types.Scene) -> str:
+    """Where the results of `scene` go: the chosen folder, or one beside the capture; "" while there is neither."""
+    properties = scene.cvdgs
+    if properties.run.out:
+        return normalised_folder(properties.run.out)
+    if not properties.capture.folder:
+        return ""
+    capture = Path(normalised_folder(properties.capture.folder))
+    # The demo lies inside the extension, where nothing of the user's may be lost with an upgrade.
+    parent = Path.home() if ROOT in capture.resolve().parents else capture.parent
+    return str(parent / f"{capture.name} CVD")
+
+
+def normalised_folder(folder: str) -> str:
+    """A folder as Blender's fields have it (relative to the .blend, with a slash at the end), in full."""
+    return os.path.normpath(bpy.path.abspath(folder))
+
+
+def viewer_layer(scene: bpy.types.Scene) -> Layer:
+    """The colour layer for the viewer of `scene`."""
+    viewer = scene.cvdgs.viewer
+    return Layer(viewer.cvd, round(viewer.severity, _SEVERITY_DIGITS))
+
+
+def adds_to_run(scene: bpy.types.Scene) -> bool:
+    """Whether the button adds a layer to a finished run instead of making a new one."""
+    return not scene.cvdgs.run.start_over and is_finished_run(output_folder(scene))
+
+
+def run_settings(scene: bpy.types.Scene) -> Settings:
+    """What the button asks the worker for.
+
+    Raises:
+        InputError: something is missing or does not fit.
+    """
+    properties = scene.cvdgs
+    if not properties.capture.folder:
+        raise InputError("no capture is chosen", where="Capture", remedy="pick a folder of photographs")
+    adds = adds_to_run(scene)
+    settings = {
+        "capture": bpy.path.abspath(properties.capture.folder),
+        "out": output_folder(scene),
+        "layers": (viewer_layer(scene),),
+        "simulation": properties.viewer.simulation,
+        "strength": properties.viewer.strength,
+        "enhancer": properties.run.enhancer,
+        "device": get_preferences().device,
+        "sfm": properties.capture.sfm,
+        "blend": properties.run.scene_file,
+        "resume": adds,
+    }
+    if adds:
+        _refuse_repetition(settings["out"], settings["layers"][0])
+    else:
+        quality = quality_called(properties.run.quality)
+        settings |= {"iterations": quality.iterations, "max_size": quality.max_size}
+    return Settings(**settings)
+
+
+def estimated_seconds(scene: bpy.types.Scene, quality: Quality) -> float | None:
+    """How long the button will take on this machine, or None while the capture is not known."""
+    return _reference_seconds(scene, quality) / machine_speed() if scene.cvdgs.capture.inspected else None
+
+
+def start_run(scene: bpy.types.Scene) -> None:
+    """Make `scene` CVD-friendly in the background.
+
+    Raises:
+        InputError: something is missing or does not fit.
+    """
+    settings = run_settings(scene)
+    PICTURES.forget(PREVIEW)
+    stages = front.stages_of(settings)
+    job = BackgroundJob("Make CVD-friendly", partial(_run, settings), make_workers(), stages)
+    expected = _reference_seconds(scene, quality_called(scene.cvdgs.run.quality))
+    ACTIVITY.start(JOB, job, partial(_take_over, scene.session_uid, settings, expected), ends_with_file=True)
+
+
+def run_now(scene: bpy.types.Scene) -> None:
+    """Make `scene` CVD-friendly and wait for it; for scripts.
+
+    Raises:
+        InputError: something is missing, does not fit, or was refused by the worker.
+        WorkerDefect: the worker failed.
+    """
+    settings = run_settings(scene)
+    _run(settings, make_workers(), lambda _: None)
+    show_run(settings.out, scene)
+
+
+def current_run() -> BackgroundJob | None:
+    """The run that goes on, or the last one."""
+    return ACTIVITY.job(JOB)
+
+
+def show_preview(job: BackgroundJob) -> None:
+    """Load the latest picture of a run, for the panel."""
+    if job.preview:
+        PICTURES.load(PREVIEW, Path(job.preview))
+
+
+def _run(settings: Settings, workers: Workers, listen: Listener) -> dict[str, Any]:
+    return front.run(settings, listen, workers)
+
+
+def _refuse_repetition(folder: str, layer: Layer) -> None:
+    if layer.name in read_report(folder).get("layers", {}):
+        remedy = "load the run, choose another viewer, or tick Start Over"
+        raise InputError(f"the run has the layer {layer.name} already", where=folder, remedy=remedy)
+
+
+def _reference_seconds(scene: bpy.types.Scene, quality: Quality) -> float:
+    capture = scene.cvdgs.capture
+    adds = adds_to_run(scene)
+    return TIME_MODEL.seconds(quality, capture.views, capture.width, capture.height, adds_layer=adds)
+
+
+def _take_over(scene_uid: int, settings: Settings, expected: float, job: BackgroundJob) -> None:
+    PICTURES.forget(PREVIEW)
+    if job.state is State.FAILED:
+        show_problem(job.title, job.problem)
+    if job.state is not State.DONE:
+        return
+    seconds = front.latest_seconds(job.result)["total"] or 0.0
+    if seconds and not settings.blend:  # the model knows nothing of stills
+        preferences = get_preferences()
+        preferences.speed = learned_speed(preferences.speed, expected, seconds)
+    shrink_cache()
+    scene = next((scene for scene in bpy.data.scenes if scene.session_uid == scene_uid), None)
+    if scene is None:
+        show_information(job.title, f"The scene is gone; the result is in {settings.out}")
+        return
+    try:
+        show_run(settings.out, scene)
+    except InputError as error:
+        show_problem(job.title, str(error))
+        return
+    _remember_for_undo(job.title)
+    redraw_panels()
+    show_information(job.title, f"{settings.layers[0].name} is ready after {in_words(seconds).removeprefix('about ')}")
+
+
+def _remember_for_undo(title: str) -> None:
+    windows = bpy.context.window_manager.windows
+    if not bpy.app.background and windows:
+        with bpy.context.temp_override(window=windows[0]):  # a timer has none
+            bpy.ops.ed.undo_push(message=title)

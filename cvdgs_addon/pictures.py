@@ -1,0 +1,76 @@
+"""Small pictures that the panels show: thumbnails, previews of a run, coloured caps. Freed with the add-on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import bpy.utils.previews
+import numpy as np
+from numpy.typing import ArrayLike
+
+_CAP_SIZE = 32  # pixels of a cap's icon, the size of Blender's own
+
+
+class Pictures:
+    """Pictures by key, between `register` and `unregister`."""
+
+    def __init__(self) -> None:
+        self._previews: bpy.utils.previews.ImagePreviewCollection | None = None
+
+    def __contains__(self, key: str) -> bool:
+        return self._previews is not None and key in self._previews
+
+    def load(self, key: str, path: Path) -> None:
+        """Load a file under `key`, in place of what was there; a missing file leaves nothing."""
+        if self._previews is None:
+            return
+        self.forget(key)
+        if path.is_file():
+            picture = self._previews.load(key, str(path), "IMAGE")
+            picture.image_size[0]  # read now: the file may be gone when the panel is drawn
+
+    def paint(self, key: str, color: ArrayLike) -> None:
+        """A round cap of one sRGB colour, (3,) in [0, 1], under `key`."""
+        if self._previews is None or key in self:
+            return
+        position = (np.arange(_CAP_SIZE) + 0.5) / _CAP_SIZE * 2.0 - 1.0
+        radius = np.hypot(position[:, None], position[None, :]) * _CAP_SIZE / 2.0
+        alpha = np.clip(_CAP_SIZE / 2.0 - radius, 0.0, 1.0)
+        pixels = np.dstack([np.broadcast_to(np.asarray(color, np.float64), (_CAP_SIZE, _CAP_SIZE, 3)), alpha])
+        picture = self._previews.new(key)
+        for size, values in (("icon_size", "icon_pixels_float"), ("image_size", "image_pixels_float")):
+            setattr(picture, size, (_CAP_SIZE, _CAP_SIZE))
+            getattr(picture, values).foreach_set(pixels.astype(np.float32).ravel())
+
+    def icon(self, key: str) -> int:
+        """For ``icon_value`` and ``template_icon``; 0, an empty icon, where there is no such picture."""
+        return self._previews[key].icon_id if self._previews is not None and key in self else 0
+
+    def forget(self, key: str) -> None:
+        """Free the picture of `key`, if there is one."""
+        if self._previews is not None and key in self:
+            del self._previews[key]
+
+    def register(self) -> None:
+        """Be ready."""
+        self._previews = bpy.utils.previews.new()
+
+    def unregister(self) -> None:
+        """Free all pictures."""
+        if self._previews is not None:
+            bpy.utils.previews.remove(self._previews)
+            self._previews = None
+
+
+PICTURES = Pictures()
+
+
+def register() -> None:
+    """Be ready for pictures."""
+    PICTURES.register()
+
+
+def unregister() -> None:
+    """Free all pictures."""
+    PICTURES.unregister()

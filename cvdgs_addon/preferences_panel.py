@@ -1,0 +1,67 @@
+"""How the add-on's preferences look: the worker, the device, the cache."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..core.errors import InputError
+from . import environment
+from .activity import ACTIVITY
+from .messages import lines_of
+from .preferences import get_cache, known_machine
+
+_WIDTH = 90  # characters; the preferences' window is wide
+_VERSIONS = ("python", "torch", "warp-lang", "numpy")
+
+
+def draw_preferences(preferences: bpy.types.AddonPreferences, layout: bpy.types.UILayout) -> None:
+    """Draw `preferences` into `layout`."""
+    _draw_worker(preferences, layout.box())
+    column = layout.column()
+    column.use_property_split, column.use_property_decorate = True, False
+    column.prop(preferences, "device")
+    column.prop(preferences, "cache")
+    column.prop(preferences, "cache_limit")
+    row = column.row()
+    row.label(text=f"{get_cache().size() / 1e6:.0f} MB are in use")
+    row.operator("cvdgs.clear_cache")
+
+
+def _draw_worker(preferences: bpy.types.AddonPreferences, box: bpy.types.UILayout) -> None:
+    box.label(text="Worker: the Python that does the heavy work", icon="CONSOLE")
+    for name, sentence in ((environment.MAKE_JOB, "Setting up …"), (environment.CHECK_JOB, "Checking …")):
+        job = ACTIVITY.running(name)
+        if job is not None:
+            row = box.row(align=True)
+            row.progress(factor=job.progress.fraction, text=f"{sentence} {job.progress.message}")
+            row.operator("cvdgs.cancel_job", text="", icon="X").job = name
+            return
+    try:
+        _draw_found(box, environment.worker_python())
+    except InputError as error:
+        for line in lines_of(str(error), _WIDTH):
+            box.label(text=line, icon="ERROR")
+    for name in (environment.MAKE_JOB, environment.CHECK_JOB):
+        job = ACTIVITY.job(name)
+        if job is not None and job.problem:
+            for line in lines_of(job.problem, _WIDTH):
+                box.label(text=line, icon="ERROR")
+    row = box.row(align=True)
+    row.operator("cvdgs.make_environment", icon="IMPORT")
+    row.operator("cvdgs.check_environment", icon="FILE_REFRESH")
+    row.operator("cvdgs.remove_environment", icon="TRASH")
+    column = box.column()
+    column.use_property_split, column.use_property_decorate = True, False
+    column.prop(preferences, "python")
+    column.prop(preferences, "base_python")
+
+
+def _draw_found(box: bpy.types.UILayout, python: str) -> None:
+    box.label(text=python, icon="CHECKMARK")
+    machine = known_machine()
+    if not machine or machine.get("asked_of") != python:
+        box.label(text="Not checked yet", icon="BLANK1")
+        return
+    versions = machine.get("versions", {})
+    box.label(text=", ".join(f"{name} {versions[name]}" for name in _VERSIONS if name in versions), icon="BLANK1")
+    box.label(text=f"{machine.get('device', '')}", icon="BLANK1")

@@ -1,0 +1,103 @@
+"""How fine a run becomes, and how long it takes on this machine. No bpy.
+
+The times are a model that was fitted to runs on a reference machine; a machine's speed relative to that one is measured
+when its worker is checked and corrected by every run that it finishes.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Quality:
+    """A choice in the panel.
+
+    Attributes:
+        name: of the choice in Blender's data.
+        label, description: as the user reads them.
+        iterations: steps of the geometry stage.
+        max_size: longer side of the training images in pixels.
+    """
+
+    name: str
+    label: str
+    description: str
+    iterations: int
+    max_size: int
+
+
+QUALITIES = (
+    Quality("DRAFT", "Draft", "A quick look: coarse, but the colours are right", 700, 320),
+    Quality("STANDARD", "Standard", "For stills and turntables at the photographs' usual sizes", 3000, 640),
+    Quality("FINE", "Fine", "Longer training on larger photographs", 7000, 960),
+)
+
+REFERENCE_PROCESSORS = 2  # of the reference machine, an AMD EPYC without a GPU
+
+
+@dataclass(frozen=True)
+class TimeModel:
+    """Seconds on the reference machine, fitted to runs on the embedded demo and on fox (instant-ngp).
+
+    Attributes:
+        start: of the processes, loading and compiling nothing.
+        step: of a training step, whatever its size.
+        step_per_megapixel: of a training step besides.
+        layer: of a colour layer, whatever its size.
+        layer_per_megapixel: of a colour layer besides, for the photographs together: enhancing, fitting, measuring.
+        read_per_megapixel: of reading the photographs at their full size.
+    """
+
+    start: float = 6.0
+    step: float = 0.008
+    step_per_megapixel: float = 0.19
+    layer: float = 12.0
+    layer_per_megapixel: float = 4.5
+    read_per_megapixel: float = 0.06
+
+    def seconds(self, quality: Quality, views: int, width: int, height: int, *, adds_layer: bool) -> float:
+        """Of a run on `views` photographs of `width` × `height` pixels; `adds_layer`: to a finished run."""
+        scale = min(1.0, quality.max_size / max(width, height, 1))
+        full = width * height / 1e6
+        view = full * scale * scale
+        geometry = 0.0 if adds_layer else quality.iterations * (self.step + self.step_per_megapixel * view)
+        layer = self.layer + self.layer_per_megapixel * view * views
+        return self.start + self.read_per_megapixel * full * views + geometry + layer
+
+
+TIME_MODEL = TimeModel()
+
+
+def quality_called(name: str) -> Quality:
+    """The quality of that name."""
+    return next(quality for quality in QUALITIES if quality.name == name)
+
+
+def likely_speed() -> float:
+    """This machine's speed relative to the reference one as long as nothing was measured: by its processors alone.
+
+    A step is in part serial, so that twice the processors are not twice as fast.
+    """
+    return math.sqrt((os.cpu_count() or REFERENCE_PROCESSORS) / REFERENCE_PROCESSORS)
+
+
+def learned_speed(before: float, expected_seconds: float, seconds: float) -> float:
+    """The speed after a run that took `seconds` where the reference machine takes `expected_seconds`.
+
+    Args:
+        before: what was believed; 0 where nothing was measured yet.
+    """
+    now = expected_seconds / max(seconds, 1.0)
+    return now if before <= 0.0 else math.sqrt(before * now)
+
+
+def in_words(seconds: float) -> str:
+    """A rough time, as rough as an estimate is: "about 40 s", "about 5 min", "about 1.5 h"."""
+    if seconds < 55.0:
+        return f"about {max(round(seconds / 10.0), 1) * 10} s"
+    if seconds < 5400.0:
+        return f"about {max(round(seconds / 60.0), 1)} min"
+    return f"about {seconds / 3600.0:.1f} h"

@@ -1,0 +1,125 @@
+"""Finished runs in the open file: loading them, adding the layers of a later run, and what their reports say."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from .scene.convert import load_run
+from .scene.finished_run import FinishedRun, read_run
+from .scene.splat_attributes import Attribute, color_attribute
+from .scene.splats import is_splats, layer_names, show_layer
+from .shown import require_object_mode
+
+REPORT_FILE, REPORT_PAGE = "report.json", "report.html"
+RUN_PROPERTY = "cvdgs_run"
+"""Custom property of a Gaussians' object: the folder of the run that it came from."""
+
+
+def show_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
+    """Show the finished run in `folder`, and its newest layer; returns the Gaussians' object.
+
+    Where `scene` has the run already, only the layers that it lacks are added, so that whatever was done to the object
+    stays. Where that is not possible because Gaussians were deleted, the run is added as a further object.
+
+    Raises:
+        InputError: the run cannot be read or used, or its Gaussians are being edited.
+    """
+    run = read_run(folder)
+    splats = next((found for found in splats_of(scene, folder) if _can_take_layers(found, run)), None)
+    if splats is None:
+        splats = load_run(run, scene).splats
+        splats[RUN_PROPERTY] = folder
+        new = list(run.layers)
+    else:
+        new = [layer for layer in run.layers if layer not in layer_names(splats)]
+        for layer in new:
+            _add_layer(splats, layer, run.layers[layer])
+    newest = _newest_layer(folder)
+    if newest in layer_names(splats):
+        show_layer(splats, newest)
+    scene.cvdgs.run.folder = folder
+    return splats
+
+
+def splats_of(scene: bpy.types.Scene, folder: str) -> Iterator[bpy.types.Object]:
+    """The Gaussians' objects of `scene` that came from the run in `folder`."""
+    for candidate in scene.objects:
+        if is_splats(candidate) and candidate.get(RUN_PROPERTY) == folder:
+            yield candidate
+
+
+def is_finished_run(folder: str) -> bool:
+    """Whether a run has finished in `folder`."""
+    return bool(folder) and Path(folder, REPORT_FILE).is_file()
+
+
+def read_report(folder: str) -> dict[str, Any]:
+    """The report of the run in `folder`; empty where there is none that can be read."""
+    try:
+        report = json.loads(Path(folder, REPORT_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return report if isinstance(report, dict) and isinstance(report.get("layers"), dict) else {}
+
+
+def figures_of(report: dict[str, Any]) -> dict[str, list[tuple[str, str]]]:
+    """What the panel shows of a report: a heading and (name, value) pairs; what was not measured is left out."""
+    reconstruction, seconds = report.get("reconstruction") or {}, report.get("seconds") or {}
+    tables = {
+        "Reconstruction": [
+            ("Gaussians", _shown(report.get("gaussians"), "{:,}")),
+            ("Held-out views", _shown(reconstruction.get("psnr"), "{:.1f} dB")),
+            ("SSIM", _shown(reconstruction.get("ssim"), "{:.3f}")),
+            ("Time", _shown(seconds.get("total"), "{:.0f} s")),
+        ]
+    }
+    for name, layer in report.get("layers", {}).items():
+        contrast, natural = layer.get("ccpr") or {}, layer.get("naturalness") or {}
+        consistency = layer.get("rwe") or {}
+        tables[name] = [
+            ("Contrast left, photographs", _shown(contrast.get("input"), "{:.0%}")),
+            ("Contrast left, enhanced", _shown(contrast.get("enhanced"), "{:.0%}")),
+            ("Scene, original colours", _shown(contrast.get("unenhanced"), "{:.0%}")),
+            ("Scene, enhanced", _shown(contrast.get("rendered"), "{:.0%}")),
+            ("Change of colours, ΔE00", _shown(natural.get("delta_e"), "{:.1f}")),
+            ("Drift between views (1 = photos)", _shown(consistency.get("ratio"), "{:.2f}")),
+        ]
+    return {heading: [row for row in rows if row[1]] for heading, rows in tables.items()}
+
+
+def _shown(value: Any, template: str) -> str:
+    return template.format(value) if isinstance(value, int | float) else ""
+
+
+def _newest_layer(folder: str) -> str:
+    """The layer that the run made last, or ""."""
+    return next(reversed(read_report(folder).get("layers", {})), "")
+
+
+def _can_take_layers(splats: bpy.types.Object, run: FinishedRun) -> bool:
+    require_object_mode(splats)
+    return int(_is_gaussian(splats.data).sum()) == len(run.gaussians)
+
+
+def _is_gaussian(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:
+    """(V,) which vertices are Gaussians, and not points of the frame."""
+    numbers = np.ones(len(mesh.vertices), np.int32)
+    if Attribute.FRAME in mesh.attributes:
+        mesh.attributes[Attribute.FRAME].data.foreach_get("value", numbers)
+    return numbers == 0
+
+
+def _add_layer(splats: bpy.types.Object, layer: str, colors: NDArray[np.float32]) -> None:
+    mesh = splats.data
+    rgba = np.zeros((len(mesh.vertices), 4), np.float32)
+    rgba[_is_gaussian(mesh)] = np.concatenate([colors, np.ones((len(colors), 1), np.float32)], axis=1)
+    attribute = mesh.attributes.new(color_attribute(layer), "FLOAT_COLOR", "POINT")
+    attribute.data.foreach_set("color", rgba.ravel())
+    mesh.update()

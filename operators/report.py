@@ -1,0 +1,36 @@
+"""Operator of the sub-panel "Report"."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ..core.errors import InputError
+from ..cvdgs_addon.results import REPORT_PAGE
+from .reporting import reports_errors
+
+
+class CVDGS_OT_open_report(bpy.types.Operator):
+    """Open the run's report in the web browser: pictures side by side, all figures, timings"""
+
+    bl_idname = "cvdgs.open_report"
+    bl_label = "Open Report"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not context.scene.cvdgs.run.folder:
+            cls.poll_message_set("Make or load a run first")
+            return False
+        return True
+
+    @reports_errors
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        page = Path(bpy.path.abspath(context.scene.cvdgs.run.folder), REPORT_PAGE)
+        if not page.is_file():
+            raise InputError("there is no report", where=page, remedy="load the run again from where it is now")
+        bpy.ops.wm.url_open(url=page.as_uri())
+        return {"FINISHED"}
+
+
+CLASSES: tuple[type, ...] = (CVDGS_OT_open_report,)

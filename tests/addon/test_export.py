@@ -1,0 +1,140 @@
+"""Export: what is shown is what is written, and other programs' files stand where the objects do."""
+
+from __future__ import annotations
+
+import bpy
+import mathutils
+import numpy as np
+import pytest
+
+from cvdgs.core.splats.ply import read_ply
+from cvdgs.cvdgs_addon.export import read_gaussians
+from cvdgs.cvdgs_addon.results import show_run
+from cvdgs.cvdgs_addon.scene import splats as splat_objects
+
+from . import ewa
+from .scenes import CAMERA, cloud, look_at, opencv
+from .test_splats import apply_transform
+
+POSE = opencv(look_at((3.0, -2.0, 1.5)))
+
+
+def picture(gaussians) -> np.ndarray:
+    return ewa.render(gaussians, gaussians.base_colors, CAMERA, POSE)
+
+
+def with_degree(gaussians, degree: int):
+    rest = np.random.default_rng(3).normal(0.0, 0.1, (len(gaussians), (degree + 1) ** 2 - 1, 3))
+    return type(gaussians)(
+        gaussians.means,
+        gaussians.log_scales,
+        gaussians.quaternions,
+        gaussians.opacity_logits,
+        np.concatenate([gaussians.sh, rest], axis=1).astype(np.float32),
+    )
+
+
+@pytest.mark.parametrize("degree", [0, 2])
+def test_an_object_gives_back_the_gaussians_that_it_was_made_of(scene, degree):
+    gaussians = with_degree(cloud(50), degree)
+    exported = read_gaussians(splat_objects.add_gaussians(gaussians, {}, scene.collection), "original", 1.0)
+    assert not exported.lost_view_dependence
+    for name in ("means", "log_scales", "opacity_logits", "sh"):
+        np.testing.assert_allclose(getattr(exported.gaussians, name), getattr(gaussians, name), atol=2e-5)
+    np.testing.assert_allclose(picture(exported.gaussians), picture(gaussians), atol=1e-5)
+
+
+@pytest.mark.parametrize("enhanced", [0.0, 0.25, 1.0])
+def test_colours_are_blended_as_the_slider_says(scene, enhanced):
+    gaussians, random = cloud(50), np.random.default_rng(1)
+    layer = random.uniform(0.0, 1.0, (50, 3)).astype(np.float32)
+    added = splat_objects.add_gaussians(gaussians, {"deutan-1.0": layer}, scene.collection)
+    exported = read_gaussians(added, "deutan-1.0", enhanced).gaussians
+    expected = (1.0 - enhanced) * gaussians.base_colors + enhanced * layer
+    np.testing.assert_allclose(exported.base_colors, expected, atol=1e-6)
+
+
+def test_scene_axes_are_where_the_object_stands(scene):
+    gaussians = cloud(60)
+    added = splat_objects.add_gaussians(gaussians, {}, scene.collection)
+    matrix = mathutils.Matrix.LocRotScale((0.3, -0.2, 0.1), mathutils.Euler((0.4, 0.2, -0.9)), (1.3, 0.8, 1.1))
+    added.matrix_world = matrix
+    bpy.context.view_layer.update()
+    exported = read_gaussians(added, "original", 1.0, in_scene_axes=True).gaussians
+    moved = np.array(matrix)
+    np.testing.assert_allclose(exported.means, gaussians.means @ moved[:3, :3].T + moved[:3, 3], atol=1e-5)
+    # The covariance of an ellipsoid after a linear map, by definition.
+    for found, given in zip(covariances(exported), covariances(gaussians), strict=True):
+        np.testing.assert_allclose(found, moved[:3, :3] @ given @ moved[:3, :3].T, atol=1e-6)
+
+
+def test_a_transform_that_was_applied_counts(scene):
+    gaussians = cloud(60)
+    moved = splat_objects.add_gaussians(gaussians, {}, scene.collection)
+    applied = splat_objects.add_gaussians(gaussians, {}, scene.collection)
+    for added in (moved, applied):
+        added.matrix_world = mathutils.Matrix.LocRotScale((0.2, 0, 0.1), mathutils.Euler((0.1, 0.8, 0.3)), (1, 2, 1.5))
+    bpy.context.view_layer.update()
+    apply_transform(applied)
+    pictures = [picture(read_gaussians(added, "original", 1.0, in_scene_axes=True).gaussians)
+                for added in (moved, applied)]  # fmt: skip
+    np.testing.assert_allclose(pictures[1], pictures[0], atol=1e-4)
+
+
+def test_view_dependent_terms_of_a_turned_object_are_left_out_and_that_is_said(scene):
+    added = splat_objects.add_gaussians(with_degree(cloud(20), 1), {}, scene.collection)
+    added.rotation_euler.z = 0.5
+    bpy.context.view_layer.update()
+    assert read_gaussians(added, "original", 1.0, in_scene_axes=True).lost_view_dependence
+    assert not read_gaussians(added, "original", 1.0).lost_view_dependence
+
+
+def test_deleted_gaussians_are_gone(addon, run_folder, tmp_path):
+    splats = show_run(str(run_folder), bpy.context.scene)
+    bpy.context.view_layer.objects.active = splats
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.mesh.select_all(action="DESELECT")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    for vertex in splats.data.vertices[:100]:
+        vertex.select = True
+    bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(RuntimeError, match="leave Edit Mode"):
+        bpy.ops.cvdgs.export_gaussians(filepath=str(tmp_path / "kept.ply"))
+    bpy.ops.mesh.delete(type="VERT")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bpy.ops.cvdgs.export_gaussians(filepath=str(tmp_path / "kept.ply"))
+    assert len(read_ply(tmp_path / "kept.ply")) == 300
+
+
+def test_the_shown_layer_is_exported(addon, run_folder, tmp_path):
+    splats = show_run(str(run_folder), bpy.context.scene)
+    splat_objects.show_layer(splats, "tritan-0.5")
+    bpy.ops.cvdgs.export_gaussians(filepath=str(tmp_path / "tritan.ply"))
+    expected = read_ply(run_folder / "splats.tritan-0.5.ply")
+    np.testing.assert_allclose(read_ply(tmp_path / "tritan.ply").base_colors, expected.base_colors, atol=1e-6)
+
+
+def test_a_format_that_is_not_known_is_refused(addon, run_folder, tmp_path):
+    show_run(str(run_folder), bpy.context.scene)
+    with pytest.raises(RuntimeError, match="is no format for Gaussians"):
+        bpy.ops.cvdgs.export_gaussians(filepath=str(tmp_path / "scene.obj"))
+
+
+def test_the_lut_of_the_shown_layer_is_copied(addon, run_folder, tmp_path):
+    (run_folder / "layer.tritan-0.5.cube").write_text("LUT_3D_SIZE 2\n")
+    splat_objects.show_layer(show_run(str(run_folder), bpy.context.scene), "tritan-0.5")
+    bpy.ops.cvdgs.export_cube(filepath=str(tmp_path / "mine.cube"))
+    assert (tmp_path / "mine.cube").read_text() == "LUT_3D_SIZE 2\n"
+    splat_objects.show_layer(bpy.context.scene.objects["Gaussians"], "deutan-1.0")
+    with pytest.raises(RuntimeError, match="there is no such LUT"):
+        bpy.ops.cvdgs.export_cube(filepath=str(tmp_path / "mine.cube"))
+
+
+def test_without_gaussians_the_operators_say_what_is_missing(addon):
+    for operator in (bpy.ops.cvdgs.export_gaussians, bpy.ops.cvdgs.export_cube):
+        assert not operator.poll()
+
+
+def covariances(gaussians) -> np.ndarray:
+    axes = ewa.rotation_matrices(gaussians.quaternions) * np.exp(gaussians.log_scales.astype(np.float64))[:, None]
+    return axes @ axes.transpose(0, 2, 1)

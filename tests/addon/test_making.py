@@ -1,0 +1,248 @@
+"""The button: a run in the background, its progress, its end, and what it leaves in the scene."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import time
+from pathlib import Path
+
+import bpy
+import pytest
+
+from cvdgs.core.errors import InputError
+from cvdgs.cvdgs_addon import making
+from cvdgs.cvdgs_addon.activity import ACTIVITY
+from cvdgs.cvdgs_addon.background import State
+from cvdgs.cvdgs_addon.results import RUN_PROPERTY, show_run
+from cvdgs.cvdgs_addon.scene.splats import is_splats, layer_names
+
+from .interpreters import CRASHING, REFUSING, REPORT, SLEEPING, finishing, report_with
+from .waiting import finished, until
+
+
+@pytest.fixture
+def capture(tmp_path: Path, addon):
+    """A scene whose capture was inspected."""
+    scene = bpy.context.scene
+    scene.cvdgs.capture.folder = scene.cvdgs.capture.inspected = str(tmp_path / "photos")
+    scene.cvdgs.capture.views, scene.cvdgs.capture.width, scene.cvdgs.capture.height = 24, 480, 360
+    return scene
+
+
+def splats_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    return [candidate for candidate in scene.objects if is_splats(candidate)]
+
+
+def press() -> None:
+    """As a click does; without a window, Blender does not invoke operators."""
+    making.start_run(bpy.context.scene)
+
+
+def test_a_run_ends_with_its_layer_in_the_scene(capture, worker, run_folder, tmp_path):
+    worker(finishing(run_folder))
+    press()
+    job = finished(making.JOB)
+    assert (job.state, job.problem, job.warnings) == (State.DONE, "", ["24 views only"])
+    (splats,) = splats_in(capture)
+    out = str(tmp_path / "photos CVD")
+    assert splats[RUN_PROPERTY] == capture.cvdgs.run.folder == out
+    assert layer_names(splats) == ["original", "deutan-1.0", "tritan-0.5"]
+    assert json.loads(Path(out, "report.json").read_text())["layers"].keys() == {"deutan-1.0"}
+
+
+def test_blender_goes_on_while_the_worker_runs(capture, worker):
+    worker(SLEEPING)
+    began = time.monotonic()
+    press()
+    assert time.monotonic() - began < 0.5
+    job = making.current_run()
+    until(lambda: job.progress.message == "loading")
+    longest = 0.0
+    for _ in range(50):
+        before = time.monotonic()
+        ACTIVITY.look()
+        longest = max(longest, time.monotonic() - before)
+    assert longest < 0.05
+    assert not bpy.ops.cvdgs.make_cvd_friendly.poll()
+
+
+def test_a_cancelled_run_ends_within_two_seconds_and_leaves_nothing(capture, worker, tmp_path):
+    worker(SLEEPING)
+    press()
+    job = making.current_run()
+    until(lambda: job.progress.message == "loading")
+    began = time.monotonic()
+    assert bpy.ops.cvdgs.cancel_job() == {"FINISHED"}
+    assert time.monotonic() - began < 0.1
+    finished(making.JOB)
+    assert time.monotonic() - began < 2.0
+    assert job.state is State.CANCELLED
+    assert splats_in(capture) == []
+    assert not (tmp_path / "photos CVD").exists()
+    assert bpy.ops.cvdgs.make_cvd_friendly.poll()
+
+
+def test_a_worker_that_crashes_is_a_message(capture, worker, tmp_path):
+    worker(CRASHING)
+    press()
+    job = finished(making.JOB)
+    assert job.state is State.FAILED
+    assert f"ended by signal {int(signal.SIGSEGV)}" in job.problem
+    assert str(tmp_path / "photos CVD" / "failed.run.log") in job.problem
+
+
+def test_what_the_worker_refuses_is_a_message(capture, worker):
+    worker(REFUSING)
+    press()
+    assert finished(making.JOB).problem == "photos: no cameras - add --sfm to estimate the cameras"
+
+
+@pytest.mark.parametrize("event", ["file", "add-on"])
+def test_closing_ends_the_worker(capture, worker, tmp_path, event):
+    process = tmp_path / "process"
+    worker(f'open({str(process)!r}, "w").write(str(os.getpid())); emit("status", stage="start", message="loading")\n'
+           "time.sleep(60)")  # fmt: skip
+    press()
+    job = making.current_run()
+    until(lambda: job.progress.message == "loading")
+    if event == "file":
+        bpy.ops.wm.read_homefile(use_empty=True)
+    else:
+        ACTIVITY.unregister()
+        ACTIVITY.register()
+    assert job.state is State.CANCELLED
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(process.read_text()), 0)
+    assert not (tmp_path / "photos CVD").exists()
+
+
+def test_a_second_layer_is_added_to_the_run_that_is_there(capture, worker, run_folder, tmp_path):
+    later = tmp_path / "later"
+    shutil.copytree(run_folder, later)
+    (run_folder / "splats.tritan-0.5.ply").unlink()
+    worker(finishing(run_folder))
+    press()
+    finished(making.JOB)
+    (splats,) = splats_in(capture)
+    splats.location.x = 2.0
+
+    capture.cvdgs.viewer.cvd, capture.cvdgs.viewer.severity = "tritan", 0.5
+    assert making.adds_to_run(capture)
+    assert making.run_settings(capture).resume
+    worker(finishing(later, report_with("deutan-1.0", "tritan-0.5")))
+    press()
+    assert finished(making.JOB).problem == ""
+    assert splats_in(capture) == [splats]
+    assert layer_names(splats) == ["original", "deutan-1.0", "tritan-0.5"]
+    assert splats.location.x == 2.0
+
+
+def test_a_layer_that_is_there_is_not_made_twice(capture, worker, run_folder):
+    worker(finishing(run_folder))
+    press()
+    finished(making.JOB)
+    with pytest.raises(RuntimeError, match=r"has the layer deutan-1\.0 already.*Start Over"):
+        bpy.ops.cvdgs.make_cvd_friendly()
+    capture.cvdgs.run.start_over = True
+    assert not making.run_settings(capture).resume
+
+
+def test_a_script_waits_for_the_result(capture, worker, run_folder):
+    worker(finishing(run_folder))
+    assert bpy.ops.cvdgs.make_cvd_friendly() == {"FINISHED"}
+    assert len(splats_in(capture)) == 1
+
+
+def test_without_a_worker_the_remedy_is_named(capture, monkeypatch, tmp_path):
+    monkeypatch.setenv("CVDGS_PYTHON", str(tmp_path / "nowhere"))
+    press()
+    assert "open the add-on's preferences" in finished(making.JOB).problem
+
+
+def test_without_a_capture_the_button_says_what_is_missing(addon):
+    assert not bpy.ops.cvdgs.make_cvd_friendly.poll()
+    with pytest.raises(RuntimeError, match="Pick a folder of photographs"):
+        bpy.ops.cvdgs.make_cvd_friendly()
+
+
+def test_settings_come_from_the_panels(capture, addon):
+    addon.device = "cpu"
+    viewer, run = capture.cvdgs.viewer, capture.cvdgs.run
+    viewer.cvd, viewer.severity, viewer.simulation, viewer.strength = "protan", 0.6, "brettel", 0.5
+    run.quality, run.enhancer, run.scene_file = "DRAFT", "cgan", True
+    settings = making.run_settings(capture)
+    assert [layer.name for layer in settings.layers] == ["protan-0.6"]
+    assert (settings.simulation, settings.strength, settings.enhancer) == ("brettel", 0.5, "cgan")
+    assert (settings.max_size, settings.device, settings.blend, settings.resume) == (320, "cpu", True, False)
+
+
+def test_the_demos_results_do_not_go_into_the_extension(addon):
+    bpy.ops.cvdgs.use_demo()
+    folder = Path(making.output_folder(bpy.context.scene))
+    assert Path(making.__file__).resolve().parents[1] not in folder.parents
+
+
+def test_a_finished_run_is_loaded_again_from_its_folder(addon, run_folder):
+    (run_folder / "report.json").write_text(json.dumps(REPORT))
+    assert bpy.ops.cvdgs.load_run(directory=f"{run_folder}/") == {"FINISHED"}
+    (splats,) = splats_in(bpy.context.scene)
+    assert splats[RUN_PROPERTY] == str(run_folder)
+    bpy.ops.cvdgs.load_run(directory=f"{run_folder}/")
+    assert splats_in(bpy.context.scene) == [splats]
+
+
+def test_a_folder_without_a_run_is_refused_with_what_to_do(addon, tmp_path):
+    with pytest.raises(RuntimeError, match="choose the output folder of a finished run"):
+        bpy.ops.cvdgs.load_run(directory=str(tmp_path))
+
+
+def test_a_run_whose_gaussians_were_edited_is_added_anew(addon, run_folder):
+    scene = bpy.context.scene
+    splats = show_run(str(run_folder), scene)
+    mesh = bpy.data.meshes.new("few")
+    splats.data = mesh
+    assert show_run(str(run_folder), scene) != splats
+    assert len(splats_in(scene)) == 2
+
+
+def test_layers_are_not_added_in_edit_mode(addon, run_folder, tmp_path):
+    scene = bpy.context.scene
+    (run_folder / "splats.tritan-0.5.ply").rename(tmp_path / "kept")
+    splats = show_run(str(run_folder), scene)
+    (tmp_path / "kept").rename(run_folder / "splats.tritan-0.5.ply")
+    bpy.context.view_layer.objects.active = splats
+    bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(InputError, match="leave Edit Mode"):
+        show_run(str(run_folder), scene)
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_everything_is_saved_with_the_file(capture, worker, run_folder, tmp_path):
+    worker(finishing(run_folder))
+    press()
+    finished(making.JOB)
+    capture.cvdgs.viewer.severity = 0.3
+    folder = capture.cvdgs.run.folder
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "file.blend"))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "file.blend"))
+    properties = bpy.context.scene.cvdgs
+    assert properties.viewer.severity == pytest.approx(0.3)
+    assert properties.run.folder == folder
+    assert properties.capture.views == 24
+    assert len(splats_in(bpy.context.scene)) == 1
+
+
+def test_the_estimate_follows_what_runs_have_taken(capture, worker, run_folder, addon):
+    quality = making.quality_called(capture.cvdgs.run.quality)
+    before = making.estimated_seconds(capture, quality)
+    assert before > 0.0
+    worker(finishing(run_folder))  # in no time, where the model expects minutes
+    press()
+    finished(making.JOB)
+    capture.cvdgs.run.start_over = True
+    assert addon.speed > 1.0
+    assert making.estimated_seconds(capture, quality) < before

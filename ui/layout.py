@@ -1,0 +1,42 @@
+"""What all sub-panels share: their place, and text that is wrapped to the panel's width."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..cvdgs_addon.messages import lines_of
+
+_CHARACTER_WIDTH = 6.4  # pixels of a character of the interface font on average, at a scale of 1
+_MARGIN = 55.0  # pixels beside the text: borders, icon, scroll bar
+_FEWEST_CHARACTERS = 16
+
+
+class SidePanel:
+    """Place of a sub-panel: the side bar of the 3D view, tab "CVD"."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "CVD"
+
+
+def say(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
+    """Show `text` in as many lines as the region's width needs, with an icon at the first."""
+    scale = context.preferences.system.ui_scale or 1.0
+    width = context.region.width if context.region else 250
+    characters = max(int((width / scale - _MARGIN) / _CHARACTER_WIDTH), _FEWEST_CHARACTERS)
+    column = layout.column(align=True)
+    column.scale_y = 0.85
+    for number, line in enumerate(lines_of(text, characters)):
+        column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")
+
+
+def say_missing(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
+    """Say what has to be done before this sub-panel can be used."""
+    say(layout, context, text, "INFO")
+
+
+def complain(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
+    """Say what is wrong and what to do, in a box."""
+    box = layout.box()
+    box.alert = True
+    say(box, context, text, "ERROR")

@@ -1,0 +1,117 @@
+"""Sub-panel "Make CVD-friendly": the button, what it will take, and how far it is."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..core.errors import InputError
+from ..core.progress import format_seconds
+from ..cvdgs_addon import making
+from ..cvdgs_addon.background import BackgroundJob, State
+from ..cvdgs_addon.environment import worker_python
+from ..cvdgs_addon.package import PACKAGE
+from ..cvdgs_addon.pictures import PICTURES
+from ..cvdgs_addon.quality import QUALITIES, in_words
+from .layout import SidePanel, complain, say, say_missing
+
+_PREVIEW_SCALE = 10.0
+_STAGES = {
+    "start": "Starting",
+    "capture": "Reading the photographs",
+    "kernels": "Preparing",
+    "enhance": "Finding colours",
+    "geometry": "Reconstructing",
+    "layers": "Colouring the scene",
+    "evaluate": "Measuring",
+    "blender": "Scene file and stills",
+}
+
+
+class CVDGS_PT_run(SidePanel, bpy.types.Panel):
+    """From photographs to a scene in colours that can be told apart."""
+
+    bl_idname = "CVDGS_PT_run"
+    bl_label = "Make CVD-friendly"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, job = self.layout, making.current_run()
+        if job is not None and job.is_running:
+            draw_progress(layout, job, making.JOB)
+            _draw_preview(layout)
+            for warning in job.warnings:
+                say(layout, context, warning, "ERROR")
+            return
+        capture = context.scene.cvdgs.capture
+        if not capture.folder:
+            say_missing(layout, context, "First pick a folder of photographs under Capture")
+        elif capture.problem:
+            say_missing(layout, context, "The capture cannot be used; see above")
+        else:
+            _draw_choices(layout, context)
+        if job is not None and job.state is State.FAILED:
+            complain(layout, context, job.problem)
+        elif job is not None and job.state is State.CANCELLED:
+            say(layout, context, "Cancelled; nothing was written", "INFO")
+        layout.operator("cvdgs.load_run", icon="FILE_FOLDER")
+
+
+def draw_progress(layout: bpy.types.UILayout, job: BackgroundJob, name: str) -> None:
+    """A bar with the stage and the time left, and a button to cancel."""
+    progress = job.progress
+    stage = _STAGES.get(progress.stage, job.title)
+    left = progress.seconds_left
+    column = layout.column(align=True)
+    column.label(text="Cancelling …" if job.is_cancelling else stage, icon="TIME")
+    text = f"{progress.fraction:.0%}" + (f", {format_seconds(left)} left" if left is not None else "")
+    row = column.row(align=True)
+    row.progress(factor=progress.fraction, text=text)
+    cancel = row.row(align=True)
+    cancel.enabled = not job.is_cancelling
+    cancel.operator("cvdgs.cancel_job", text="", icon="X").job = name
+    if progress.message:
+        column.label(text=progress.message)
+
+
+def _draw_preview(layout: bpy.types.UILayout) -> None:
+    if making.PREVIEW in PICTURES:
+        layout.template_icon(icon_value=PICTURES.icon(making.PREVIEW), scale=_PREVIEW_SCALE)
+
+
+def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    scene, properties = context.scene, context.scene.cvdgs.run
+    adds = making.adds_to_run(scene)
+    layer = making.viewer_layer(scene).name
+    try:
+        worker_python()
+    except InputError as error:
+        complain(layout, context, str(error))
+        layout.operator("preferences.addon_show", text="Open Preferences", icon="PREFERENCES").module = PACKAGE
+        return
+    if adds:
+        say(layout, context, f"The output folder has a run; the layer {layer} is added to it", "INFO")
+    else:
+        column = layout.column(align=True)
+        for quality in QUALITIES:
+            seconds = making.estimated_seconds(scene, quality)
+            text = quality.label if seconds is None else f"{quality.label}, {in_words(seconds)}"
+            column.prop_enum(properties, "quality", quality.name, text=text)
+    row = layout.row()
+    row.scale_y = 1.5
+    row.operator("cvdgs.make_cvd_friendly", text=f"Add {layer}" if adds else "Make CVD-friendly", icon="PLAY")
+    if adds:
+        seconds = making.estimated_seconds(scene, QUALITIES[0])
+        if seconds is not None:
+            layout.label(text=in_words(seconds).capitalize(), icon="TIME")
+    header, body = layout.panel("cvdgs_run_options", default_closed=True)
+    header.label(text="Options")
+    if body is not None:
+        body.use_property_split, body.use_property_decorate = True, False
+        body.prop(properties, "enhancer")
+        body.prop(properties, "out")
+        if not properties.out:
+            say(body, context, f"Goes to {making.output_folder(scene)}")
+        body.prop(properties, "start_over")
+        body.prop(properties, "scene_file")
+
+
+CLASSES: tuple[type, ...] = (CVDGS_PT_run,)
