@@ -17,7 +17,8 @@ from .cameras import Clip, add_camera, use_camera
 from .finished_run import PARTIAL_FOLDER, FinishedRun, RunView, read_run
 from .placement import add_empty, camera_distance, near_depth, placement
 from .render_settings import Display, decode_srgb, set_background, set_cycles, set_display
-from .splat_nodes import ORIGINAL, Input
+from .splat_attributes import ORIGINAL
+from .splat_nodes import Input
 from .splats import add_gaussians, check_gaussians, core_bounds, set_input, show_layer
 from .stills import render_still, turned_to
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-InputValue = float | bool | str
+InputValue = float | bool | str | bpy.types.Object | None
 
 
 def get_modifier_input(modifier: bpy.types.NodesModifier, name: str) -> InputValue:

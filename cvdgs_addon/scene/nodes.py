@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import bpy
 
 Value: TypeAlias = bpy.types.NodeSocket | bool | float | Sequence[float] | str | bpy.types.ID
 """What feeds an input: another node's output, or a constant."""
+
+
+Sockets: TypeAlias = Mapping[str, bpy.types.NodeSocket]
+
+# What declares a socket of a group, by the type of the sockets that it stands for.
+_DECLARED = {
+    "VALUE": "NodeSocketFloat",
+    "INT": "NodeSocketInt",
+    "BOOLEAN": "NodeSocketBool",
+    "VECTOR": "NodeSocketVector",
+    "RGBA": "NodeSocketColor",
+    "MATRIX": "NodeSocketMatrix",
+    "STRING": "NodeSocketString",
+    "OBJECT": "NodeSocketObject",
+    "GEOMETRY": "NodeSocketGeometry",
+}
 
 
 class NodeWriter:
@@ -82,6 +98,10 @@ class NodeWriter:
         """Logical and."""
         return self.output("FunctionNodeBooleanMath", a, b, operation="AND")
 
+    def either(self, a: Value, b: Value) -> bpy.types.NodeSocket:
+        """Logical or."""
+        return self.output("FunctionNodeBooleanMath", a, b, operation="OR")
+
     def switch(self, kind: str, condition: Value, false: Value, true: Value) -> bpy.types.NodeSocket:
         """`true` where `condition` holds, else `false`; `kind` is the socket type ("MATRIX", "VECTOR", ...)."""
         return self.output("GeometryNodeSwitch", condition, false, true, input_type=kind)
@@ -102,6 +122,32 @@ class NodeWriter:
         last_row = (0.0, 0.0, 0.0, 1.0)
         entries = [entry for column, last in zip(columns, last_row, strict=True) for entry in (*column, last)]
         return self.output("FunctionNodeCombineMatrix", *entries)
+
+    def nested(
+        self, name: str, build: Callable[[NodeWriter, Sockets], Mapping[str, Value]], inputs: Sockets
+    ) -> dict[str, bpy.types.NodeSocket]:
+        """What `build` writes, as a group of its own; returns its outputs by name.
+
+        Groups in groups are easier to read, and much faster to make: every change of a tree makes Blender look at all
+        of that tree, so that the time grows with the square of its size.
+
+        Args:
+            name: of the group.
+            build: gets a writer for the group and its inputs; returns its outputs.
+            inputs: what feeds the group.
+        """
+        tree = new_group(self.tree.bl_idname, name)
+        for key, socket in inputs.items():
+            tree.interface.new_socket(key, in_out="INPUT", socket_type=_DECLARED[socket.type])
+        write = NodeWriter(tree)
+        sockets = write.node("NodeGroupInput").outputs
+        outputs = build(write, {key: sockets[key] for key in inputs})
+        for key, value in outputs.items():
+            assert isinstance(value, bpy.types.NodeSocket)
+            tree.interface.new_socket(key, in_out="OUTPUT", socket_type=_DECLARED[value.type])
+        write.node("NodeGroupOutput", *outputs.values())
+        write.arrange()
+        return self.group(tree, **inputs)
 
     def group(self, tree: bpy.types.NodeTree, **inputs: Value) -> dict[str, bpy.types.NodeSocket]:
         """A node that uses `tree`, a group of the same type of tree: inputs and outputs by name."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 import bpy
 
 from .nodes import NodeWriter, Value
-from .splat_nodes import ALPHA_MIN, Attribute
+from .projection_nodes import ALPHA_MIN
+from .splat_attributes import Attribute
 
 DISC_NAME = "CVD Gaussian Disc"
 ELLIPSOID_NAME = "CVD Gaussian Ellipsoid"
+POINT_NAME = "CVD Gaussian Point"
 
 ALPHA_MAX = 0.999  # of the rasteriser: no Gaussian hides what is behind it entirely
 
@@ -37,6 +39,16 @@ def build_ellipsoid_material() -> bpy.types.Material:
     squared_radius = write.math("SUBTRACT", write.vector_math("DOT_PRODUCT", point, point), foot)
     entering = write.math("SUBTRACT", 1.0, geometry.outputs["Backfacing"])
     _finish(write, write.math("MULTIPLY", entering, _alpha(write, squared_radius)))
+    return material
+
+
+def build_point_material() -> bpy.types.Material:
+    """Shows the colour of a point, opaque."""
+    material = _new_material(POINT_NAME)
+    write = NodeWriter(material.node_tree)
+    color = write.output("ShaderNodeAttribute", name="Color", attribute_name=Attribute.DRAWN_COLOR)
+    write.node("ShaderNodeOutputMaterial", write.output("ShaderNodeEmission", color))
+    write.arrange()
     return material
 
 

@@ -13,8 +13,16 @@ from ...core.errors import InputError
 from ...core.splats.gaussians import SH_C0, Gaussians
 from .harmonics_nodes import coefficient_attribute, coefficient_count
 from .modifier_inputs import InputValue, get_modifier_input, modifier_input_path, set_modifier_input
-from .splat_material import DISC_NAME, ELLIPSOID_NAME, build_disc_material, build_ellipsoid_material
-from .splat_nodes import GROUP_NAME, ORIGINAL, Attribute, Frame, Input, build_group, color_attribute, group_name
+from .splat_attributes import ORIGINAL, Attribute, Frame, color_attribute
+from .splat_material import (
+    DISC_NAME,
+    ELLIPSOID_NAME,
+    POINT_NAME,
+    build_disc_material,
+    build_ellipsoid_material,
+    build_point_material,
+)
+from .splat_nodes import GROUP_NAME, Input, Materials, build_group, group_name
 
 MODIFIER_NAME = "Gaussians"
 
@@ -158,6 +166,7 @@ def _fill_mesh(mesh: bpy.types.Mesh, gaussians: Gaussians, layers: Mapping[str, 
     _add_attribute(mesh, Attribute.ROTATION, "QUATERNION", "value", with_frame(rotations, np.array([1.0, 0, 0, 0])))
     _add_attribute(mesh, Attribute.OPACITY, "FLOAT", "value", with_frame(gaussians.opacities))
     _add_attribute(mesh, Attribute.FRAME, "INT", "value", frame_numbers)
+    _add_attribute(mesh, Attribute.RANK, "INT", "value", _ranks(gaussians, count + len(frame)))
     for layer, rgb in colors.items():
         rgba = np.concatenate([rgb, np.ones((count, 1), np.float32)], axis=1)
         _add_attribute(mesh, color_attribute(layer), "FLOAT_COLOR", "color", with_frame(rgba))
@@ -165,6 +174,18 @@ def _fill_mesh(mesh: bpy.types.Mesh, gaussians: Gaussians, layers: Mapping[str, 
         name = coefficient_attribute(index)
         _add_attribute(mesh, name, "FLOAT_VECTOR", "vector", with_frame(gaussians.sh[:, index]))
     mesh.update()
+
+
+def _ranks(gaussians: Gaussians, size: int) -> NDArray[np.int32]:
+    """(size,) place of each Gaussian by what it contributes to pictures, the largest first; 0 beyond the Gaussians.
+
+    What it contributes is its opacity times the area of its two longest axes.
+    """
+    log_scales = gaussians.log_scales
+    importance = gaussians.opacities * np.exp(log_scales.sum(axis=1) - log_scales.min(axis=1))
+    ranks = np.zeros(size, np.int32)
+    ranks[np.argsort(-importance, kind="stable")] = np.arange(len(gaussians), dtype=np.int32)
+    return ranks
 
 
 def _add_attribute(mesh: bpy.types.Mesh, name: str, kind: str, field: str, values: NDArray) -> None:
@@ -177,9 +198,13 @@ def _shared_group(sh_degree: int) -> bpy.types.NodeTree:
     existing = bpy.data.node_groups.get(group_name(sh_degree))
     if existing is not None:
         return existing
-    disc = bpy.data.materials.get(DISC_NAME) or build_disc_material()
-    ellipsoid = bpy.data.materials.get(ELLIPSOID_NAME) or build_ellipsoid_material()
-    return build_group(sh_degree, disc, ellipsoid)
+    blocks = bpy.data.materials
+    materials = Materials(
+        disc=blocks.get(DISC_NAME) or build_disc_material(),
+        ellipsoid=blocks.get(ELLIPSOID_NAME) or build_ellipsoid_material(),
+        point=blocks.get(POINT_NAME) or build_point_material(),
+    )
+    return build_group(sh_degree, materials)
 
 
 def _drive_by_render_size(splats: bpy.types.Object, name: Input, axis: str) -> None:

@@ -14,7 +14,8 @@ import pytest
 from cvdgs.core.errors import InputError
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.cvdgs_addon.scene import render_settings, splats
-from cvdgs.cvdgs_addon.scene.splat_nodes import ORIGINAL, Attribute, Input
+from cvdgs.cvdgs_addon.scene.splat_attributes import ORIGINAL, Attribute
+from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 
 from . import ewa
 from .scenes import CAMERA, cloud, look_through, opencv, render_png, ring_view, take
