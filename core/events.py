@@ -2,6 +2,7 @@
 
     {"event": "status",   "stage": "geometry", "message": "training 10288 Gaussians"}
     {"event": "progress", "stage": "geometry", "fraction": 0.42, "seconds_left": 61.0, "message": "28.1 dB"}
+    {"event": "preview",  "file": "/path/of/a/picture.png"}      only where the request asks for previews
     {"event": "warning",  "name": "few-views", "message": "..."}
     {"event": "error",    "kind": "input" | "defect", "message": "one line"}
     {"event": "result",   ...}       the last line of a job that succeeded
@@ -15,6 +16,7 @@ import json
 import os
 import sys
 import time
+from pathlib import Path
 from typing import Any, TextIO
 
 
@@ -29,6 +31,9 @@ class Reporter:
 
     def warning(self, name: str, message: str) -> None:
         """Something the user should know; `name` is stable for programs."""
+
+    def preview(self, file: Path) -> None:
+        """`file` is a picture of how far things are, complete; a later one may take its place."""
 
 
 class StageSpan(Reporter):
@@ -89,6 +94,9 @@ class JsonReporter(Reporter):
 
     def warning(self, name: str, message: str) -> None:
         self.emit("warning", name=name, message=message)
+
+    def preview(self, file: Path) -> None:
+        self.emit("preview", file=str(file))
 
 
 def claim_stdout() -> TextIO:

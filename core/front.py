@@ -46,12 +46,15 @@ def stages_of(settings: Settings) -> tuple[str, ...]:
     )
 
 
-def run(settings: Settings, listen: Listener, workers: Workers | None = None) -> dict[str, Any]:
+def run(
+    settings: Settings, listen: Listener, workers: Workers | None = None, *, previews: bool = False
+) -> dict[str, Any]:
     """Run the whole job and put its results into ``settings.out``; returns the report.
 
     Args:
         listen: receives every event of the workers.
         workers: does the work; None takes the interpreter that `job.find_python` finds.
+        previews: whether `listen` hears of pictures of how far the run is.
 
     Raises:
         InputError: unusable input or output; nothing was written.
@@ -69,7 +72,12 @@ def run(settings: Settings, listen: Listener, workers: Workers | None = None) ->
         log_file = stack.enter_context(open(folder.staging / LOG_NAME, "a", encoding="utf-8"))
         log = Log(log_file, listen)
         log.line("settings " + json.dumps(settings.to_dict()))
-        request = {"job": "run", "settings": settings.to_dict(), "folder": str(folder.staging)}
+        request = {
+            "job": "run",
+            "settings": settings.to_dict(),
+            "folder": str(folder.staging),
+            "previews": previews,
+        }
         report = finish(workers.start(request, log.line), log.event)["report"]
         seconds = latest_seconds(report)
         if settings.blend:

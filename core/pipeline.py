@@ -28,10 +28,16 @@ from .stages import Reconstruction, Stages
 AUTO_MAX_SIZE = {"cpu": 640, "cuda": 1600}
 
 
-def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
+def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool = False) -> dict[str, Any]:
     """Do the job that `settings` ask for and write its files into `folder`; returns the report.
 
     With ``settings.resume``, `folder` holds the files of the finished run, and layers are added to them.
+
+    Args:
+        settings: what is asked for.
+        folder: for the results.
+        reporter: told of progress and warnings.
+        previews: whether it is shown pictures of how far the run is.
 
     Raises:
         InputError: the capture or the options cannot be used.
@@ -51,7 +57,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
             write_capture(capture, folder / CAPTURE_FOLDER)
     raster.load(device, recorder)
     split = _split(capture, settings.holdout, recorder)
-    stages = Stages.of(settings, folder, recorder, capture, split, raster.Rasterizer(device))
+    stages = Stages.of(settings, folder, recorder, capture, split, raster.Rasterizer(device), previews=previews)
     with clock.measure("enhance"):
         stages.enhance(enhancers)
     trained: TrainingResult | None = None
@@ -67,6 +73,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter) -> dict[str, Any]:
         pictures = stages.fit_layers(made, enhancers)
     with clock.measure("evaluate"):
         figures = stages.evaluate(made, pictures)
+    stages.end_previews()
     for layer in figures["layers"].values():
         layer.update(enhancer=settings.enhancer, strength=settings.strength)
     report = {
@@ -171,3 +178,6 @@ class _Recorder(Reporter):
     def warning(self, name: str, message: str) -> None:
         self.warnings.append({"name": name, "message": message})
         self._inner.warning(name, message)
+
+    def preview(self, file: Path) -> None:
+        self._inner.preview(file)

@@ -27,6 +27,7 @@ from .evaluate.evaluation import Evaluation, Split, enhanced_path, render_path
 from .evaluate.matches import SceneMatches
 from .events import Reporter, StageSpan
 from .images import read_png, to_bytes, write_png
+from .preview import Preview, PreviewedTraining
 from .run_folder import CAPTURE_FOLDER
 from .settings import Layer, Settings
 from .splats import raster
@@ -87,6 +88,7 @@ class Stages:
     rasterizer: raster.Rasterizer
     background: Background
     scene: SceneRenderer
+    preview: Preview | None = None
 
     @classmethod
     def of(
@@ -97,11 +99,20 @@ class Stages:
         capture: Capture,
         split: Split,
         rasterizer: raster.Rasterizer,
+        *,
+        previews: bool = False,
     ) -> Stages:
-        """The stages of a run on `capture` whose files go into `folder`."""
+        """The stages of a run on `capture` whose files go into `folder`; `previews`: show how far they are."""
         background = Background.of(capture.views)
         scene = SceneRenderer(rasterizer, capture.views, background)
-        return cls(settings, folder, reporter, capture, split, rasterizer, background, scene)
+        shown = split.test or split.train
+        preview = Preview(scene, shown[len(shown) // 2], folder, reporter) if previews else None
+        return cls(settings, folder, reporter, capture, split, rasterizer, background, scene, preview)
+
+    def end_previews(self) -> None:
+        """Leave no picture behind that is not a result."""
+        if self.preview is not None:
+            self.preview.remove()
 
     def enhance(self, enhancers: dict[Layer, Enhancer]) -> None:
         """Write ``enhanced/<layer>/<view>.png`` for every view; the enhancers are fitted to the training views only.
@@ -170,6 +181,8 @@ class Stages:
             span = StageSpan(self.reporter, "layers", done / len(enhancers), (done + 1) / len(enhancers), message)
             gaussians = made.layers.get(layer) or self._fit_layer(made, layer, enhancer, span)
             write_ply(self.folder / f"splats.{layer.name}.ply", gaussians)
+            if self.preview is not None:
+                self.preview.show(gaussians)
             pictures[layer] = self._picture(layer, gaussians)
         return pictures
 
@@ -194,7 +207,9 @@ class Stages:
             self.background,
             self.settings.seed,
         )
-        return trainer.train(self.reporter)
+        if self.preview is None:
+            return trainer.train(self.reporter)
+        return trainer.train(PreviewedTraining(self.reporter, self.preview, lambda: trainer.gaussians))
 
     def _train_jointly(self, layer: Layer) -> TrainingResult:
         """Geometry and colours from the layer's enhanced views, every side in the same colours."""

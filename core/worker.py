@@ -5,6 +5,7 @@
     {"job": "check", "device": "auto"}                   versions, device and speed; compiles the kernels
     {"job": "make-environment", "folder": "DIR"}         the worker's own environment; for any Python, whatever it has
     {"job": "run", "settings": {...}, "folder": "DIR"}   the whole pipeline up to Blender, written into DIR
+        also with "previews": true for pictures of how far it is
     {"job": "enhance", "request": {...}, "folder": "DIR"}   photographs alone, recoloured into DIR
 
 Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (its traceback goes to stderr, so to the log).
@@ -68,7 +69,8 @@ def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
         reporter.status("start", "loading")
         from .pipeline import run
 
-        return {"report": run(settings, Path(request["folder"]), reporter)}
+        previews = bool(request.get("previews"))
+        return {"report": run(settings, Path(request["folder"]), reporter, previews=previews)}
     if job == "enhance":
         enhance_request = EnhanceRequest.from_dict(request["request"])
         reporter.status("start", "loading")

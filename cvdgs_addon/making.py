@@ -132,7 +132,7 @@ def show_preview(job: BackgroundJob) -> None:
 
 
 def _run(settings: Settings, workers: Workers, listen: Listener) -> dict[str, Any]:
-    return front.run(settings, listen, workers)
+    return front.run(settings, listen, workers, previews=True)
 
 
 def _refuse_repetition(folder: str, layer: Layer) -> None:

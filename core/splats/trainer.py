@@ -118,10 +118,9 @@ class Trainer:
                 f"{self.fit.skipped} of {step} steps met numbers that are not finite and were left out, in whole or "
                 "for the Gaussians concerned",
             )
-        gaussians = self._frame.to_world(self.fit.parameters.to_gaussians())
         decision = self._decided.in_words(plan, step, self._initial, self.fit)
         return TrainingResult(
-            gaussians,
+            self.gaussians,
             self._curve,
             self._seconds,
             self._initial,
@@ -129,6 +128,11 @@ class Trainer:
             self.fit.skipped,
             self._moved_poses(),
         )
+
+    @property
+    def gaussians(self) -> Gaussians:
+        """As they are now, in world units."""
+        return self._frame.to_world(self.fit.parameters.to_gaussians())
 
     def _moved_poses(self) -> dict[str, NDArray[np.float64]]:
         moved = self._corrections.moved_poses
