@@ -50,6 +50,7 @@ lint: venv
 
 bench: venv
 	$(BIN)/python scripts/benchmark.py step --out $(BENCH_OUT)
+	$(BIN)/python scripts/benchmark.py trainer --out $(BENCH_OUT)
 
 clean:
 	rm -rf $(VENV) $(VENV_BPY45) .build out

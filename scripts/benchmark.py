@@ -29,15 +29,19 @@ from cvdgs.core.evaluate.enhancers.methods import method_factory  # noqa: E402
 from cvdgs.core.evaluate.enhancers.scores import ENHANCED_FOR  # noqa: E402
 from cvdgs.core.evaluate.modes import PerViewLut, compare_modes, write_modes  # noqa: E402
 from cvdgs.core.evaluate.selection import measure_selection, read_frames, write_selection  # noqa: E402
-from cvdgs.core.evaluate.step_comparison import compare_steps, write_steps  # noqa: E402
+from cvdgs.core.evaluate.training import comparisons  # noqa: E402
+from cvdgs.core.evaluate.training.step_comparison import compare_steps, write_steps  # noqa: E402
 from cvdgs.core.settings import Layer, Settings  # noqa: E402
 from cvdgs.core.splats import raster  # noqa: E402
 
 SHARED = bootstrap.ROOT.parent / "shared"
 PHOTOS = SHARED / "data" / "photos"
 FOX = SHARED / "data" / "fox"
+KERMIT = SHARED / "data" / "kermit"
+TRAINER_TABLES = ("time", "auto", "strategies", "seeds")
 STEP_SIZE = 480  # pixels of the longer side: fox at 270x480, as in the notes
 PER_VIEW = "lut-per-view"  # what `modes` calls a LUT of its own for each image
+ALL_ENHANCERS = ("none", "gain", "fidaner", "lut", "cgan")
 QUICK: dict[str, Any] = {
     "types": ("protan", "deutan"),
     "severities": (1.0,),
@@ -68,6 +72,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = OneLineParser(prog="benchmark.py", description=__doc__)
     parts = parser.add_subparsers(dest="part", required=True, metavar="PART")
     _add_step(parts.add_parser("step", help="a whole training step against the prototype's loop, in one run"))
+    _add_trainer(parts.add_parser("trainer", help="time to a quality, automatic decisions, strategies, seeds"))
     _add_display(parts.add_parser("display", help="Cycles against our rasteriser on a finished run"))
     _add_enhancer(parts.add_parser("enhancer", help="enhancers compared on photographs, plates and textiles"))
     _add_drift(parts.add_parser("drift", help="how much enhanced views contradict each other before reconstruction"))
@@ -93,6 +98,49 @@ def measure_step(options: argparse.Namespace) -> str:
     return write_steps(options.out, capture, found)
 
 
+def _add_trainer(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--of", type=_names, default=TRAINER_TABLES, metavar="A,B", help=f"tables ({','.join(TRAINER_TABLES)})")
+    add("--capture", type=Path, action="append", help="may be given again (the demo and the evaluation data's)")
+    add("--prototype", type=Path, default=SHARED / "prototypes" / "kernels", metavar="DIR")
+    add("--max-size", type=int, default=STEP_SIZE, metavar="PIXELS", help=f"longer side of the views ({STEP_SIZE})")
+    add("--iterations", type=int, default=5000, metavar="N", help="of automatic runs, beside a third of it (5000)")
+    add("--strategy-iterations", type=int, default=2000, metavar="N", help="of the strategies and seeds (2000)")
+    add("--rounds", type=int, default=3, help="interleaved repetitions of the time to a quality (3)")
+    add("--seeds", type=int, default=5)
+    add("--threads", type=int, default=2)
+    parser.set_defaults(measure=measure_trainer)
+
+
+def measure_trainer(options: argparse.Namespace) -> str:
+    """Train captures in several ways; writes a table for each question. The first capture is timed and reseeded."""
+    unknown = set(options.of) - set(TRAINER_TABLES)
+    if unknown:
+        raise InputError(f"no table '{min(unknown)}'", where="--of", remedy=f"use {', '.join(TRAINER_TABLES)}")
+    reporter, out = ConsoleReporter(sys.stderr), options.out
+    folders = options.capture or [folder for folder in (FOX, SHOWROOM, KERMIT) if folder.is_dir()]
+    captures = [read_capture(folder, max_size=options.max_size, reporter=reporter) for folder in folders]
+    comparisons.warm_up()
+    texts = []
+    if "time" in options.of:
+        found = comparisons.compare_time_to_quality(
+            captures[0], options.prototype, options.rounds, options.threads, reporter
+        )
+        texts.append(comparisons.write_time_to_quality(out, captures[0], found))
+    if "auto" in options.of:
+        steps = (options.iterations, options.iterations // 3)
+        runs = [run for capture in captures for run in comparisons.automatic_runs(capture, steps, reporter)]
+        texts.append(comparisons.write_automatic_runs(out, runs))
+    if "strategies" in options.of:
+        steps = options.strategy_iterations
+        runs = [run for capture in captures for run in comparisons.compare_strategies(capture, steps, reporter)]
+        texts.append(comparisons.write_strategies(out, runs))
+    if "seeds" in options.of:
+        seeds = comparisons.compare_seeds(captures[0], options.strategy_iterations, options.seeds, reporter)
+        texts.append(comparisons.write_seeds(out, seeds))
+    return "\n".join(texts)
+
+
 def _add_display(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--run", type=Path, default=Path("out/demo"), help="a finished run (out/demo)")
     parser.add_argument("--view", default="view_016", help="its held-out view (view_016)")
@@ -112,7 +160,13 @@ def measure_display(options: argparse.Namespace) -> str:
 
 def _add_enhancer(parser: argparse.ArgumentParser) -> None:
     add, usual = parser.add_argument, EnhancerBenchmark(methods=())
-    add("--enhancers", type=_names, default=("none", "gain", "fidaner", "lut", "cgan"), metavar="A,B", help="names or weight files")
+    add(
+        "--enhancers",
+        type=_names,
+        default=ALL_ENHANCERS,
+        metavar="A,B",
+        help="names or weight files",
+    )
     add(
         "--images",
         type=_named_folder,

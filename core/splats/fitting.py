@@ -51,6 +51,16 @@ class Fit:
     def __len__(self) -> int:
         return len(self.parameters)
 
+    @property
+    def state(self) -> tuple[ParameterSet, Adam]:
+        """The parameters and their optimiser, to come back to after a `restart`, which makes others."""
+        return self.parameters, self._adam
+
+    @state.setter
+    def state(self, state: tuple[ParameterSet, Adam]) -> None:
+        self.parameters, self._adam = state
+        self._clear_gradients()
+
     def restart(self, gaussians: Gaussians) -> None:
         """Go on from these Gaussians, with an optimiser that knows nothing."""
         self.parameters = ParameterSet.from_gaussians(gaussians, self._rasterizer.device)

@@ -36,6 +36,8 @@ class TrainingPlan:
         growth: when there are enough Gaussians.
         stopping: when there were enough steps; None runs them all.
         harmonics: when a higher SH degree pays.
+        decided: fraction of the run after which all is decided: the SH degree is chosen then, and the views that were
+            kept aside to decide are fitted like the others, which no longer leaves a gap where they stand.
         exposure: how photographs that differ in exposure or white balance are corrected; None leaves them.
         poses: how poses that are off are corrected; None leaves them. Once they were found to be off, the views that
             decide do so no more, because theirs are not corrected.
@@ -60,6 +62,7 @@ class TrainingPlan:
     growth: GrowthRule = field(default_factory=GrowthRule)
     stopping: StopRule | None = field(default_factory=StopRule)
     harmonics: HarmonicsRule = field(default_factory=HarmonicsRule)
+    decided: float = 0.9
     exposure: ExposurePlan | None = field(default_factory=ExposurePlan)
     poses: PosePlan | None = None
     curve_points: int = 10

@@ -64,6 +64,7 @@ class Trainer:
         self._frame = SceneFrame.around(views, points)
         self._prepare_views(views, held_out)
         fitted = [views[i] for i in self._roles.fitted]
+        self._fitted = len(fitted)
         self._limit = plan.limit or plan.growth.ceiling(sum(v.camera.width * v.camera.height for v in fitted))
         self._strategy = plan.strategy or _strategy_for(len(points), plan)
         self._course = Course(plan, self._strategy.schedule)
@@ -72,7 +73,8 @@ class Trainer:
         self._initial = len(initial)
         self.fit = Fit(rasterizer, with_sh_degree(initial, plan.sh_degree or 0), background, plan.ssim_weight)
         self._corrections = ViewCorrections(rasterizer, self._targets, background, plan.exposure, plan.poses)
-        self._order = ViewOrder(len(self._targets), self._rng)
+        self._order = ViewOrder(self._fitted, self._rng)
+        self._degree_undecided = plan.sh_degree is None
         self._curve: list[dict[str, float | None]] = []
         self._decided = Outcome(self._roles.reason, type(self._strategy).__name__)
 
@@ -81,15 +83,13 @@ class Trainer:
         decides = plan.stopping is not None or plan.limit is None or plan.sh_degree is None
         self._roles = assign_views(len(views), len(held_out)) if decides else fit_all(len(views))
         factors = {factor for _, factor in plan.coarse}
-        fitted = [views[i] for i in self._roles.fitted]
-        self._keys = [view.key for view in fitted]
-        self._targets = prepare_targets(self._rasterizer, fitted, frame, background, factors)
+        # Those that are fitted from the start come first.
+        training = [views[i] for i in (*self._roles.fitted, *self._roles.kept_aside)]
+        self._keys = [view.key for view in training]
+        self._targets = prepare_targets(self._rasterizer, training, frame, background, factors)
         shown = held_out[:: max(len(held_out) // plan.curve_views, 1)]
         self._held_out = prepare_targets(self._rasterizer, shown, frame, background, set())
-        aside = [views[i] for i in self._roles.kept_aside]
-        self._deciding = prepare_targets(self._rasterizer, aside, frame, background, set())
-        if self._roles.held_out_decide:
-            self._deciding = self._held_out
+        self._deciding = self._held_out if self._roles.held_out_decide else self._targets[len(self._roles.fitted) :]
 
     def train(self, reporter: Reporter) -> TrainingResult:
         """Run the steps, as many as the plan's rules find worth while."""
@@ -105,6 +105,8 @@ class Trainer:
                 self._refine(step)
             if self._decide(step):
                 break
+            if course.progress(step) >= plan.decided:
+                self._conclude(step)
             if step in shown and step < course.steps:
                 psnr = self._show(step)
             if step % _PROGRESS_EVERY == 0:
@@ -150,8 +152,8 @@ class Trainer:
         gather = growing and _due(strategy.gradient_every, step)
         self._corrections.decide(self._course.progress(step), self.fit.parameters)
         if self._corrections.poses_were_off:
-            # Those of the deciding views are off too, and not corrected: they say nothing about this scene any more.
-            self._deciding = []
+            # Those of the deciding views are off too, so as they are they say nothing about this scene any more.
+            self._fit_all_views(step)
         self._fit_next(self._course.reduction(step), rates, gather_gradient=gather)
         if growing and _due(strategy.disturb_every, step):
             gaussians = self.fit.parameters.to_gaussians()
@@ -178,7 +180,7 @@ class Trainer:
         self.fit.apply(in_order(strategy.refine(gaussians, evidence, budget, self._rng)))
 
     def _ask_views(self, step: int) -> ViewEvidence | None:
-        available = len(self._targets)
+        available = self._fitted
         wanted = self._strategy.views_wanted(step, self._plan.steps, available)
         if not wanted:
             return None
@@ -193,7 +195,7 @@ class Trainer:
             self.fit.parameters,
             self._corrections.seen(views, reduction),
             self._background,
-            complete=len(views) == len(self._targets),
+            complete=len(views) == self._fitted,
             reduction=reduction,
         )
 
@@ -214,32 +216,48 @@ class Trainer:
         self._decided.keep_if_best(measurement, self.fit)
         return measurement
 
+    def _conclude(self, step: int) -> None:
+        """Decide what is still open, once; the views that were kept aside for it are fitted from then on."""
+        if self._degree_undecided:
+            self._choose_degree()
+        if self._roles.kept_aside:
+            self._fit_all_views(step)
+
+    def _fit_all_views(self, step: int) -> None:
+        self._deciding = []
+        if self._fitted < len(self._targets):
+            self._fitted = len(self._targets)
+            self._order = ViewOrder(self._fitted, self._rng)
+            self._decided.views += f", and fitted like the others from step {step:,} on"
+
     def _finish(self, step: int) -> None:
-        """Go back to the best Gaussians, try higher degrees, remove what no view shows; ends the curve."""
+        """Go back to the best Gaussians, choose the degree, remove what no view shows; ends the curve."""
         if self._deciding and self._plan.stopping is not None:
             self._decided.return_to_best(self._measure(step), self.fit)
-        if self._plan.sh_degree is None:
+        if self._degree_undecided:
             self._choose_degree()
-        views = self._evidence(range(len(self._targets)), self._course.coarsest)
+        views = self._evidence(range(self._fitted), self._course.coarsest)
         self.fit.keep(~unseen(views) & ~floaters(views))
         self._show(step)
 
     def _choose_degree(self) -> None:
         """Give the colours one more degree as long as the deciding views gain enough by it."""
         rule = self._plan.harmonics
+        self._degree_undecided = False
         if not self._deciding:
             return
-        start = chosen = self.fit.parameters.to_gaussians()
+        chosen = self.fit.state
+        start = self.fit.parameters.to_gaussians()
         before = self._try_degree(start, 0)
         for degree in range(1, rule.highest + 1):
             after = self._try_degree(start, degree)
             words = f"degree {degree} gained {after - before:.2f} dB in a trial"
             if after - before < rule.degree_gain:
-                self.fit.restart(chosen)
+                self.fit.state = chosen
                 self._decided.degree = f"{words}, less than {rule.degree_gain:g}"
                 return
             self._decided.degree = words
-            before, chosen = after, self.fit.parameters.to_gaussians()
+            before, chosen = after, self.fit.state
 
     def _try_degree(self, start: Gaussians, degree: int) -> float:
         """PSNR of the deciding views after a trial of the colours: always from the same start and equally long."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cvdgs.core.evaluate.step_benchmark import (
+from cvdgs.core.evaluate.training.step_benchmark import (
     STAGES,
     benchmark_camera,
     benchmark_random_step,

@@ -11,15 +11,17 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture import Capture
-from ..images import write_png
+from ...capture import Capture
+from ...images import write_png
 
 _SCRIPT = "train_loop.py"
 _RESULT = re.compile(r"^it .*median ms.* TOTAL ([0-9.]+)$", re.MULTILINE)
+_MEASURED = re.compile(r"^EVAL step .* train_s ([0-9.]+) .* psnr ([0-9.]+) ", re.MULTILINE)
 _NEVER = "ev=1000000000"  # its option for "measure held-out views at step"
 
 
@@ -44,18 +46,28 @@ class PrototypeLoop:
 
     def step_milliseconds(self, steps: int, threads: int) -> float:
         """Median wall time of a whole training step over the last hundred of `steps`."""
+        found = _RESULT.findall(self._run(steps, threads, _NEVER))
+        return float(_only_if(found)[-1])
+
+    def curve(self, steps: int, every: int, threads: int) -> list[tuple[float, float]]:
+        """(seconds of training, held-out PSNR in dB) after every so many of `steps`; measuring is not counted."""
+        measured = ",".join(str(step) for step in range(every, steps + 1, every))
+        found = _MEASURED.findall(self._run(steps, threads, f"ev={measured}"))
+        return [(float(seconds), float(psnr)) for seconds, psnr in _only_if(found)]
+
+    def _run(self, steps: int, threads: int, measured: str) -> str:
+        """What the prototype prints."""
         environment = {
             **os.environ,
             "WP_CACHE": str(self._scratch / "cache"),
             "TORCH_EXTENSIONS_DIR": str(self._scratch / "build"),
             "OMP_WAIT_POLICY": "passive",
         }
-        command = [sys.executable, str(self._folder / _SCRIPT), "A3", str(steps), "fused", f"th={threads}", _NEVER]
+        command = [sys.executable, str(self._folder / _SCRIPT), "A3", str(steps), "fused", f"th={threads}", measured]
         result = subprocess.run(command, cwd=self._scratch, env=environment, capture_output=True, text=True)
-        found = _RESULT.findall(result.stdout)
-        if result.returncode != 0 or not found:
+        if result.returncode != 0:
             raise RuntimeError(f"the prototype failed: {result.stderr.strip().splitlines()[-1:]}")
-        return float(found[-1])
+        return result.stdout
 
     def _prepare(self, capture: Capture) -> None:
         """Write the folder that the prototype reads from its working directory."""
@@ -75,6 +87,13 @@ class PrototypeLoop:
             xyz=capture.points.astype(np.float64),
             rgb=capture.point_colors,
         )
+
+
+def _only_if(found: list[Any]) -> list[Any]:
+    """`found`, if anything was."""
+    if not found:
+        raise RuntimeError("the prototype printed no figures")
+    return found
 
 
 def _quaternion_and_translation(pose: NDArray[np.float64]) -> NDArray[np.float64]:

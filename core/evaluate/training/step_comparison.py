@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..capture import Capture
-from ..events import Reporter
+from ...capture import Capture
+from ...events import Reporter
+from ..tables import write_csv
 from .prototype_loop import PrototypeLoop
 from .step_benchmark import StepTimes, benchmark_camera, benchmark_step, random_gaussians
-from .tables import write_csv
 from .training_step import training_step_milliseconds
 
 STEPS = 300

@@ -5,11 +5,11 @@ from __future__ import annotations
 import statistics
 import time
 
-from ..capture import Capture
-from ..splats.raster import Rasterizer
-from ..splats.strategy import CloneSplitPrune, Schedule
-from ..splats.targets import Background
-from ..splats.trainer import Trainer, TrainingPlan
+from ...capture import Capture
+from ...splats.raster import Rasterizer
+from ...splats.strategy import CloneSplitPrune, Schedule
+from ...splats.targets import Background
+from ...splats.trainer import Trainer, TrainingPlan
 
 _NEVER = CloneSplitPrune(schedule=Schedule(start=2.0, stop=3.0, rounds=1))  # beyond the end of the run
 

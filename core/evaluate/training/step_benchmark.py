@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from ..splats.gaussians import Gaussians
-from ..splats.raster import Adam, LearningRates, ParameterSet, RasterCamera, Rasterizer, load
+from ...splats.gaussians import Gaussians
+from ...splats.raster import Adam, LearningRates, ParameterSet, RasterCamera, Rasterizer, load
 
 STAGES = ("render", "loss", "backward", "adam")
 _NO_MOVE = LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # every repetition sees the same scene

@@ -1,0 +1,95 @@
+"""Trainings are compared at equal quality, and what the prototype prints is read as it is meant."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cvdgs.core.capture import Capture
+from cvdgs.core.evaluate.training import comparisons
+from cvdgs.core.evaluate.training.prototype_loop import PrototypeLoop
+from cvdgs.core.evaluate.training.runs import TrainedRun, at_quality, first_reaching, train_once
+from cvdgs.core.events import Reporter
+from cvdgs.core.splats.trainer import TrainingPlan
+
+from ..splats.test_trainer import photographs, wall
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    scene = wall(300)
+    views = tuple(replace(view, source=Path("wall")) for view in photographs(scene, 9))
+    return Capture(Path("wall"), "test", views, scene.means, np.full((300, 3), 128, np.uint8))
+
+
+def made(gaussians: int, psnr: float, seconds: float = 10.0, label: str = comparisons.OURS) -> TrainedRun:
+    return TrainedRun("wall", label, 0, 100, gaussians, 0, psnr, seconds, seconds, "", ((seconds, psnr),))
+
+
+def test_a_training_is_measured_on_the_views_that_it_left_out(capture):
+    run = train_once(capture, "short", TrainingPlan(steps=60, limit=400, sh_degree=0, stopping=None, curve_points=3))
+    assert (run.capture, run.label, run.steps, run.sh_degree) == ("wall", "short", 60, 0)
+    assert 0 < run.gaussians <= 400
+    assert [seconds for seconds, _ in run.curve] == sorted(seconds for seconds, _ in run.curve)
+    assert run.curve[-1][1] == run.psnr > run.curve[0][1]
+    assert run.seconds_to(run.curve[0][1]) == run.curve[0][0]
+    assert math.isnan(run.seconds_to(run.psnr + 20.0))
+
+
+def test_the_first_time_counts_even_if_the_quality_is_lost_again():
+    assert first_reaching([(1.0, 20.0), (2.0, 26.0), (3.0, 25.0)], 25.5) == 2.0
+
+
+def test_equal_quality_is_read_between_two_sizes():
+    runs = [made(10_000, 30.0, 10.0), made(40_000, 32.0, 30.0), made(20_000, 31.0, 20.0)]
+    found = at_quality(runs, 30.5)
+    assert found.gaussians == pytest.approx(10_000 * math.sqrt(2.0))
+    assert found.processor_seconds == pytest.approx(15.0)
+
+
+def test_a_quality_that_none_reaches_has_no_price_and_one_that_all_reach_has_the_smallest():
+    runs = [made(10_000, 30.0), made(20_000, 31.0)]
+    assert math.isnan(at_quality(runs, 33.0).gaussians)
+    assert at_quality(runs, 29.0).gaussians == 10_000
+
+
+def test_the_table_of_strategies_says_what_equal_quality_costs(tmp_path):
+    reference = made(40_000, 31.0, 40.0, comparisons.REFERENCE)
+    text = comparisons.write_strategies(tmp_path, [made(10_000, 30.0, 10.0), made(20_000, 31.0, 20.0), reference])
+    assert "31.00 dB takes 0.50 of the Gaussians and 0.50 of the processor time" in text
+    assert (tmp_path / "strategies.csv").read_text().count("\n") == 4
+    assert "wall,multi-view,20000,20,31" in (tmp_path / "strategies_curves.csv").read_text()
+
+
+def test_every_strategy_runs_with_every_limit(capture):
+    runs = comparisons.compare_strategies(capture, 40, Reporter(), limits=(320, 360))
+    assert [run.label for run in runs] == [comparisons.REFERENCE] * 2 + [comparisons.OURS] * 2
+    assert all(run.gaussians <= 360 for run in runs)
+
+
+def test_seeds_spread_by_the_difference_of_the_extremes(capture, tmp_path):
+    found = comparisons.compare_seeds(capture, 20, 2, Reporter())
+    assert found.spread == abs(found.psnr[0] - found.psnr[1])
+    assert found.spread > 0.0
+    assert "spread" in comparisons.write_seeds(tmp_path, found)
+
+
+def test_without_a_prototype_ours_is_measured_alone_and_the_table_says_so(capture, tmp_path):
+    found = comparisons.compare_time_to_quality(capture, tmp_path / "nowhere", 1, 1, Reporter())
+    assert math.isnan(found[0].prototype)
+    assert "| 1 |" in comparisons.write_time_to_quality(tmp_path, capture, found)
+
+
+def test_the_prototypes_curve_is_what_it_prints(capture, tmp_path):
+    (tmp_path / "train_loop.py").write_text(
+        "import sys\n"
+        "steps = [int(s) for s in sys.argv[-1].removeprefix('ev=').split(',')]\n"
+        "for s in steps: print(f'EVAL step {s} train_s {s / 50:.2f} N 9 psnr {20 + s / 100:.3f} per 1.0 2.0')\n"
+    )
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    assert PrototypeLoop(tmp_path, capture, scratch).curve(100, 50, 1) == [(1.0, 20.5), (2.0, 21.0)]
