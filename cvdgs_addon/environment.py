@@ -78,7 +78,7 @@ def start_check() -> None:
     device = get_preferences().device
 
     def work(workers: Workers, listen: Listener) -> dict[str, Any]:
-        found = finish(workers.start({"job": "check", "device": device}), listen)["machine"]
+        found = finish(workers.start({"job": "check", "device": device}, _to_console), listen)["machine"]
         return {**found, "asked_of": workers.require_python()}
 
     job = BackgroundJob("Checking the worker", work, make_workers(), ("check",), {"check": 1.0})
@@ -130,10 +130,15 @@ def _make(base_python: str, folder: Path, workers: Workers, listen: Listener) ->
     """Make the environment and return its interpreter; a failure or a cancellation leaves nothing."""
     request = {"job": "make-environment", "folder": str(folder)}
     try:
-        return finish(workers.start_command([base_python, str(WORKER)], request), listen)["python"]
+        return finish(workers.start_command([base_python, str(WORKER)], request, _to_console), listen)["python"]
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
+
+
+def _to_console(line: str) -> None:
+    """What the worker and pip say besides, for those who look for a reason."""
+    print(line, file=sys.stderr)
 
 
 def _take_over_environment(job: BackgroundJob) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import bpy
 
 from ..core import front
+from ..core.color.matrices import check_simulation
 from ..core.errors import InputError
 from ..core.job import ROOT, Workers
 from ..core.job_console import Listener
@@ -68,11 +69,13 @@ def run_settings(scene: bpy.types.Scene) -> Settings:
     properties = scene.cvdgs
     if not properties.capture.folder:
         raise InputError("no capture is chosen", where="Capture", remedy="pick a folder of photographs")
+    layer = viewer_layer(scene)
+    check_simulation(layer.cvd, layer.severity, properties.viewer.simulation)
     adds = adds_to_run(scene)
     settings = {
         "capture": bpy.path.abspath(properties.capture.folder),
         "out": output_folder(scene),
-        "layers": (viewer_layer(scene),),
+        "layers": (layer,),
         "simulation": properties.viewer.simulation,
         "strength": properties.viewer.strength,
         "enhancer": properties.run.enhancer,
@@ -82,7 +85,7 @@ def run_settings(scene: bpy.types.Scene) -> Settings:
         "resume": adds,
     }
     if adds:
-        _refuse_repetition(settings["out"], settings["layers"][0])
+        _refuse_repetition(settings["out"], layer)
     else:
         quality = quality_called(properties.run.quality)
         settings |= {"iterations": quality.iterations, "max_size": quality.max_size}

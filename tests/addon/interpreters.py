@@ -50,10 +50,10 @@ def report_with(*layers: str) -> dict[str, Any]:
     return {**REPORT, "layers": dict.fromkeys(layers, REPORT["layers"]["deutan-1.0"])}
 
 
-def interpreter(folder: Path, body: str) -> str:
-    """A program in `folder` that reads its request, defines ``emit`` and ``request``, and does `body`; its path."""
+def interpreter(folder: Path, *bodies: str) -> str:
+    """A program in `folder` that reads its request, defines ``emit`` and ``request``, and does `bodies`; its path."""
     program = folder / "python"
-    program.write_text(f"#!{sys.executable}\n{_PROLOGUE}{textwrap.dedent(body)}")
+    program.write_text(f"#!{sys.executable}\n{_PROLOGUE}" + "\n".join(map(textwrap.dedent, bodies)))
     program.chmod(0o755)
     return str(program)
 

@@ -179,6 +179,12 @@ def test_settings_come_from_the_panels(capture, addon):
     assert (settings.max_size, settings.device, settings.blend, settings.resume) == (320, "cpu", True, False)
 
 
+def test_a_type_that_the_model_does_not_describe_is_refused_at_once(capture):
+    capture.cvdgs.viewer.cvd, capture.cvdgs.viewer.simulation = "tritan", "vienot"
+    with pytest.raises(RuntimeError, match="use brettel or machado"):
+        bpy.ops.cvdgs.make_cvd_friendly()
+
+
 def test_the_demos_results_do_not_go_into_the_extension(addon):
     bpy.ops.cvdgs.use_demo()
     folder = Path(making.output_folder(bpy.context.scene))
