@@ -12,8 +12,7 @@ from enum import Enum
 import bpy
 
 from ..scene.remembered_settings import Setting
-
-RAW, STANDARD = "Raw", "Standard"
+from ..scene.render_settings import RAW, STANDARD
 
 _HAS_NODE = hasattr(bpy.types, "CompositorNodeConvertToDisplay")
 # Before that node: the colour spaces of Blender's OpenColorIO configuration that view transforms end in.

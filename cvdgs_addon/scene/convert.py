@@ -14,9 +14,10 @@ import numpy as np
 from ...core.errors import InputError
 from ...core.events import Reporter
 from .cameras import Clip, add_camera, use_camera
+from .display import BACKGROUND_PROPERTY
 from .finished_run import PARTIAL_FOLDER, FinishedRun, RunView, read_run
 from .placement import add_empty, camera_distance, near_depth, placement
-from .render_settings import Display, decode_srgb, set_background, set_cycles, set_display
+from .render_settings import Display, decode_srgb, display_of, set_background, set_cycles, set_display
 from .splat_attributes import ORIGINAL
 from .splat_nodes import Input
 from .splats import add_gaussians, check_gaussians, core_bounds, set_input, show_layer
@@ -37,7 +38,7 @@ class ConversionOptions:
     """How a run becomes a scene.
 
     Attributes:
-        display: how colours get onto the screen; see `Display`.
+        display: how colours get onto the screen of a scene of its own (`convert`); see `Display`.
         background: sRGB behind the Gaussians; None takes what they were trained over.
         view: key of the view that stills show; None takes the first.
         stills: whether to render a still of every layer.
@@ -109,7 +110,7 @@ def convert(
 def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOptions = ConversionOptions()) -> LoadedRun:
     """Add cameras and Gaussians of `run` to `scene`; render settings stay as they are.
 
-    About a second for a million Gaussians. The first layer is shown.
+    About a second for a million Gaussians. The first layer is shown, in colours that suit the scene's view transform.
 
     Raises:
         InputError: the run's Gaussians or cameras cannot be used.
@@ -131,7 +132,8 @@ def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOption
         cameras[view.key] = camera
     splats = add_gaussians(run.gaussians, run.layers, top)
     splats.parent = empty
-    set_input(splats, Input.SCENE_LINEAR, options.display is Display.SCENE_LINEAR)
+    set_input(splats, Input.SCENE_LINEAR, display_of(scene) is Display.SCENE_LINEAR)
+    splats[BACKGROUND_PROPERTY] = run.background
     return LoadedRun(splats, cameras, empty)
 
 

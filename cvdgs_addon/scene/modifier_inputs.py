@@ -29,6 +29,14 @@ def modifier_input_path(modifier: bpy.types.NodesModifier, name: str) -> str:
     return f'modifiers["{modifier.name}"]{place}'
 
 
+def modifier_input_property(modifier: bpy.types.NodesModifier, name: str) -> tuple[bpy.types.bpy_struct, str]:
+    """Owner and name of the property that is the input called `name`: for ``layout.prop``."""
+    identifier = _identifier(modifier, name)
+    if _has_own_type(modifier):
+        return getattr(modifier.properties.inputs, identifier), "value"
+    return modifier, f'["{identifier}"]'
+
+
 def _has_own_type(modifier: bpy.types.NodesModifier) -> bool:
     """Whether inputs are properties of their own (5.2) and not custom properties of the modifier."""
     return hasattr(modifier, "properties")

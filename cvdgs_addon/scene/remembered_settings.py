@@ -13,10 +13,17 @@ from typing import Any
 import bpy
 
 Setting = str | float | bool | None
-"""Plain values; a data-block stands as its name, for which there is `_DATA_BLOCKS`."""
+"""Plain values; a data-block stands as its name."""
 
 _DATA_BLOCKS = {"world": "worlds"}  # path from the scene, and where its data-blocks are listed
+_KEPT = "{purpose}:{path}"  # custom property that keeps a data-block in the file while another is in its place
 _TOLERANCE = 1e-6  # relative: Blender keeps floats in single precision
+
+
+def set_settings(scene: bpy.types.Scene, wanted: Mapping[str, Setting]) -> None:
+    """Set the settings at the given paths (from the scene), for good."""
+    for path, value in wanted.items():
+        _set(scene, path, value)
 
 
 def change_settings(scene: bpy.types.Scene, purpose: str, wanted: Mapping[str, Setting]) -> list[str]:
@@ -31,6 +38,8 @@ def change_settings(scene: bpy.types.Scene, purpose: str, wanted: Mapping[str, S
         before = _get(scene, path)
         if _same(before, value):
             continue
+        if path not in record:
+            _keep(scene, purpose, path)
         _set(scene, path, value)
         first = record[path][0] if path in record else before
         record[path] = [first, _get(scene, path)]
@@ -42,11 +51,13 @@ def change_settings(scene: bpy.types.Scene, purpose: str, wanted: Mapping[str, S
 def restore_settings(scene: bpy.types.Scene, purpose: str) -> list[str]:
     """Put back what `change_settings` changed; returns that in words."""
     told = []
-    for path, (before, changed) in _record(scene, purpose).items():
+    # Backwards, because some values are there only under others: a look belongs to its view transform.
+    for path, (before, changed) in reversed(_record(scene, purpose).items()):
         now = _get(scene, path)
         if _same(now, changed) and not _same(now, before):
             _set(scene, path, before)
             told.append(f"{_label(path)}: {_shown(now)} to {_shown(before)}")
+        scene.pop(_KEPT.format(purpose=purpose, path=path), None)
     if purpose in scene:
         del scene[purpose]
     return told
@@ -61,6 +72,13 @@ def changes(scene: bpy.types.Scene, purpose: str) -> Iterator[str]:
     """What was changed for the purpose, in words."""
     for path, (before, changed) in _record(scene, purpose).items():
         yield f"{_label(path)}: {_shown(before)} to {_shown(changed)}"
+
+
+def _keep(scene: bpy.types.Scene, purpose: str, path: str) -> None:
+    """Blender does not save data-blocks that nothing uses."""
+    owner, name = _owner(scene, path)
+    if path in _DATA_BLOCKS and getattr(owner, name) is not None:
+        scene[_KEPT.format(purpose=purpose, path=path)] = getattr(owner, name)
 
 
 def _record(scene: bpy.types.Scene, purpose: str) -> dict[str, list[Any]]:

@@ -8,12 +8,17 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .remembered_settings import Setting, set_settings
+
 # Each splat on a ray takes a bounce; where fewer are guaranteed, Russian roulette adds noise (18 dB instead of 49).
 TRANSPARENT_BOUNCES = 512
 # Blender's smallest pixel filter: the rasteriser, too, looks at the pixel's centre only. One sample is then enough.
 FILTER_WIDTH = 0.01  # pixels
 
 WORLD_NAME = "CVD Background"
+
+RAW, STANDARD = "Raw", "Standard"  # view transforms
+_EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
 
 
 class Display(Enum):
@@ -26,16 +31,52 @@ class Display(Enum):
     """Splats are converted to light, blended as light, and shown through Standard: mixes with lit objects."""
 
 
+class Engine(Enum):
+    """What renders Gaussians."""
+
+    CYCLES = "CYCLES"
+    EEVEE = "EEVEE"
+
+
+def display_settings(display: Display) -> dict[str, Setting]:
+    """The view that `display` needs, by path from the scene; the Gaussians' input "Scene Linear" has to agree."""
+    return {
+        "display_settings.display_device": "sRGB",
+        "view_settings.look": "None",  # first: looks belong to view transforms
+        "view_settings.view_transform": RAW if display is Display.PHOTO else STANDARD,
+        "view_settings.exposure": 0.0,
+        "view_settings.gamma": 1.0,
+        "view_settings.use_curve_mapping": False,
+        "sequencer_colorspace_settings.name": "sRGB",
+        "render.dither_intensity": 0.0,
+    }
+
+
+def engine_settings(engine: Engine) -> dict[str, Setting]:
+    """What `engine` needs for Gaussians, by path from the scene: one noise-free sample a pixel, at its centre."""
+    if engine is Engine.EEVEE:
+        return {"render.engine": _EEVEE, "eevee.taa_render_samples": 1, "render.filter_size": FILTER_WIDTH}
+    return {
+        "render.engine": "CYCLES",
+        "cycles.samples": 1,
+        "cycles.use_adaptive_sampling": False,
+        "cycles.use_denoising": False,
+        "cycles.max_bounces": 0,
+        "cycles.transparent_max_bounces": TRANSPARENT_BOUNCES,
+        "cycles.min_transparent_bounces": TRANSPARENT_BOUNCES,
+        "cycles.pixel_filter_type": "BLACKMAN_HARRIS",
+        "cycles.filter_width": FILTER_WIDTH,
+    }
+
+
+def display_of(scene: bpy.types.Scene) -> Display:
+    """How Gaussians have to be displayed for the view transform of `scene`."""
+    return Display.PHOTO if scene.view_settings.view_transform == RAW else Display.SCENE_LINEAR
+
+
 def set_display(scene: bpy.types.Scene, display: Display) -> None:
     """Set the view transform of `scene`; the Gaussians' input "Scene Linear" has to agree."""
-    scene.display_settings.display_device = "sRGB"
-    view = scene.view_settings
-    view.view_transform = "Raw" if display is Display.PHOTO else "Standard"
-    view.look = "None"
-    view.exposure, view.gamma = 0.0, 1.0
-    view.use_curve_mapping = False
-    scene.sequencer_colorspace_settings.name = "sRGB"
-    scene.render.dither_intensity = 0.0
+    set_settings(scene, display_settings(display))
 
 
 def decode_srgb(color: ArrayLike) -> NDArray[np.float64]:
@@ -45,18 +86,9 @@ def decode_srgb(color: ArrayLike) -> NDArray[np.float64]:
 
 
 def set_cycles(scene: bpy.types.Scene) -> None:
-    """One noise-free sample a pixel, through as many splats as a ray meets."""
-    scene.render.engine = "CYCLES"
-    cycles = scene.cycles
-    cycles.device = "CPU"
-    cycles.samples = 1
-    cycles.use_adaptive_sampling = False
-    cycles.use_denoising = False
-    cycles.max_bounces = 0
-    cycles.transparent_max_bounces = TRANSPARENT_BOUNCES
-    cycles.min_transparent_bounces = TRANSPARENT_BOUNCES
-    cycles.pixel_filter_type = "BLACKMAN_HARRIS"
-    cycles.filter_width = FILTER_WIDTH
+    """Cycles on the processor: one noise-free sample a pixel, through as many splats as a ray meets."""
+    set_settings(scene, engine_settings(Engine.CYCLES))
+    scene.cycles.device = "CPU"
 
 
 def set_background(scene: bpy.types.Scene, color: ArrayLike) -> None:
@@ -65,14 +97,19 @@ def set_background(scene: bpy.types.Scene, color: ArrayLike) -> None:
     Args:
         color: RGB as the display setting has it: encoded values for `Display.PHOTO`, else scene-linear.
     """
+    scene.world = background_world(color)
+    scene.render.film_transparent = False
+
+
+def background_world(color: ArrayLike) -> bpy.types.World:
+    """A new world of one colour, in the values that the scene works with."""
     world = bpy.data.worlds.new(WORLD_NAME)
     if bpy.app.version < (5, 0):
         world.use_nodes = True
     background = next(node for node in world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
     background.inputs["Color"].default_value = (*np.asarray(color).tolist(), 1.0)
     background.inputs["Strength"].default_value = 1.0
-    scene.world = world
-    scene.render.film_transparent = False
+    return world
 
 
 def set_png(scene: bpy.types.Scene) -> None:

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.splats.gaussians import SH_C0, Gaussians
 from .harmonics_nodes import coefficient_attribute, coefficient_count
-from .modifier_inputs import InputValue, get_modifier_input, modifier_input_path, set_modifier_input
+from .modifier_inputs import (
+    InputValue,
+    get_modifier_input,
+    modifier_input_path,
+    modifier_input_property,
+    set_modifier_input,
+)
 from .splat_attributes import ORIGINAL, Attribute, Frame, color_attribute
 from .splat_material import (
     DISC_NAME,
@@ -127,6 +133,11 @@ def get_input(splats: bpy.types.Object, name: str) -> InputValue:
 def input_path(splats: bpy.types.Object, name: str) -> str:
     """Data path of an input of the node group from this object: for keyframes, drivers and panels."""
     return modifier_input_path(splats.modifiers[MODIFIER_NAME], name)
+
+
+def input_property(splats: bpy.types.Object, name: str) -> tuple[bpy.types.bpy_struct, str]:
+    """Owner and name of the property that is an input of the node group: for ``layout.prop``."""
+    return modifier_input_property(splats.modifiers[MODIFIER_NAME], name)
 
 
 def is_splats(candidate: bpy.types.Object) -> bool:

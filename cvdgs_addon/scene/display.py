@@ -1,0 +1,151 @@
+"""How Gaussians are displayed: as instances, points or native splats, within a crop box, with what renders need."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from enum import Enum
+
+import bpy
+import mathutils
+import numpy as np
+
+from ...core.errors import InputError
+from .native_splats import add_native_splats, has_native_splats, native_splats_of, why_not_native
+from .remembered_settings import change_settings, changes, restore_settings
+from .render_settings import (
+    WORLD_NAME,
+    Display,
+    Engine,
+    background_world,
+    decode_srgb,
+    display_of,
+    display_settings,
+    engine_settings,
+)
+from .splat_attributes import Attribute
+from .splat_nodes import Input
+from .splats import MODIFIER_NAME, core_bounds, get_input, is_splats, set_input
+
+BACKGROUND_PROPERTY = "cvdgs_background"
+"""Custom property of a Gaussians' object: sRGB of what they were trained over."""
+
+_RENDER = "cvdgs_render"
+_CROP_MARGIN = 1.2  # of a new crop box, in radii of the scene's core
+
+
+class Form(Enum):
+    """What Gaussians are drawn as."""
+
+    INSTANCES = "INSTANCES"
+    POINTS = "POINTS"
+    NATIVE = "NATIVE"
+
+
+def form_of(splats: bpy.types.Object) -> Form:
+    """What `splats` are drawn as."""
+    if native_splats_of(splats) is not None:
+        return Form.NATIVE
+    return Form.POINTS if get_input(splats, Input.AS_POINTS) else Form.INSTANCES
+
+
+def show_form(splats: bpy.types.Object, form: Form) -> None:
+    """Draw `splats` as `form`. Native splats are a copy of what is shown now; choose the form again to renew it.
+
+    Raises:
+        InputError: this Blender has no native splats.
+    """
+    if form is Form.NATIVE and not has_native_splats():
+        raise InputError(why_not_native(), where=splats.name, remedy="choose instances, which look the same")
+    existing = native_splats_of(splats)
+    if existing is not None:
+        bpy.data.pointclouds.remove(existing.data)
+    modifier = splats.modifiers[MODIFIER_NAME]
+    modifier.show_viewport = modifier.show_render = form is not Form.NATIVE
+    if form is Form.NATIVE:
+        add_native_splats(splats)
+    else:
+        set_input(splats, Input.AS_POINTS, form is Form.POINTS)
+
+
+def add_crop_box(splats: bpy.types.Object) -> bpy.types.Object:
+    """Crop `splats` to a box around most of them: an Empty that can be moved, turned and scaled. Returns it."""
+    positions = np.empty(len(splats.data.vertices) * 3, np.float32)
+    splats.data.vertices.foreach_get("co", positions)
+    numbers = np.zeros(len(splats.data.vertices), np.int32)
+    if Attribute.FRAME in splats.data.attributes:
+        splats.data.attributes[Attribute.FRAME].data.foreach_get("value", numbers)
+    center, radius = core_bounds(positions.reshape(-1, 3)[numbers == 0])
+    box = bpy.data.objects.new(f"{splats.name} Crop", None)
+    box.empty_display_type, box.empty_display_size = "CUBE", 1.0
+    box.matrix_basis = mathutils.Matrix.LocRotScale(center.tolist(), None, [_CROP_MARGIN * radius] * 3)
+    box.parent = splats
+    for collection in splats.users_collection:
+        collection.objects.link(box)
+    set_input(splats, Input.CROP_BOX, box)
+    set_input(splats, Input.CROP, True)
+    return box
+
+
+def crop_box_of(splats: bpy.types.Object) -> bpy.types.Object | None:
+    """The crop box of `splats`, if there is one."""
+    box = get_input(splats, Input.CROP_BOX)
+    return box if isinstance(box, bpy.types.Object) else None
+
+
+def remove_crop_box(splats: bpy.types.Object) -> None:
+    """Show all of `splats` again and delete the box."""
+    box = crop_box_of(splats)
+    set_input(splats, Input.CROP, False)
+    set_input(splats, Input.CROP_BOX, None)
+    if box is not None:
+        bpy.data.objects.remove(box)
+
+
+def set_up_render(scene: bpy.types.Scene, engine: Engine, display: Display) -> list[str]:
+    """Set what renders of Gaussians need, and remember what it was; returns the changes in words."""
+    settings = {**display_settings(display), **engine_settings(engine)}
+    background = _background_of(_splats_of(scene))
+    if background is not None:
+        color = np.array(background) if display is Display.PHOTO else decode_srgb(background)
+        settings["world"] = _shared_world(color).name
+        settings["render.film_transparent"] = False
+    told = change_settings(scene, _RENDER, settings)
+    match_display(scene)
+    return told
+
+
+def restore_render(scene: bpy.types.Scene) -> list[str]:
+    """Put back what `set_up_render` changed; returns that in words."""
+    told = restore_settings(scene, _RENDER)
+    match_display(scene)
+    return told
+
+
+def render_changes(scene: bpy.types.Scene) -> Iterator[str]:
+    """What `restore_render` would put back, in words."""
+    return changes(scene, _RENDER)
+
+
+def match_display(scene: bpy.types.Scene) -> None:
+    """Let the Gaussians' colours suit the scene's view transform: encoded for Raw, light for the others."""
+    for splats in _splats_of(scene):
+        set_input(splats, Input.SCENE_LINEAR, display_of(scene) is Display.SCENE_LINEAR)
+
+
+def _splats_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    return [candidate for candidate in scene.objects if is_splats(candidate)]
+
+
+def _background_of(objects: Iterable[bpy.types.Object]) -> tuple[float, ...] | None:
+    found = (splats.get(BACKGROUND_PROPERTY) for splats in objects)
+    return next((tuple(color) for color in found if color is not None), None)
+
+
+def _shared_world(color: np.ndarray) -> bpy.types.World:
+    """A world of that colour, made when the file has none of ours."""
+    existing = [world for world in bpy.data.worlds if world.name.startswith(WORLD_NAME) and world.node_tree]
+    for world in existing:
+        background = next((node for node in world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground"), None)
+        if background is not None and np.allclose(background.inputs["Color"].default_value[:3], color, atol=1e-6):
+            return world
+    return background_world(color)
