@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import bpy
 
-from . import capture, environment, export, report, run, viewer
+from . import capture, display, environment, export, report, run, simulate, viewer
 
-_MODULES = (capture, viewer, run, report, export, environment)
+_MODULES = (capture, viewer, run, display, simulate, report, export, environment)
 CLASSES: tuple[type, ...] = tuple(cls for module in _MODULES for cls in module.CLASSES)
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import bpy
 
-from . import capture, export, report, run, viewer
+from . import capture, display, export, report, run, simulate, viewer
 
-_MODULES = (capture, viewer, run, report, export)
+_MODULES = (capture, viewer, run, display, simulate, report, export)
 CLASSES: tuple[type, ...] = tuple(cls for module in _MODULES for cls in module.CLASSES)
 
 

@@ -37,18 +37,20 @@ class CVDGS_PT_simulate(SidePanel, bpy.types.Panel):
         sub = row.row(align=True)
         sub.enabled = simulate.wipe
         sub.prop(simulate, "wipe_position", text="")
-        self._draw_notes(context)
+        _draw_notes(layout, context)
         layout.operator("cvdgs.save_simulation_asset", icon="ASSET_MANAGER")
 
-    def _draw_notes(self, context: bpy.types.Context) -> None:
-        if simulation_node(context.scene) is None:
-            missing = what_is_left_out(context.scene)
-            if missing:
-                say(self.layout, context, f"The simulation leaves out: {missing}", "ERROR")
-            return
-        told = list(told_changes(context.scene))
-        if told:
-            say(self.layout, context, "Until it is switched off: " + "; ".join(told), "INFO")
+
+def _draw_notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """What the simulation has changed, or what it will leave out."""
+    if simulation_node(context.scene) is None:
+        missing = what_is_left_out(context.scene)
+        if missing:
+            say(layout, context, f"The simulation leaves out: {missing}", "ERROR")
+        return
+    told = list(told_changes(context.scene))
+    if told:
+        say(layout, context, f"Until it is switched off: {'; '.join(told)}", "INFO")
 
 
 CLASSES: tuple[type, ...] = (CVDGS_PT_simulate,)

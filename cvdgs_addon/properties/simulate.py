@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..compositor.apply import apply_simulation
+from .viewer import CVD_ITEMS, SIMULATION_ITEMS
 
 
 def _apply(_simulate: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -34,12 +35,7 @@ class SimulateProperties(bpy.types.PropertyGroup):
     cvd: bpy.props.EnumProperty(
         name="Type",
         description="The colour vision deficiency to simulate",
-        items=(
-            ("protan", "Protan", "L cones are missing or shifted: red is dark and resembles green"),
-            ("deutan", "Deutan", "M cones are missing or shifted: the most common, red resembles green"),
-            ("tritan", "Tritan", "S cones are missing: blue resembles green, yellow resembles grey"),
-            ("achromat", "Achromat", "No colours at all, luminance only"),
-        ),
+        items=CVD_ITEMS,
         default="deutan",
         update=_apply,
     )
@@ -54,12 +50,8 @@ class SimulateProperties(bpy.types.PropertyGroup):
     )
     simulation: bpy.props.EnumProperty(
         name="Model",
-        description="The published model behind the simulation",
-        items=(
-            ("machado", "Machado 2009", "Describes every severity; the usual choice"),
-            ("vienot", "Viénot 1999", "Protan and deutan vision without a kind of cones; tritan is taken from Brettel"),
-            ("brettel", "Brettel 1997", "Vision without a kind of cones; the accepted model of tritan vision"),
-        ),
+        description="The published model behind the simulation; Viénot describes no tritan vision and takes Brettel's",
+        items=SIMULATION_ITEMS,
         default="machado",
         update=_apply,
     )

@@ -38,7 +38,10 @@ class RecordingLayout:
         self.texts.append(text)
 
     def prop(self, data: Any, name: str, text: str | None = None, icon: str = "NONE", **_options: Any) -> None:
-        assert name in data.bl_rna.properties, name
+        if name.startswith("["):
+            data.path_resolve(name)  # a custom property; fails for one that does not exist
+        else:
+            assert name in data.bl_rna.properties, name
         assert icon in ICONS
         self.properties.append(name)
 

@@ -1,0 +1,80 @@
+"""Operators of the sub-panel "Display", as search and Python call them."""
+
+from __future__ import annotations
+
+import bpy
+import pytest
+
+from cvdgs.cvdgs_addon.results import show_run
+from cvdgs.cvdgs_addon.scene import display, splats
+from cvdgs.cvdgs_addon.scene.splat_nodes import Input
+from cvdgs.cvdgs_addon.shown import shown_layer
+from cvdgs.ui.display import CVDGS_PT_display
+
+from .layouts import drawn
+
+
+@pytest.fixture
+def shown(addon, run_folder):
+    """The Gaussians of a run in the open file."""
+    return show_run(str(run_folder), bpy.context.scene)
+
+
+def test_without_gaussians_the_operators_say_what_is_missing(addon):
+    for name in ("show_layer", "show_form", "add_crop_box", "remove_crop_box", "set_up_render"):
+        operator = getattr(bpy.ops.cvdgs, name)
+        assert not operator.poll()
+        with pytest.raises(RuntimeError, match="First make a run"):
+            operator()
+
+
+def test_a_layer_is_shown_as_far_as_the_one_before(shown):
+    splats.set_input(shown, Input.ENHANCED, 0.4)
+    bpy.ops.cvdgs.show_layer(layer="tritan-0.5")
+    assert shown_layer(shown) == ("tritan-0.5", pytest.approx(0.4))
+    with pytest.raises(RuntimeError, match=r"no colour layer 'protan-1\.0' - choose original"):
+        bpy.ops.cvdgs.show_layer(layer="protan-1.0")
+
+
+def test_points_a_crop_box_and_back(shown):
+    bpy.ops.cvdgs.show_form(form="POINTS")
+    assert splats.get_input(shown, Input.AS_POINTS)
+    bpy.ops.cvdgs.show_form(form="INSTANCES")
+    assert not splats.get_input(shown, Input.AS_POINTS)
+    bpy.ops.cvdgs.add_crop_box()
+    box = display.crop_box_of(shown)
+    bpy.ops.cvdgs.add_crop_box()
+    assert display.crop_box_of(shown) == box, "a second press selects the box that is there"
+    assert bpy.context.view_layer.objects.active == box
+    bpy.ops.cvdgs.remove_crop_box()
+    assert display.crop_box_of(shown) is None
+
+
+def test_the_render_is_set_up_as_chosen_and_restored(shown):
+    scene = bpy.context.scene
+    assert not bpy.ops.cvdgs.restore_render.poll()
+    scene.cvdgs.display.engine, scene.cvdgs.display.colors = "EEVEE", "PHOTO"
+    before = scene.render.filter_size
+    bpy.ops.cvdgs.set_up_render()
+    assert "EEVEE" in scene.render.engine
+    assert scene.view_settings.view_transform == "Raw"
+    bpy.ops.cvdgs.restore_render()
+    assert scene.render.filter_size == before
+    assert scene.view_settings.view_transform != "Raw"
+
+
+def test_the_panel_shows_layers_form_and_what_was_changed(shown):
+    bpy.ops.cvdgs.show_layer(layer="tritan-0.5")
+    panel = drawn(CVDGS_PT_display)
+    assert {"original", "deutan-1.0", "tritan-0.5", "Instances", "Points", "Native"} <= set(panel.texts)
+    assert "cvdgs.add_crop_box" in panel.operators
+    assert "cvdgs.remove_crop_box" not in panel.operators
+    bpy.ops.cvdgs.add_crop_box()
+    bpy.ops.cvdgs.set_up_render()
+    panel = drawn(CVDGS_PT_display)
+    assert "cvdgs.remove_crop_box" in panel.operators
+    assert "View transform: " in " ".join(panel.texts)
+
+
+def test_without_gaussians_the_panel_says_what_to_do_first(addon):
+    assert any("First" in text for text in drawn(CVDGS_PT_display).texts)

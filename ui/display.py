@@ -1,0 +1,90 @@
+"""Sub-panel "Display": what the Gaussians are drawn as, in which colours, how many, and what renders need."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..cvdgs_addon.scene import display
+from ..cvdgs_addon.scene.display import Form
+from ..cvdgs_addon.scene.native_splats import has_native_splats
+from ..cvdgs_addon.scene.splat_nodes import Input
+from ..cvdgs_addon.scene.splats import input_property, layer_names
+from ..cvdgs_addon.shown import shown_layer, shown_splats
+from .layout import SidePanel, say, say_missing
+
+_FORM_LABELS = {Form.INSTANCES: "Instances", Form.POINTS: "Points", Form.NATIVE: "Native"}
+
+
+class CVDGS_PT_display(SidePanel, bpy.types.Panel):
+    """How the Gaussians are displayed."""
+
+    bl_idname = "CVDGS_PT_display"
+    bl_label = "Display"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, splats = self.layout, shown_splats(context)
+        if splats is None:
+            say_missing(layout, context, "First make a run, or load a finished one")
+            return
+        layout.prop(context.scene.cvdgs.display, "target", text="", icon="OUTLINER_OB_POINTCLOUD")
+        _draw_form(layout, context, splats)
+        _draw_layers(layout, splats)
+        _draw_selection(layout, splats)
+        _draw_render(layout, context)
+
+
+def _draw_form(layout: bpy.types.UILayout, context: bpy.types.Context, splats: bpy.types.Object) -> None:
+    row, current = layout.row(align=True), display.form_of(splats)
+    for form, label in _FORM_LABELS.items():
+        button = row.row(align=True)
+        button.enabled = form is not Form.NATIVE or has_native_splats()
+        button.operator("cvdgs.show_form", text=label, depress=form is current).form = form.value
+    if current is Form.POINTS:
+        _draw_input(layout, splats, Input.POINT_SIZE)
+    if current is Form.NATIVE:
+        say(layout, context, "A copy of what was shown; press Native again after a change", "INFO")
+
+
+def _draw_layers(layout: bpy.types.UILayout, splats: bpy.types.Object) -> None:
+    current, _ = shown_layer(splats)
+    column = layout.column(align=True)
+    for layer in layer_names(splats):
+        column.operator("cvdgs.show_layer", text=layer, depress=layer == current).layer = layer
+    _draw_input(layout, splats, Input.ENHANCED, "Original – Enhanced", slider=True)
+
+
+def _draw_selection(layout: bpy.types.UILayout, splats: bpy.types.Object) -> None:
+    row = layout.row(align=True)
+    _draw_input(row, splats, Input.BUDGET, "Budget (0: all)")
+    _draw_input(row, splats, Input.BUDGET_IN_RENDERS, "", icon="RESTRICT_RENDER_OFF")
+    row = layout.row(align=True)
+    if display.crop_box_of(splats) is None:
+        row.operator("cvdgs.add_crop_box", icon="MESH_CUBE")
+    else:
+        _draw_input(row, splats, Input.CROP, "Crop", toggle=True)
+        row.operator("cvdgs.add_crop_box", text="Select Box", icon="RESTRICT_SELECT_OFF")
+        row.operator("cvdgs.remove_crop_box", text="", icon="X")
+
+
+def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    chosen = context.scene.cvdgs.display
+    box = layout.box()
+    box.prop(chosen, "engine")
+    box.prop(chosen, "colors")
+    row = box.row(align=True)
+    row.operator("cvdgs.set_up_render", icon="SCENE")
+    row.operator("cvdgs.restore_render", text="Restore", icon="LOOP_BACK")
+    told = list(display.render_changes(context.scene))
+    if told:
+        say(box, context, f"Changed: {'; '.join(told)}", "INFO")
+
+
+def _draw_input(
+    layout: bpy.types.UILayout, splats: bpy.types.Object, name: Input, text: str | None = None, **options: object
+) -> None:
+    """An input of the modifier, which can be keyed and driven here as there."""
+    owner, path = input_property(splats, name)
+    layout.prop(owner, path, text=str(name) if text is None else text, **options)
+
+
+CLASSES: tuple[type, ...] = (CVDGS_PT_display,)
