@@ -18,7 +18,8 @@ from .targets import Background, TrainingView
 
 # A parameter beyond this, in frame units, comes from a step that went wrong: scenes are about one unit large.
 _LARGEST_PARAMETER = 1e4
-# Looking for gradients that are not finite makes a GPU wait, so there it is done every so many steps.
+# Looking for numbers that are not finite makes a GPU wait, so there it is done every so many steps. In between the
+# optimiser leaves alone what has no finite gradient.
 _CHECK_EVERY_CUDA = 50
 
 
@@ -99,7 +100,8 @@ class Fit:
         if correction is not None:
             correction.before_loss(frame)
         measured = (loss or self._photometric_loss)(frame, image)
-        if not math.isfinite(measured.total):
+        check = not self._rasterizer.device.is_cuda or self._steps % _CHECK_EVERY_CUDA == 0
+        if check and not math.isfinite(measured.total):
             self.skipped += 1
             if not colors_only:  # then the Gaussians are given
                 self._remove_broken()
@@ -111,7 +113,7 @@ class Fit:
             correction.after_backward(self.parameters, gradients, camera)
         self._adam.step(self._rasterizer, self.parameters, gradients, rates)
         visible = None
-        if not self._rasterizer.device.is_cuda or self._steps % _CHECK_EVERY_CUDA == 0:
+        if check:
             visible = frame.visible.numpy()
             moved = np.count_nonzero(gradients.touched.numpy())
             self.skipped += moved < np.count_nonzero(visible)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..consistency import Consensus
 from .multi_view_loss import MultiViewLoss
-from .raster import Frame, Loss, Rasterizer
+from .raster import Frame, Loss, Mask, Rasterizer
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class GuidedLoss:
     ) -> None:
         device = rasterizer.device
         self._rasterizer, self._ssim_weight = rasterizer, ssim_weight
-        self._masks = [wp.array(guide.weights, dtype=wp.float32, device=device) for guide in guides or ()]
+        self._masks = [Mask.of(guide.weights, device) for guide in guides or ()]
         self._pulls = [
             MultiViewLoss(guide.consensus, multi_view_weight, device) if guide.consensus and multi_view_weight else None
             for guide in guides or ()

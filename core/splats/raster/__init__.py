@@ -2,7 +2,7 @@
 
 from .adam import Adam, LearningRates
 from .camera import RasterCamera
-from .frame import Frame, Loss
+from .frame import Frame, Loss, Mask
 from .loading import load
 from .parameters import Gradients, ParameterSet
 from .rasterizer import Rasterizer
@@ -13,6 +13,7 @@ __all__ = [
     "Gradients",
     "LearningRates",
     "Loss",
+    "Mask",
     "ParameterSet",
     "RasterCamera",
     "Rasterizer",

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import warp as wp
 
 from .camera import RasterCamera
-from .frame import Frame, Loss
+from .frame import Frame, Loss, Mask
 from .loading import make_runner, resolve_device
 from .parameters import FIELDS, Gradients, ParameterSet
 from .runner import TILE_HEIGHT, TILE_WIDTH
@@ -55,7 +54,7 @@ class Rasterizer:
         )
 
     def photometric_loss(
-        self, frame: Frame, target: wp.array, ssim_weight: float = 0.2, mask: wp.array | None = None
+        self, frame: Frame, target: wp.array, ssim_weight: float = 0.2, mask: Mask | None = None
     ) -> Loss:
         """(1 - w) L1 + w (1 - SSIM) of the frame's colour against a photograph; fills `frame.grad_color`.
 
@@ -64,8 +63,8 @@ class Rasterizer:
         Args:
             target: (H, W, 3) uint8 or float32, display-referred sRGB.
             ssim_weight: w.
-            mask: (H, W) float32 weights or uint8 coverage (255 = 1). Both images are multiplied by it, so that what
-                the photograph does not cover is to SSIM as what lies outside the image, and the means are weighted.
+            mask: both images are multiplied by it, so that what the photograph does not cover is to SSIM as what lies
+                outside the image, and the means are weighted.
         """
         self._require_current(frame)
         runner, state = self.runner, self.runner.state
@@ -78,19 +77,22 @@ class Rasterizer:
         weight = float(shape[0] * shape[1])
         state.mask_kind = 0
         if mask is not None:
-            if mask.shape != shape:
-                raise ValueError(f"mask has shape {mask.shape}, the frame {shape}")
-            is_bytes = mask.dtype == wp.uint8
+            if mask.pixels.shape != shape:
+                raise ValueError(f"mask has shape {mask.pixels.shape}, the frame {shape}")
+            is_bytes = mask.pixels.dtype == wp.uint8
             state.mask_kind = 2 if is_bytes else 1
-            runner.bind("mask_bytes" if is_bytes else "mask_floats", mask)
-            weight = float(mask.numpy().sum(dtype=np.float64)) / (255.0 if is_bytes else 1.0)
+            runner.bind("mask_bytes" if is_bytes else "mask_floats", mask.pixels)
+            weight = mask.total
         scale = 1.0 / (3.0 * weight) if weight > 0.0 else 0.0
         state.l1_scale = (1.0 - ssim_weight) * scale
         state.ssim_scale = ssim_weight * scale
-        l1, ssim = (float(part) * scale for part in runner.loss())
-        if weight <= 0.0:
-            ssim = 1.0  # nothing was compared, and nothing differs
-        return Loss(total=(1.0 - ssim_weight) * l1 + ssim_weight * (1.0 - ssim), l1=l1, ssim=ssim)
+        sums = runner.loss()
+
+        def read() -> tuple[float, float]:
+            l1, ssim = (float(part) * scale for part in sums())
+            return l1, ssim if weight > 0.0 else 1.0  # where nothing was compared, nothing differs
+
+        return Loss(read, ssim_weight)
 
     def backward(
         self,

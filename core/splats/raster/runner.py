@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 import numpy as np
 import warp as wp
@@ -59,8 +60,8 @@ class Runner(ABC):
         """Projects, sorts, bins and blends; returns the number of intersections of Gaussians with tiles."""
 
     @abstractmethod
-    def loss(self) -> NDArray[np.float64]:
-        """Fills `grad_color`; returns the sums of |x - y| and of SSIM over the image."""
+    def loss(self) -> Callable[[], NDArray[np.float64]]:
+        """Fills `grad_color`; returns what gives the sums of |x - y| and of SSIM over the image, waiting if it must."""
 
     @abstractmethod
     def backward(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 
 import numpy as np
 import warp as wp
@@ -93,7 +94,7 @@ class CpuRunner(Runner):
         self.run(Stage.FORWARD)
         return intersections
 
-    def loss(self) -> NDArray[np.float64]:
+    def loss(self) -> Callable[[], NDArray[np.float64]]:
         width, strips = self.state.width, -(-self.state.height // _STRIP_ROWS)
         if self._loss_width != width:  # the padding of the rows has to be zero and moves with the width
             self.allocate("loss_scratch", (self.threads * _loss_scratch_floats(width),), wp.float32)
@@ -101,7 +102,8 @@ class CpuRunner(Runner):
         if len(self._partial) != strips:
             self._partial = self.allocate("loss_partial", (strips, 2), wp.float64).numpy()
         self.run(Stage.LOSS)
-        return self._partial.sum(axis=0)
+        sums = self._partial.sum(axis=0)
+        return lambda: sums
 
     def backward(self) -> None:
         self.reserve("moments", int(self._first_slot[-1]), wp.float32, MOMENTS)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
@@ -14,7 +16,8 @@ from .runner import MOMENTS, SPLAT_FLOATS, Runner
 class CudaRunner(Runner):
     """Stages as kernels with one thread per Gaussian, intersection or pixel; Warp's radix sort and scan between them.
 
-    The host waits twice a step: for the number of intersections, which sizes the buffers, and for the loss.
+    The host waits once a step, for the number of intersections, which sizes the buffers; and for the loss where
+    somebody asks for its value.
     """
 
     def __init__(self, device: wp.Device) -> None:
@@ -60,7 +63,7 @@ class CudaRunner(Runner):
         self._launch(kernels.forward, (tiles, kernels.BLEND_THREADS), block_dim=kernels.BLEND_THREADS)
         return total
 
-    def loss(self) -> NDArray[np.float64]:
+    def loss(self) -> Callable[[], NDArray[np.float64]]:
         width, height = self.state.width, self.state.height
         blocks = -(-width // kernels.LOSS_SQUARE) * -(-height // kernels.LOSS_SQUARE)
         self.reserve("ssim_maps", 9 * width * height, wp.float32)
@@ -68,7 +71,8 @@ class CudaRunner(Runner):
         grid = (blocks, kernels.LOSS_THREADS)
         self._launch(kernels.ssim, grid, block_dim=kernels.LOSS_THREADS)
         self._launch(kernels.loss, grid, block_dim=kernels.LOSS_THREADS)
-        return self.array("loss_partial")[:blocks].numpy().sum(axis=0)
+        partial = wp.clone(self.array("loss_partial")[:blocks])  # the next loss writes over the original
+        return lambda: partial.numpy().sum(axis=0)
 
     def backward(self) -> None:
         self.reserve("moments", self._intersections, wp.float32, MOMENTS)

@@ -11,7 +11,7 @@ import pytest
 import warp as wp
 
 from cvdgs.core.errors import InputError
-from cvdgs.core.splats.raster import Adam, LearningRates, ParameterSet, Rasterizer, load
+from cvdgs.core.splats.raster import Adam, LearningRates, Mask, ParameterSet, Rasterizer, load
 from cvdgs.core.splats.raster.runner import Runner
 
 from . import raster_reference as reference
@@ -72,7 +72,7 @@ def two_steps(
     shape = (scene.camera.height, scene.camera.width)
     rng = np.random.default_rng(3)
     target = wp.array(rng.integers(0, 256, (*shape, 3), np.uint8), dtype=wp.uint8, device=device)
-    given_mask = None if mask is None else wp.array(mask, dtype=wp.float32, device=device)
+    given_mask = None if mask is None else Mask.of(mask.astype(np.float32), device)
     grad_depth = wp.array(rng.normal(size=shape).astype(np.float32) * 1e-3, dtype=wp.float32, device=device)
     results: dict[str, np.ndarray] = {}
     for step in range(2):

@@ -9,7 +9,7 @@ import torch.nn.functional as F
 import warp as wp
 
 from cvdgs.core.splats.gaussians import Gaussians
-from cvdgs.core.splats.raster import ParameterSet, RasterCamera, Rasterizer
+from cvdgs.core.splats.raster import Mask, ParameterSet, RasterCamera, Rasterizer
 
 WINDOW, SIGMA, C1, C2 = 11, 1.5, 0.01**2, 0.03**2
 SIZES = [(40, 33), (7, 5), (1, 1), (11, 100), (96, 64), (65, 31)]
@@ -79,7 +79,7 @@ def test_value_and_gradient_match_float64(width, height, mask_name, weight):
     as_float = None if mask is None else (mask / 255.0 if mask.dtype == np.uint8 else mask)
     total, l1, ssim, gradient = expected_loss(x, photograph / 255.0, weight, as_float)
     loss = rasterizer.photometric_loss(
-        frame, wp.array(photograph, dtype=wp.uint8, device="cpu"), weight, None if mask is None else on_cpu(mask)
+        frame, wp.array(photograph, dtype=wp.uint8, device="cpu"), weight, None if mask is None else Mask.of(mask)
     )
     assert loss.total == pytest.approx(total, abs=2e-6)
     assert loss.l1 == pytest.approx(l1, abs=2e-6)
@@ -126,8 +126,8 @@ def test_what_the_mask_leaves_out_counts_as_nothing():
         if disturbed:
             image[:, 25:] = np.random.default_rng(3).uniform(size=(30, 15, 3))
         frame = frame_showing(rasterizer, image)
-        loss = rasterizer.photometric_loss(frame, on_cpu(photograph), mask=on_cpu(mask))
-        results.append((loss, frame.grad_color.numpy().copy()))
+        loss = rasterizer.photometric_loss(frame, on_cpu(photograph), mask=Mask.of(mask))
+        results.append(((loss.l1, loss.ssim), frame.grad_color.numpy().copy()))
     assert results[0][0] == results[1][0]
     np.testing.assert_array_equal(results[0][1], results[1][1])
     assert not results[0][1][:, 25:].any()
@@ -137,7 +137,7 @@ def test_an_empty_mask_has_no_loss_and_no_gradient():
     x, photograph = images(20, 20)
     rasterizer = Rasterizer(threads=1)
     frame = frame_showing(rasterizer, x)
-    loss = rasterizer.photometric_loss(frame, on_cpu(photograph), mask=on_cpu(np.zeros((20, 20), np.float32)))
+    loss = rasterizer.photometric_loss(frame, on_cpu(photograph), mask=Mask.of(np.zeros((20, 20), np.float32)))
     assert loss.total == 0.0
     assert not frame.grad_color.numpy().any()
 
