@@ -28,7 +28,8 @@ DOWNLOAD_SIZE = "400 MB to download, 2 GB on the disk"
 
 _FOLDER = "environment"
 _SET_UP = "open the add-on's preferences and set up the worker"
-_NAMES = ("python3.11", "python3.12", "python3.13", "python3", "python")
+# The first is the version that everything was tested and pinned with; Blender's own comes next.
+_TESTED_NAME, _NAMES = "python3.11", ("python3.12", "python3.13", "python3", "python")
 _PROBE = "import sys, venv, ensurepip; sys.exit(sys.version_info[:2] < {oldest})"
 _PROBE_SECONDS = 10.0
 
@@ -100,15 +101,15 @@ def remove_environment() -> None:
 
 
 def find_base_python() -> str:
-    """An interpreter that can make environments: the preferences', Blender's own, or one of this system.
+    """An interpreter that can make environments: the preferences', one of this system, or Blender's own.
 
     Raises:
         InputError: there is none.
     """
     chosen = bpy.path.abspath(get_preferences().base_python)
-    candidates = [chosen] if chosen else [sys.executable, *filter(None, map(shutil.which, _NAMES))]
+    candidates = [chosen] if chosen else [shutil.which(_TESTED_NAME), sys.executable, *map(shutil.which, _NAMES)]
     for candidate in candidates:
-        if _can_make_environments(candidate):
+        if candidate and _can_make_environments(candidate):
             return candidate
     version = ".".join(map(str, OLDEST_PYTHON))
     raise InputError(

@@ -15,6 +15,8 @@ from ..core.splats.files import write_gaussians
 from ..core.splats.gaussians import SH_C0, Gaussians
 from .scene.harmonics_nodes import coefficient_attribute, coefficient_count
 from .scene.splat_attributes import ORIGINAL, Attribute, Frame, color_attribute
+from .scene.splat_nodes import Input
+from .scene.splats import get_input
 from .shown import require_object_mode
 
 # A logit beyond this is as good as 0 or 1, and finite.
@@ -41,7 +43,7 @@ class ExportedGaussians:
 def read_gaussians(
     splats: bpy.types.Object, layer: str, enhanced: float, *, in_scene_axes: bool = False
 ) -> ExportedGaussians:
-    """The Gaussians of an object as they are now: what was deleted is gone, and transforms that were applied count.
+    """The Gaussians of an object as they are now: deleted and cropped ones are gone, applied transforms count.
 
     Args:
         splats: made by `scene.splats.add_gaussians`.
@@ -55,10 +57,10 @@ def read_gaussians(
     require_object_mode(splats)
     mesh = splats.data
     frame = _values(mesh, Attribute.FRAME, "value", (), np.int32)
-    kept = frame == 0
-    if not kept.any():
-        raise InputError("no Gaussians are left", where=splats.name, remedy="undo what deleted them")
     positions = _positions(mesh)
+    kept = (frame == 0) & _in_crop_box(splats, positions)
+    if not kept.any():
+        raise InputError("no Gaussians are left", where=splats.name, remedy="undo what deleted them, or move the box")
     shape = _frame_map(positions, frame, _values(mesh, Attribute.SCALE, "vector", (3,)))
     scales = _values(mesh, Attribute.SCALE, "vector", (3,))[kept].astype(np.float64)
     quaternions = _values(mesh, Attribute.ROTATION, "value", (4,))[kept]
@@ -130,6 +132,15 @@ def _values(mesh: bpy.types.Mesh, name: str, field: str, shape: tuple[int, ...],
     values: NDArray = np.empty((len(mesh.vertices), *shape), dtype)
     attribute.data.foreach_get(field, values.reshape(-1))
     return values
+
+
+def _in_crop_box(splats: bpy.types.Object, positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(V,) which positions the crop box leaves: those in the cube of side two around it, in its own space."""
+    box = get_input(splats, Input.CROP_BOX)
+    if not get_input(splats, Input.CROP) or not isinstance(box, bpy.types.Object):
+        return np.ones(len(positions), bool)
+    to_box = np.array(box.matrix_world.inverted_safe() @ splats.matrix_world, np.float64)
+    return (np.abs(positions @ to_box[:3, :3].T + to_box[:3, 3]) <= 1.0).all(axis=1)
 
 
 def _frame_map(

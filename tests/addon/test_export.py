@@ -11,6 +11,7 @@ from cvdgs.core.splats.ply import read_ply
 from cvdgs.cvdgs_addon.export import read_gaussians
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import splats as splat_objects
+from cvdgs.cvdgs_addon.scene.display import add_crop_box
 
 from . import ewa
 from .scenes import CAMERA, cloud, look_at, opencv
@@ -104,6 +105,17 @@ def test_deleted_gaussians_are_gone(addon, run_folder, tmp_path):
     bpy.ops.object.mode_set(mode="OBJECT")
     bpy.ops.cvdgs.export_gaussians(filepath=str(tmp_path / "kept.ply"))
     assert len(read_ply(tmp_path / "kept.ply")) == 300
+
+
+def test_what_the_crop_box_hides_is_not_exported(scene):
+    added = splat_objects.add_gaussians(cloud(200), {}, scene.collection)
+    box = add_crop_box(added)
+    box.matrix_basis = mathutils.Matrix.LocRotScale((0.4, 0.0, 0.0), mathutils.Euler((0.0, 0.0, 0.6)), (0.7, 0.5, 0.9))
+    bpy.context.view_layer.update()
+    local = (cloud(200).means - (0.4, 0.0, 0.0)) @ np.array(box.matrix_basis.to_3x3().normalized()) / (0.7, 0.5, 0.9)
+    inside = (np.abs(local) <= 1.0).all(axis=1)
+    assert 0 < inside.sum() < 200
+    np.testing.assert_allclose(read_gaussians(added, "original", 1.0).gaussians.means, cloud(200).means[inside])
 
 
 def test_the_shown_layer_is_exported(addon, run_folder, tmp_path):

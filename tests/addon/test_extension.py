@@ -18,24 +18,38 @@ ROOT = Path(cvdgs.__file__).parent
 BUILDER = ROOT / "scripts" / "build_extension.py"
 
 INSTALL = """
-import json, os, sys
+import importlib, json, os, sys
 import bpy, addon_utils
 name = "bl_ext.user_default.cvdgs"
 operators = bpy.ops.extensions
+handlers = bpy.app.handlers
 def installed():
     return os.path.isdir(os.path.join(bpy.utils.user_resource("EXTENSIONS"), "user_default", "cvdgs"))
-found = {}
-for attempt in range(2):
+def classes():
+    return sorted(known for known in dir(bpy.types) if known.startswith(("CVDGS_", "cvdgs")))
+def install():
     operators.package_install_files(filepath=sys.argv[1], repo="user_default", enable_on_install=False)
+found = {}
+before = len(handlers.load_pre)
+for attempt in range(2):
+    install()
     found["installed"] = installed()
     found["enabled"] = addon_utils.enable(name, default_set=True) is not None
-    import importlib
+    found["usable"] = bool(classes()) and bpy.ops.cvdgs.use_demo() == {"FINISHED"}
     found["package"] = importlib.import_module(name + ".cvdgs_addon.scene.convert").convert.__module__
+    own = bpy.utils.extension_path_user(name, create=True)
+    open(os.path.join(own, "environment"), "w").close()
+    install()  # an upgrade, with the add-on enabled
+    found["usable after an upgrade"] = bpy.ops.cvdgs.use_demo() == {"FINISHED"}
+    found["own files after an upgrade"] = os.listdir(own)
     addon_utils.disable(name, default_set=True)
+    found["left when disabled"] = [
+        *classes(), *(["property"] if hasattr(bpy.types.Scene, "cvdgs") else []), *handlers.load_pre[before:]
+    ]
     repository = [entry.module for entry in bpy.context.preferences.extensions.repos].index("user_default")
     operators.package_uninstall(repo_index=repository, pkg_id="cvdgs")
-    found["left"] = installed()
-print(json.dumps(found), flush=True)
+    found["left when uninstalled"] = [installed(), os.path.exists(own)]
+print(json.dumps(found, default=str), flush=True)
 os._exit(0)
 """
 
@@ -74,7 +88,7 @@ def test_manifest_and_package_have_one_version(extension):
     assert extension.name == f"cvdgs-{cvdgs.__version__}.zip"
 
 
-def test_blender_installs_enables_and_removes_it_twice(extension, tmp_path):
+def test_blender_installs_enables_upgrades_and_removes_it_twice_without_a_trace(extension, tmp_path):
     environment = {**os.environ, "BLENDER_USER_RESOURCES": str(tmp_path)}
     command = [sys.executable, "-c", INSTALL, str(extension)]
     result = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
@@ -82,8 +96,12 @@ def test_blender_installs_enables_and_removes_it_twice(extension, tmp_path):
     assert json.loads(result.stdout.strip().splitlines()[-1]) == {
         "installed": True,
         "enabled": True,
+        "usable": True,
         "package": "bl_ext.user_default.cvdgs.cvdgs_addon.scene.convert",
-        "left": False,
+        "usable after an upgrade": True,
+        "own files after an upgrade": ["environment"],
+        "left when disabled": [],
+        "left when uninstalled": [False, False],
     }
 
 

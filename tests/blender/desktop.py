@@ -1,0 +1,136 @@
+"""A real Blender with its window on a virtual screen: started, clicked, looked at.
+
+The machine provides it; the tests are told by two environment variables where it is:
+
+    CVDGS_REAL_BLENDER        a program that is called as
+                                  PROGRAM run ROOT ARGUMENTS...     Blender, with its window
+                                  PROGRAM exec ROOT COMMAND...      any command beside it; xdotool has to be there
+                                  PROGRAM shot ROOT FILE.png        a picture of the screen
+                                  PROGRAM bind ROOT FOLDER...       folders of this machine, at the same path there
+    CVDGS_REAL_BLENDER_ROOT   the folder in which it lives; its subfolder share is /share there
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+PROGRAM, ROOT = os.environ.get("CVDGS_REAL_BLENDER", ""), os.environ.get("CVDGS_REAL_BLENDER_ROOT", "")
+MISSING = "no real Blender: set CVDGS_REAL_BLENDER and CVDGS_REAL_BLENDER_ROOT (see tests/blender/desktop.py)"
+
+_WATCH = Path(__file__).with_name("watch.py")
+_START_SECONDS = 60.0
+_SETTLE = 0.4  # seconds for a window to answer a click with software OpenGL
+
+
+class Desktop:
+    """The screen and the Blender on it.
+
+    Args:
+        pictures: folder for pictures of the screen.
+    """
+
+    def __init__(self, pictures: Path) -> None:
+        self.share = Path(ROOT, "share")
+        self._pictures = pictures
+        self._blender: subprocess.Popen | None = None
+
+    def command(self, *arguments: str) -> str:
+        """Run Blender without a window, to its end; returns what it says."""
+        result = subprocess.run([PROGRAM, "run", ROOT, *arguments], capture_output=True, text=True, timeout=120)
+        assert result.returncode == 0, result.stdout + result.stderr
+        return result.stdout
+
+    def start(self, *arguments: str, **options: Any) -> dict[str, Any]:
+        """Start Blender with its window; returns the first state that `watch.py` writes.
+
+        Args:
+            arguments: of Blender, a .blend file for example.
+            options: for `watch.py`.
+        """
+        shutil.copy(_WATCH, self.share / "watch.py")
+        (self.share / "options.json").write_text(json.dumps(options))
+        (self.share / "state.json").unlink(missing_ok=True)
+        log = open(self._pictures / "blender.log", "a")  # noqa: SIM115 - Blender writes to it as long as it runs
+        self._blender = subprocess.Popen(
+            [PROGRAM, "run", ROOT, *arguments, "-P", "/share/watch.py"], stdout=log, stderr=subprocess.STDOUT
+        )
+        return self.wait(lambda state: state["ready"], _START_SECONDS)
+
+    def state(self) -> dict[str, Any]:
+        """What `watch.py` wrote last."""
+        while True:
+            try:
+                return json.loads((self.share / "state.json").read_text())
+            except (OSError, ValueError):  # not there yet
+                assert self._blender is not None
+                assert self._blender.poll() is None, "Blender has ended"
+                time.sleep(0.05)
+
+    def wait(self, condition: Callable[[dict[str, Any]], bool], seconds: float) -> dict[str, Any]:
+        """The first state for which `condition` holds."""
+        deadline = time.monotonic() + seconds
+        while not condition(state := self.state()):
+            assert time.monotonic() < deadline, f"waited too long; the state is {state}"
+            time.sleep(0.05)
+        return state
+
+    def ask(self, code: str) -> None:
+        """Let Blender run Python code: what a user's mouse cannot do in a test of this length."""
+        (self.share / "code.partial").write_text(code)
+        os.replace(self.share / "code.partial", self.share / "code.py")
+        deadline = time.monotonic() + 20.0
+        while (self.share / "code.py").exists():
+            assert time.monotonic() < deadline, "Blender does not answer"
+            time.sleep(0.02)
+
+    def click(self, x: float, y: float) -> None:
+        """Click with the left button; pixels from the upper left corner of the screen."""
+        position = (str(round(x)), str(round(y)))
+        self._exec("xdotool", "mousemove", *position, "sleep", "0.2", "click", "1")
+        time.sleep(_SETTLE)
+
+    def scroll(self, x: float, y: float, steps: int) -> None:
+        """Turn the wheel over a place; positive is down."""
+        self._exec("xdotool", "mousemove", str(round(x)), str(round(y)), "sleep", "0.1",
+                   "click", "--repeat", str(abs(steps)), "--delay", "60", "5" if steps > 0 else "4")  # fmt: skip
+        time.sleep(_SETTLE)
+
+    def keys(self, *names: str) -> None:
+        """Press keys, one after the other."""
+        self._exec("xdotool", "key", "--delay", "80", *names)
+        time.sleep(_SETTLE)
+
+    def type(self, text: str) -> None:
+        """Type text."""
+        self._exec("xdotool", "type", "--delay", "20", text)
+        time.sleep(_SETTLE)
+
+    def picture(self, name: str) -> Path:
+        """A picture of the screen, kept under `name`."""
+        path = self._pictures / f"{name}.png"
+        subprocess.run([PROGRAM, "shot", ROOT, str(path)], check=True, timeout=30)
+        return path
+
+    def quit(self) -> None:
+        """Let Blender quit as from its menu, and wait for it."""
+        if self._blender is not None and self._blender.poll() is None:
+            (self.share / "code.py").write_text("bpy.ops.wm.quit_blender()")
+            self._blender.wait(30.0)
+        self._blender = None
+
+    def kill(self) -> None:
+        """End Blender as a crash does."""
+        if self._blender is not None and self._blender.poll() is None:
+            self._exec("sh", "-c", "kill -9 $(cat /share/blender.pid)")
+            self._blender.wait(30.0)
+        self._blender = None
+
+    def _exec(self, *command: str) -> None:
+        subprocess.run([PROGRAM, "exec", ROOT, *command], check=True, timeout=30)
