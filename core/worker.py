@@ -14,6 +14,7 @@ Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (its tra
 from __future__ import annotations
 
 import json
+import re
 import signal
 import sys
 import traceback
@@ -25,6 +26,8 @@ from .errors import Cancelled, InputError
 from .events import JsonReporter, claim_stdout
 from .photographs.front import EnhanceRequest
 from .settings import Settings
+
+_NO_MEMORY = re.compile(r"failed to allocate \d+ bytes|out of memory|can't allocate memory", re.IGNORECASE)
 
 
 def main() -> int:
@@ -39,12 +42,11 @@ def main() -> int:
         return 2
     except Cancelled:
         return 130
-    except (MemoryError, OSError) as error:
-        traceback.print_exc()
-        reporter.emit("error", kind="input", message=_explain(error))
-        return 2
     except Exception as error:
         traceback.print_exc()
+        if isinstance(error, OSError) or is_out_of_memory(error):
+            reporter.emit("error", kind="input", message=_explain(error))
+            return 2
         reporter.emit("error", kind="defect", message=f"{type(error).__name__}: {error}".splitlines()[0])
         return 1
     reporter.emit("result", **result)
@@ -93,9 +95,14 @@ def _inspect(capture: Path, sfm: bool, thumbnails: dict[str, Any] | None) -> dic
     return {"summary": summary, "thumbnails": [str(path) for path in paths]}
 
 
-def _explain(error: MemoryError | OSError) -> str:
+def is_out_of_memory(error: BaseException) -> bool:
+    """Whether an allocation failed, on the CPU or on a GPU; Warp and torch say so in a RuntimeError's text."""
+    return isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and bool(_NO_MEMORY.search(str(error))))
+
+
+def _explain(error: Exception) -> str:
     """One line for a fault of the machine rather than of ours or of the input."""
-    if isinstance(error, MemoryError):
+    if not isinstance(error, OSError):
         return "the memory is used up - give smaller photographs or --max-size, or a smaller --gaussians"
     name = f"{error.filename}: " if error.filename else ""
     return f"{name}{error.strerror or error} - free space or check the permissions, then run again"
