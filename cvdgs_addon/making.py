@@ -94,7 +94,9 @@ def run_settings(scene: bpy.types.Scene) -> Settings:
 
 def estimated_seconds(scene: bpy.types.Scene, quality: Quality) -> float | None:
     """How long the button will take on this machine, or None while the capture is not known."""
-    return _reference_seconds(scene, quality) / machine_speed() if scene.cvdgs.capture.inspected else None
+    if not scene.cvdgs.capture.inspected:
+        return None
+    return sum(_reference_seconds(scene, quality).values()) / machine_speed()
 
 
 def start_run(scene: bpy.types.Scene) -> None:
@@ -105,10 +107,13 @@ def start_run(scene: bpy.types.Scene) -> None:
     """
     settings = run_settings(scene)
     PICTURES.forget(PREVIEW)
-    stages = front.stages_of(settings)
-    job = BackgroundJob("Make CVD-friendly", partial(_run, settings), make_workers(), stages)
     expected = _reference_seconds(scene, quality_called(scene.cvdgs.run.quality))
-    ACTIVITY.start(JOB, job, partial(_take_over, scene.session_uid, settings, expected), ends_with_file=True)
+    job = BackgroundJob(
+        "Make CVD-friendly", partial(_run, settings), make_workers(), front.stages_of(settings), expected
+    )
+    known = sum(expected.values()) if scene.cvdgs.capture.inspected else None
+    take_over = partial(_take_over, scene.session_uid, settings, known)
+    ACTIVITY.start(JOB, job, take_over, ends_with_file=True)
 
 
 def run_now(scene: bpy.types.Scene) -> None:
@@ -144,20 +149,27 @@ def _refuse_repetition(folder: str, layer: Layer) -> None:
         raise InputError(f"the run has the layer {layer.name} already", where=folder, remedy=remedy)
 
 
-def _reference_seconds(scene: bpy.types.Scene, quality: Quality) -> float:
+def _reference_seconds(scene: bpy.types.Scene, quality: Quality) -> dict[str, float]:
+    """Seconds by stage that the button takes on the reference machine."""
     capture = scene.cvdgs.capture
-    adds = adds_to_run(scene)
-    return TIME_MODEL.seconds(quality, capture.views, capture.width, capture.height, adds_layer=adds)
+    return TIME_MODEL.stages(
+        quality,
+        capture.views,
+        capture.width,
+        capture.height,
+        adds_layer=adds_to_run(scene),
+        scene_file=scene.cvdgs.run.scene_file,
+    )
 
 
-def _take_over(scene_uid: int, settings: Settings, expected: float, job: BackgroundJob) -> None:
+def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: BackgroundJob) -> None:
     PICTURES.forget(PREVIEW)
     if job.state is State.FAILED:
         show_problem(job.title, job.problem)
     if job.state is not State.DONE:
         return
     seconds = front.latest_seconds(job.result)["total"] or 0.0
-    if seconds and not settings.blend:  # the model knows nothing of stills
+    if seconds and expected:
         preferences = get_preferences()
         preferences.speed = learned_speed(preferences.speed, expected, seconds)
     shrink_cache()

@@ -40,32 +40,53 @@ REFERENCE_PROCESSORS = 2  # of the reference machine, an AMD EPYC without a GPU
 
 @dataclass(frozen=True)
 class TimeModel:
-    """Seconds on the reference machine, fitted to runs on the embedded demo and on fox (instant-ngp).
+    """Seconds on the reference machine by stage, fitted to runs on the embedded demo at all qualities.
 
     Attributes:
-        start: of the processes, loading and compiling nothing.
-        step: of a training step, whatever its size.
-        step_per_megapixel: of a training step besides.
-        layer: of a colour layer, whatever its size.
-        layer_per_megapixel: of a colour layer besides, for the photographs together: enhancing, fitting, measuring.
-        read_per_megapixel: of reading the photographs at their full size.
+        start: of the processes.
+        read: a megapixel of photographs, at their full size.
+        enhance, enhance_view: of fitting the colours of a layer, and a megapixel of views besides.
+        step, step_view: of a training step, and a megapixel of its view besides.
+        layer, layer_view: of fitting a layer to the geometry, and a megapixel of views besides.
+        evaluate, evaluate_view: of measuring, and a megapixel of views besides.
+        blender: of the scene file and stills.
     """
 
-    start: float = 6.0
-    step: float = 0.008
-    step_per_megapixel: float = 0.19
-    layer: float = 12.0
-    layer_per_megapixel: float = 4.5
-    read_per_megapixel: float = 0.06
+    start: float = 3.0
+    read: float = 0.2
+    enhance: float = 6.0
+    enhance_view: float = 0.7
+    step: float = 0.015
+    step_view: float = 0.27
+    layer: float = 6.0
+    layer_view: float = 2.2
+    evaluate: float = 4.0
+    evaluate_view: float = 1.6
+    blender: float = 34.0
 
-    def seconds(self, quality: Quality, views: int, width: int, height: int, *, adds_layer: bool) -> float:
-        """Of a run on `views` photographs of `width` × `height` pixels; `adds_layer`: to a finished run."""
+    def stages(
+        self, quality: Quality, views: int, width: int, height: int, *, adds_layer: bool, scene_file: bool = False
+    ) -> dict[str, float]:
+        """Of a run on `views` photographs of `width` × `height` pixels.
+
+        Args:
+            adds_layer: to a finished run, whose size of views is not known here and taken to be the quality's.
+            scene_file: whether Blender writes a scene file and stills.
+        """
         scale = min(1.0, quality.max_size / max(width, height, 1))
         full = width * height / 1e6
         view = full * scale * scale
-        geometry = 0.0 if adds_layer else quality.iterations * (self.step + self.step_per_megapixel * view)
-        layer = self.layer + self.layer_per_megapixel * view * views
-        return self.start + self.read_per_megapixel * full * views + geometry + layer
+        seconds = {
+            "start": self.start,
+            "capture": self.read * full * views,
+            "enhance": self.enhance + self.enhance_view * view * views,
+            "geometry": quality.iterations * (self.step + self.step_view * view),
+            "layers": self.layer + self.layer_view * view * views,
+            "evaluate": self.evaluate + self.evaluate_view * view * views,
+            "blender": self.blender,
+        }
+        left_out = {"geometry": adds_layer, "blender": not scene_file}
+        return {stage: value for stage, value in seconds.items() if not left_out.get(stage)}
 
 
 TIME_MODEL = TimeModel()

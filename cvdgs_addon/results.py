@@ -45,6 +45,7 @@ def show_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
     if newest in layer_names(splats):
         show_layer(splats, newest)
     scene.cvdgs.run.folder = folder
+    _show_materials()
     return splats
 
 
@@ -114,6 +115,14 @@ def _is_gaussian(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:
     if Attribute.FRAME in mesh.attributes:
         mesh.attributes[Attribute.FRAME].data.foreach_get("value", numbers)
     return numbers == 0
+
+
+def _show_materials() -> None:
+    """Solid shading would show grey blobs: let open 3D views show materials."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D" and area.spaces.active.shading.type == "SOLID":
+                area.spaces.active.shading.type = "MATERIAL"
 
 
 def _add_layer(splats: bpy.types.Object, layer: str, colors: NDArray[np.float32]) -> None:

@@ -20,7 +20,8 @@ def shown_splats(context: bpy.types.Context) -> bpy.types.Object | None:
 def shown_layer(splats: bpy.types.Object) -> tuple[str, float]:
     """The layer that is shown, and how far: 0 for the original colours, 1 for the layer's."""
     layer = str(get_input(splats, Input.LAYER)).removeprefix(color_attribute(""))
-    return layer or ORIGINAL, float(get_input(splats, Input.ENHANCED))
+    enhanced = get_input(splats, Input.ENHANCED)
+    return layer or ORIGINAL, float(enhanced) if isinstance(enhanced, float) else 1.0
 
 
 def require_object_mode(splats: bpy.types.Object) -> None:

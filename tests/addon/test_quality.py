@@ -6,17 +6,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.cvdgs_addon.quality import QUALITIES, TIME_MODEL, in_words, learned_speed
+from cvdgs.cvdgs_addon.quality import QUALITIES, TIME_MODEL, Quality, in_words, learned_speed
 
 SIZES = st.integers(64, 6000)
 
 
 @given(st.integers(2, 500), SIZES, SIZES)
 def test_finer_takes_longer_and_a_further_layer_takes_less(views, width, height):
-    times = [TIME_MODEL.seconds(quality, views, width, height, adds_layer=False) for quality in QUALITIES]
+    def seconds(quality: Quality, **options: bool) -> float:
+        return sum(TIME_MODEL.stages(quality, views, width, height, **options).values())
+
+    times = [seconds(quality, adds_layer=False) for quality in QUALITIES]
     assert times == sorted(times)
-    for quality, seconds in zip(QUALITIES, times, strict=True):
-        assert TIME_MODEL.seconds(quality, views, width, height, adds_layer=True) < seconds
+    for quality, whole in zip(QUALITIES, times, strict=True):
+        assert seconds(quality, adds_layer=True) < whole < seconds(quality, adds_layer=False, scene_file=True)
 
 
 @given(st.floats(0.05, 20.0), st.floats(5.0, 5000.0))
