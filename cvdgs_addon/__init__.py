@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 from types import ModuleType
 
 
@@ -27,9 +28,12 @@ def register() -> None:
         for module in reversed(done):
             module.unregister()
         raise
+    # The bpy wheel of Blender 4.5 hangs at its exit when classes or timers are left; Blender itself comes first.
+    atexit.register(unregister)
 
 
 def unregister() -> None:
     """Undo `register`, in the opposite order."""
+    atexit.unregister(unregister)
     for module in reversed(_modules()):
         module.unregister()

@@ -40,13 +40,13 @@ class Activity:
         self._timer, self._before_load = self.look, before_load
 
     def start(self, name: str, job: BackgroundJob, on_end: OnEnd, *, ends_with_file: bool = False) -> None:
-        """Follow `job`; a job of the same name that still runs is ended first.
+        """Follow `job`; one of the same name that still runs is cancelled.
 
         Args:
             on_end: called on the main thread when the job has ended, however it did.
             ends_with_file: whether the job belongs to the open file.
         """
-        self.end(name)
+        self.drop(name)
         self._entries[name] = _Entry(job, on_end, ends_with_file)
         if not bpy.app.timers.is_registered(self._timer):
             bpy.app.timers.register(self._timer, first_interval=_INTERVAL, persistent=True)
@@ -60,6 +60,12 @@ class Activity:
         """The job of that name, if it still runs."""
         job = self.job(name)
         return job if job is not None and job.is_running else None
+
+    def drop(self, name: str) -> None:
+        """Cancel the job of that name and forget it, without waiting for its end; `on_end` is not called."""
+        entry = self._entries.pop(name, None)
+        if entry is not None and entry.job.is_running:
+            entry.job.cancel()
 
     def end(self, name: str) -> None:
         """End the job of that name, wait for it, and forget it; `on_end` is not called."""

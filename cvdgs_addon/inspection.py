@@ -69,7 +69,7 @@ def start_inspection(scene: bpy.types.Scene) -> None:
     """Inspect the folder of `scene` in the background; an empty one is forgotten."""
     _clear(scene)
     capture = scene.cvdgs.capture
-    ACTIVITY.end(JOB)
+    ACTIVITY.drop(JOB)
     if capture.folder:
         folder = bpy.path.abspath(capture.folder)
         work = partial(inspect, folder, capture.sfm, get_cache().thumbnails(folder))

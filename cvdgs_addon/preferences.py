@@ -12,6 +12,7 @@ import bpy
 from .cache import Cache
 from .package import PACKAGE, user_folder
 from .quality import likely_speed
+from .registration import register_classes, unregister_classes
 
 _MEGABYTE = 1 << 20
 
@@ -115,11 +116,9 @@ CLASSES: tuple[type, ...] = (CVDGS_Preferences,)
 
 def register() -> None:
     """Register the preferences."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    register_classes(CLASSES)
 
 
 def unregister() -> None:
     """Undo `register`."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    unregister_classes(CLASSES)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import bpy
-
+from ..cvdgs_addon.registration import register_classes, unregister_classes
 from . import capture, display, environment, export, report, run, simulate, viewer
 
 _MODULES = (capture, viewer, run, display, simulate, report, export, environment)
@@ -12,11 +11,9 @@ CLASSES: tuple[type, ...] = tuple(cls for module in _MODULES for cls in module.C
 
 def register() -> None:
     """Register all operators."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    register_classes(CLASSES)
 
 
 def unregister() -> None:
     """Undo `register`."""
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    unregister_classes(CLASSES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..registration import register_classes, unregister_classes
 from . import capture, display, run, simulate, turntable, viewer
 
 
@@ -31,13 +32,11 @@ CLASSES: tuple[type, ...] = (
 
 def register() -> None:
     """Give every scene its ``cvdgs``."""
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    register_classes(CLASSES)
     bpy.types.Scene.cvdgs = bpy.props.PointerProperty(type=SceneProperties)
 
 
 def unregister() -> None:
     """Undo `register`."""
     del bpy.types.Scene.cvdgs
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    unregister_classes(CLASSES)

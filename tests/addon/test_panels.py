@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -73,6 +74,19 @@ def test_an_inspected_capture_is_described(addon, worker, tmp_path):
     assert "5,000 sparse points" in texts
     assert "not many views" in texts
     assert bpy.ops.cvdgs.inspect_capture.poll()
+
+
+def test_another_folder_does_not_wait_for_the_first(addon, worker, tmp_path):
+    worker("time.sleep(60)")
+    scene = bpy.context.scene
+    scene.cvdgs.capture.folder = str(tmp_path)
+    inspection.start_inspection(scene)
+    worker(INSPECTING)
+    began = time.monotonic()
+    inspection.start_inspection(scene)
+    assert time.monotonic() - began < 0.2
+    finished(inspection.JOB)
+    assert scene.cvdgs.capture.views == 24
 
 
 def test_a_wrong_folder_is_explained_in_the_panels_words(addon, worker, tmp_path):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import cvdgs
 from cvdgs.cvdgs_addon.scene import worker
+
+from .interpreters import SLEEPING, interpreter
 
 HEAVY = ("torch", "warp", "pycolmap", "OpenImageIO", "kornia", "colour", "plyfile", "scipy")
 
@@ -16,6 +19,24 @@ def test_registering_ten_times_in_a_row_works():
     for _ in range(10):
         cvdgs.register()
         cvdgs.unregister()
+
+
+def test_a_process_that_forgets_to_unregister_ends(tmp_path):
+    """Blender 4.5 would hang in its own clean-up; here even with a worker that still runs."""
+    program = interpreter(tmp_path, SLEEPING)
+    code = (
+        f"import runpy\n"
+        f"runpy.run_path({worker.__file__!r})['load_package']()\n"
+        f"import bpy, cvdgs; cvdgs.register()\n"
+        f"bpy.context.scene.cvdgs.capture.folder = {str(tmp_path)!r}\n"
+        f"from cvdgs.cvdgs_addon.making import start_run\n"
+        f"start_run(bpy.context.scene)\n"
+        f"print('end', flush=True)\n"
+    )
+    environment = {**os.environ, "CVDGS_PYTHON": program}
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env=environment)
+    assert result.stdout.strip().splitlines()[-1] == "end", result.stderr
+    assert result.returncode == 0
 
 
 def test_blenders_side_needs_numpy_only():
