@@ -2,6 +2,8 @@
 
     {"job": "inspect", "capture": "FOLDER"}              what the folder holds, without reading pixels
         also with "sfm": true; "thumbnails": {"folder": "DIR", "count": N, "size": PIXELS} for small pictures
+    {"job": "normalise", "capture": "FOLDER", "folder": "DIR"}   cameras, undistorted images, points, written into DIR
+        also with "sfm": true
     {"job": "check", "device": "auto"}                   versions, device and speed; compiles the kernels
     {"job": "make-environment", "folder": "DIR"}         the worker's own environment; for any Python, whatever it has
     {"job": "run", "settings": {...}, "folder": "DIR"}   the whole pipeline up to Blender, written into DIR
@@ -57,6 +59,8 @@ def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
     job = request.get("job")
     if job == "inspect":
         return _inspect(Path(request["capture"]), bool(request.get("sfm")), request.get("thumbnails"))
+    if job == "normalise":
+        return _normalise(Path(request["capture"]), Path(request["folder"]), bool(request.get("sfm")), reporter)
     if job == "check":
         reporter.status("check", "loading")
         from .machine import check_machine
@@ -98,6 +102,16 @@ def _inspect(capture: Path, sfm: bool, thumbnails: dict[str, Any] | None) -> dic
 def is_out_of_memory(error: BaseException) -> bool:
     """Whether an allocation failed, on the CPU or on a GPU; Warp and torch say so in a RuntimeError's text."""
     return isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and bool(_NO_MEMORY.search(str(error))))
+
+
+def _normalise(source: Path, folder: Path, sfm: bool, reporter: JsonReporter) -> dict[str, Any]:
+    reporter.status("capture", "loading")
+    from .capture import read_capture, write_capture
+
+    capture = read_capture(source, max_size=None, sfm=sfm, reporter=reporter)
+    reporter.status("capture", f"writing {len(capture.views)} photographs")
+    write_capture(capture, folder)
+    return {"views": len(capture.views), "points": len(capture.points)}
 
 
 def _explain(error: Exception) -> str:

@@ -38,10 +38,15 @@ def output_folder(scene: bpy.types.Scene) -> str:
         return normalised_folder(properties.run.out)
     if not properties.capture.folder:
         return ""
-    capture = Path(normalised_folder(properties.capture.folder))
+    return folder_beside(properties.capture.folder, "CVD")
+
+
+def folder_beside(capture_folder: str, addition: str) -> str:
+    """A folder for what is made of a capture, named after it."""
+    capture = Path(normalised_folder(capture_folder))
     # The demo lies inside the extension, where nothing of the user's may be lost with an upgrade.
     parent = Path.home() if ROOT in capture.resolve().parents else capture.parent
-    return str(parent / f"{capture.name} CVD")
+    return str(parent / f"{capture.name} {addition}")
 
 
 def normalised_folder(folder: str) -> str:
@@ -182,12 +187,13 @@ def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: 
     except InputError as error:
         show_problem(job.title, str(error))
         return
-    _remember_for_undo(job.title)
+    remember_for_undo(job.title)
     redraw_panels()
     show_information(job.title, f"{settings.layers[0].name} is ready after {in_words(seconds).removeprefix('about ')}")
 
 
-def _remember_for_undo(title: str) -> None:
+def remember_for_undo(title: str) -> None:
+    """Make what a background job did to the file a step that the user can undo."""
     windows = bpy.context.window_manager.windows
     if not bpy.app.background and windows:
         with bpy.context.temp_override(window=windows[0]):  # a timer has none

@@ -13,10 +13,12 @@ import numpy as np
 
 from ...core.errors import InputError
 from ...core.events import Reporter
-from .cameras import Clip, add_camera, use_camera
+from .cameras import use_camera
+from .capture_folder import CaptureView
 from .display import BACKGROUND_PROPERTY
-from .finished_run import PARTIAL_FOLDER, FinishedRun, RunView, read_run
-from .placement import add_empty, camera_distance, near_depth, placement
+from .finished_run import PARTIAL_FOLDER, FinishedRun, read_run
+from .import_capture import add_cameras
+from .placement import placement
 from .render_settings import Display, decode_srgb, display_of, set_background, set_cycles, set_display
 from .splat_attributes import ORIGINAL
 from .splat_nodes import Input
@@ -27,10 +29,7 @@ STAGE = "blender"
 BLEND_FILE = "scene.blend"
 STILLS_FOLDER = "stills"
 
-_CLIP_END = 500.0  # far end of the cameras' range in distances to the subject: generous, yet well inside float32
 _FULL_DISK = 4 << 20  # bytes; with less free, a failure to write has that reason
-# Display size of the capture's Empty, and of cameras, in distances to the subject.
-_EMPTY_SIZE, _CAMERA_SIZE = 0.2, 0.06
 
 
 @dataclass(frozen=True)
@@ -117,28 +116,16 @@ def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOption
     """
     check_gaussians(run.gaussians, run.layers, where=run.folder)
     center, _ = core_bounds(run.gaussians.means)
-    matrix = placement(run.views, center) if options.place else np.eye(4)
-    scale = float(np.linalg.norm(matrix[:3, 0]))
-    distance = camera_distance(run.views, center)
-    clip = Clip(near_depth(run.views, distance) * scale, _CLIP_END * distance * scale)
-    top = _add_collection("Capture", scene.collection)
-    empty = add_empty(matrix, _EMPTY_SIZE * distance, top)
-    camera_collection = _add_collection("Cameras", top)
-    cameras = {}
-    for view in run.views:
-        camera = add_camera(view.key, view.camera, view.camera_to_world, clip, camera_collection)
-        camera.data.display_size = _CAMERA_SIZE * distance
-        camera.parent = empty
-        cameras[view.key] = camera
-    splats = add_gaussians(run.gaussians, run.layers, top)
-    splats.parent = empty
+    added = add_cameras(run.views, placement(run.views, center) if options.place else np.eye(4), center, scene)
+    splats = add_gaussians(run.gaussians, run.layers, added.collection)
+    splats.parent = added.empty
     set_input(splats, Input.SCENE_LINEAR, display_of(scene) is Display.SCENE_LINEAR)
     splats[BACKGROUND_PROPERTY] = run.background
-    return LoadedRun(splats, cameras, empty)
+    return LoadedRun(splats, added.cameras, added.empty)
 
 
 def _convert_in(
-    partial: Path, run: FinishedRun, view: RunView, options: ConversionOptions, reporter: Reporter, clock: _Clock
+    partial: Path, run: FinishedRun, view: CaptureView, options: ConversionOptions, reporter: Reporter, clock: _Clock
 ) -> ConversionResult:
     """Make everything in the folder `partial`, then move it into place."""
     reporter.status(STAGE, f"placing {len(run.gaussians)} Gaussians")
@@ -180,12 +167,6 @@ def _new_scene(run: FinishedRun, options: ConversionOptions) -> bpy.types.Scene:
     background = np.array(options.background if options.background is not None else run.background)
     set_background(scene, background if options.display is Display.PHOTO else decode_srgb(background))
     return scene
-
-
-def _add_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Collection:
-    collection = bpy.data.collections.new(name)
-    parent.children.link(collection)
-    return collection
 
 
 def _look_through_camera(scene: bpy.types.Scene) -> None:

@@ -22,9 +22,9 @@ from .render_settings import (
     display_settings,
     engine_settings,
 )
-from .splat_attributes import Attribute
+from .sparse_points import is_sparse_points, show_as_light
 from .splat_nodes import Input
-from .splats import MODIFIER_NAME, core_bounds, get_input, is_splats, set_input
+from .splats import MODIFIER_NAME, core_bounds, get_input, is_splats, point_positions, set_input
 
 BACKGROUND_PROPERTY = "cvdgs_background"
 """Custom property of a Gaussians' object: sRGB of what they were trained over."""
@@ -69,12 +69,7 @@ def show_form(splats: bpy.types.Object, form: Form) -> None:
 
 def add_crop_box(splats: bpy.types.Object) -> bpy.types.Object:
     """Crop `splats` to a box around most of them: an Empty that can be moved, turned and scaled. Returns it."""
-    positions = np.empty(len(splats.data.vertices) * 3, np.float32)
-    splats.data.vertices.foreach_get("co", positions)
-    numbers = np.zeros(len(splats.data.vertices), np.int32)
-    if Attribute.FRAME in splats.data.attributes:
-        splats.data.attributes[Attribute.FRAME].data.foreach_get("value", numbers)
-    center, radius = core_bounds(positions.reshape(-1, 3)[numbers == 0])
+    center, radius = core_bounds(point_positions(splats.data))
     box = bpy.data.objects.new(f"{splats.name} Crop", None)
     box.empty_display_type, box.empty_display_size = "CUBE", 1.0
     box.matrix_basis = mathutils.Matrix.LocRotScale(center.tolist(), None, [_CROP_MARGIN * radius] * 3)
@@ -128,8 +123,12 @@ def render_changes(scene: bpy.types.Scene) -> Iterator[str]:
 
 def match_display(scene: bpy.types.Scene) -> None:
     """Let the Gaussians' colours suit the scene's view transform: encoded for Raw, light for the others."""
-    for splats in _splats_of(scene):
-        set_input(splats, Input.SCENE_LINEAR, display_of(scene) is Display.SCENE_LINEAR)
+    is_light = display_of(scene) is Display.SCENE_LINEAR
+    for candidate in scene.objects:
+        if is_splats(candidate):
+            set_input(candidate, Input.SCENE_LINEAR, is_light)
+        elif is_sparse_points(candidate):
+            show_as_light(candidate, is_light)
 
 
 def _splats_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import bpy
 
-InputValue = float | bool | str | bpy.types.Object | None
+InputValue: TypeAlias = float | bool | str | bpy.types.Object | None
 
 
 def get_modifier_input(modifier: bpy.types.NodesModifier, name: str) -> InputValue:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
 
 import bpy
 import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
-from .finished_run import RunView
+from .capture_folder import CaptureView
 
 EMPTY_NAME = "Capture"
+
+_IS_CAPTURE = "cvdgs_capture"  # custom property of the Empty
 
 # A capture whose +Z is within this angle of up is taken to be upright already, and stays as it is.
 _UPRIGHT_TOLERANCE = np.radians(25.0)
@@ -21,7 +25,33 @@ _COMFORTABLE_DISTANCE = (0.3, 30.0)  # metres
 _DISTANCE = 3.0  # metres
 
 
-def placement(views: Sequence[RunView], center: NDArray[np.float64]) -> NDArray[np.float64]:
+class Up(Enum):
+    """Which direction of a capture's world is up."""
+
+    AUTO = "AUTO"
+    """The mean of the cameras' up directions, unless +Z is near it already."""
+
+    X, Y, Z = "X", "Y", "Z"
+    NEGATIVE_X, NEGATIVE_Y, NEGATIVE_Z = "-X", "-Y", "-Z"
+
+
+@dataclass(frozen=True)
+class Placing:
+    """How a capture is set into the scene.
+
+    Attributes:
+        up: which of its directions becomes +Z.
+        distance: of the cameras from the subject in scene units, by which it is scaled; 0: left as it is where that
+            suits Blender's grid and clipping, else a few metres.
+    """
+
+    up: Up = Up.AUTO
+    distance: float = 0.0
+
+
+def placement(
+    views: Sequence[CaptureView], center: NDArray[np.float64], placing: Placing = Placing()
+) -> NDArray[np.float64]:
     """(4, 4) similarity from the capture's world to Blender's, the identity where that suits already.
 
     Structure from motion has neither up nor size. Photographers hold a camera upright, so that the mean of the
@@ -30,30 +60,48 @@ def placement(views: Sequence[RunView], center: NDArray[np.float64]) -> NDArray[
     Args:
         views: the cameras.
         center: (3,) of the subject.
+        placing: what to do instead.
     """
-    poses = np.stack([view.camera_to_world for view in views])
-    up = poses[:, :3, 1].mean(axis=0)
-    up = up / np.linalg.norm(up) if np.linalg.norm(up) > 1e-6 else np.array([0.0, 0.0, 1.0])
-    distance = camera_distance(views, center)
-    upright = np.arccos(np.clip(up[2], -1.0, 1.0)) <= _UPRIGHT_TOLERANCE
-    low, high = _COMFORTABLE_DISTANCE
-    if upright and low <= distance <= high:
+    rotation = _rotation(_up_direction(views, placing.up), is_chosen=placing.up is not Up.AUTO)
+    scale = _scale(camera_distance(views, center), placing.distance)
+    if scale == 1.0 and np.array_equal(rotation, np.eye(3)):
         return np.eye(4)
-    scale = 1.0 if low <= distance <= high else _DISTANCE / distance
-    rotation = np.eye(3) if upright else np.array(mathutils.Vector(up).rotation_difference((0.0, 0.0, 1.0)).to_matrix())
     matrix = np.eye(4)
     matrix[:3, :3] = scale * rotation
     matrix[:3, 3] = -scale * rotation @ center
     return matrix
 
 
-def camera_distance(views: Sequence[RunView], center: NDArray[np.float64]) -> float:
+def _up_direction(views: Sequence[CaptureView], up: Up) -> NDArray[np.float64]:
+    if up is not Up.AUTO:
+        sign = -1.0 if up.value.startswith("-") else 1.0
+        return sign * np.eye(3)["XYZ".index(up.value[-1])]
+    mean = np.stack([view.camera_to_world for view in views])[:, :3, 1].mean(axis=0)
+    return mean / np.linalg.norm(mean) if np.linalg.norm(mean) > 1e-6 else np.array([0.0, 0.0, 1.0])
+
+
+def _rotation(up: NDArray[np.float64], *, is_chosen: bool) -> NDArray[np.float64]:
+    """(3, 3) that takes `up` to +Z; the identity where that is near and nobody asked for more."""
+    tolerance = 0.0 if is_chosen else _UPRIGHT_TOLERANCE
+    if np.arccos(np.clip(up[2], -1.0, 1.0)) <= tolerance:
+        return np.eye(3)
+    return np.array(mathutils.Vector(up).rotation_difference((0.0, 0.0, 1.0)).to_matrix(), np.float64)
+
+
+def _scale(distance: float, wanted: float) -> float:
+    low, high = _COMFORTABLE_DISTANCE
+    if wanted > 0.0:
+        return wanted / distance
+    return 1.0 if low <= distance <= high else _DISTANCE / distance
+
+
+def camera_distance(views: Sequence[CaptureView], center: NDArray[np.float64]) -> float:
     """Median distance of the cameras from `center`, never zero."""
     positions = np.stack([view.camera_to_world[:3, 3] for view in views])
     return max(float(np.median(np.linalg.norm(positions - center, axis=1))), 1e-6)
 
 
-def near_depth(views: Sequence[RunView], distance: float) -> float:
+def near_depth(views: Sequence[CaptureView], distance: float) -> float:
     """Smallest depth that was drawn in training, in the capture's units.
 
     The trainer's unit is the farthest camera's distance from their mean position (`core.splats.scene_frame`).
@@ -74,5 +122,11 @@ def add_empty(matrix: NDArray[np.float64], size: float, collection: bpy.types.Co
     empty.empty_display_size = size
     empty.rotation_mode = "QUATERNION"
     empty.matrix_basis = mathutils.Matrix(matrix.tolist())
+    empty[_IS_CAPTURE] = True
     collection.objects.link(empty)
     return empty
+
+
+def is_capture(candidate: bpy.types.Object) -> bool:
+    """Whether `candidate` is an Empty that `add_empty` made."""
+    return candidate.type == "EMPTY" and _IS_CAPTURE in candidate

@@ -23,6 +23,7 @@ from enum import StrEnum
 
 import bpy
 
+from .color_nodes import add_decoding_nodes
 from .harmonics_nodes import view_dependent_part
 from .nodes import NodeWriter, Sockets, Value, add_input, new_group
 from .projection_nodes import ALPHA_MIN, Camera, Splat, add_camera_nodes, add_frame_nodes, add_hull_nodes
@@ -204,15 +205,5 @@ def _add_color_nodes(
     is_layer = write.both(layer.outputs["Exists"], is_other)
     enhanced = write.switch("RGBA", is_layer, original, layer.outputs["Attribute"])
     encoded = write.mix("RGBA", inputs[Input.ENHANCED], original, enhanced)
-    light = write.nested("CVD sRGB to Light", _decoded, {"encoded": encoded})["light"]
+    light = add_decoding_nodes(write, encoded)
     return write.switch("RGBA", inputs[Input.SCENE_LINEAR], encoded, light)
-
-
-def _decoded(write: NodeWriter, inputs: Sockets) -> Mapping[str, Value]:
-    """Scene-linear light of sRGB values (IEC 61966-2-1)."""
-    channels = []
-    for value in write.separate(inputs["encoded"]):
-        power = write.math("POWER", write.math("DIVIDE", write.sum(value, 0.055), 1.055), 2.4)
-        is_dark = write.compare("LESS_EQUAL", value, 0.04045)
-        channels.append(write.switch("FLOAT", is_dark, power, write.math("DIVIDE", value, 12.92)))
-    return {"light": write.combine(*channels)}

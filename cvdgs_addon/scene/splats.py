@@ -147,6 +147,15 @@ def is_splats(candidate: bpy.types.Object) -> bool:
     return group is not None and group.name.startswith(GROUP_NAME)
 
 
+def point_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
+    """(N, 3) positions of a mesh's points; of Gaussians those alone, without the points of the frame."""
+    positions, frame = np.empty(len(mesh.vertices) * 3, np.float32), np.zeros(len(mesh.vertices), np.int32)
+    mesh.vertices.foreach_get("co", positions)
+    if Attribute.FRAME in mesh.attributes:
+        mesh.attributes[Attribute.FRAME].data.foreach_get("value", frame)
+    return positions.reshape(-1, 3)[frame == 0]
+
+
 def core_bounds(positions: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
     """Centre (3,) and radius of the part of the scene that holds most of the Gaussians, floaters left out."""
     low, high = np.percentile(positions.astype(np.float64), _CORE_PERCENTILES, axis=0)

@@ -61,6 +61,11 @@ class RecordingLayout:
         self.texts.append(text or "")
         return SimpleNamespace()
 
+    def operator_menu_enum(self, identifier: str, name: str, text: str = "", icon: str = "NONE") -> Any:
+        category, operator = identifier.split(".")
+        assert name in getattr(getattr(bpy.ops, category), operator).get_rna_type().properties
+        return self.operator(identifier, text, icon)
+
     def menu(self, name: str, icon: str = "NONE", **_options: Any) -> None:
         assert hasattr(bpy.types, name)
 

@@ -13,7 +13,7 @@ from cvdgs.cvdgs_addon.scene import display, splats
 from cvdgs.cvdgs_addon.scene.convert import load_run
 from cvdgs.cvdgs_addon.scene.display import Form
 from cvdgs.cvdgs_addon.scene.finished_run import read_run
-from cvdgs.cvdgs_addon.scene.native_splats import has_native_splats, native_attributes
+from cvdgs.cvdgs_addon.scene.native_splats import has_native_splats, native_attributes, shown_in_viewport
 from cvdgs.cvdgs_addon.scene.render_settings import Display, Engine
 from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
@@ -127,7 +127,7 @@ def test_the_viewport_keeps_to_the_budget(scene):
     added = splats.add_gaussians(cloud(200), {}, scene.collection)
     splats.set_input(added, Input.AS_POINTS, True)
     splats.set_input(added, Input.BUDGET, 60)
-    assert len(drawn_points(added)[0]) == 60
+    assert len(drawn_points(added)[0]) == shown_in_viewport(added).sum() == 60
 
 
 def test_a_crop_box_hides_what_is_outside_wherever_it_is_moved(scene, view, tmp_path):
@@ -140,6 +140,8 @@ def test_a_crop_box_hides_what_is_outside_wherever_it_is_moved(scene, view, tmp_
     local = np.linalg.inv(np.array(turn)) @ np.c_[gaussians.means, np.ones(200)].T
     inside = np.flatnonzero(np.abs(local[:3]).max(axis=0) <= 1.0)
     assert 10 < len(inside) < 150
+    bpy.context.view_layer.update()
+    np.testing.assert_array_equal(np.flatnonzero(shown_in_viewport(added)), inside)
     image = render_png(scene, tmp_path / "cropped.png")
     assert ewa.psnr(image, reference(take(gaussians, inside))) > 50.0
     display.remove_crop_box(added)
@@ -232,7 +234,6 @@ def test_an_object_set_up_in_an_artists_scene_renders_as_trained(artists_scene, 
         if candidate.name in ("Cube", "Light"):
             bpy.data.objects.remove(candidate)
     display.set_up_render(artists_scene, Engine.CYCLES, Display.PHOTO)
-
 
     (added,) = [candidate for candidate in artists_scene.objects if splats.is_splats(candidate)]
     splats.show_layer(added, "original")

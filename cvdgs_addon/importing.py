@@ -1,0 +1,107 @@
+"""Importing a capture: cameras, photographs and sparse points, in a form that Blender can use as it is.
+
+What a worker wrote before (a run's capture, an earlier import) is read at once. Anything else is undistorted first, by
+a worker, into a folder beside the capture, where the photographs stay for the cameras' backgrounds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..core.errors import InputError
+from ..core.job import Workers
+from ..core.job_console import Listener, Log, all_or_nothing, finish
+from ..core.run_folder import RunFolder
+from .activity import ACTIVITY, redraw_panels
+from .background import BackgroundJob, State
+from .environment import make_workers
+from .making import folder_beside, normalised_folder, remember_for_undo
+from .messages import show_information, show_problem
+from .scene.capture_folder import CAMERAS_FILE, POINTS_FILE, is_normalised
+from .scene.finished_run import CAPTURE_FOLDER
+from .scene.import_capture import CaptureObjects, ImportOptions, import_capture
+
+JOB = "import"
+
+_LOG_NAME = "import.log"
+_OWN_NAMES = (CAMERAS_FILE, POINTS_FILE, "images", _LOG_NAME)
+
+
+@dataclass(frozen=True)
+class ImportRequest:
+    """What to import.
+
+    Attributes:
+        folder: of the capture: as photographed, or as a worker wrote it.
+        sfm: accept photographs without cameras.
+        options: what is brought in.
+    """
+
+    folder: str
+    sfm: bool = False
+    options: ImportOptions = field(default_factory=ImportOptions)
+
+
+def ready_folder(folder: str) -> Path | None:
+    """Where `folder` or the run in it has a capture that Blender can use as it is, or None."""
+    for candidate in (Path(folder), Path(folder, CAPTURE_FOLDER)):
+        if is_normalised(candidate):
+            return candidate
+    return None
+
+
+def import_now(scene: bpy.types.Scene, request: ImportRequest) -> CaptureObjects:
+    """Import and wait for it; for scripts, and for what is ready.
+
+    Raises:
+        InputError: the capture cannot be used.
+        WorkerDefect: the worker failed.
+    """
+    folder = normalised_folder(request.folder)
+    ready = ready_folder(folder) or _normalise(folder, request.sfm, make_workers(), lambda _: None)
+    return import_capture(ready, scene, request.options)
+
+
+def start_import(scene: bpy.types.Scene, request: ImportRequest) -> None:
+    """Let a worker prepare the capture in the background, then import it."""
+    work = partial(_normalise, normalised_folder(request.folder), request.sfm)
+    job = BackgroundJob("Import Capture", work, make_workers(), ("capture",), {"capture": 1.0})
+    ACTIVITY.start(JOB, job, partial(_take_over, scene.session_uid, request), ends_with_file=True)
+
+
+def _normalise(folder: str, sfm: bool, workers: Workers, listen: Listener) -> Path:
+    """Let a worker write the capture beside itself; returns where."""
+    if not Path(folder).is_dir():
+        raise InputError("no such folder", where=folder, remedy="pick a folder of photographs")
+    workers.require_python()  # before a folder is made
+    out = folder_beside(folder, "Undistorted")
+    staged = RunFolder(out, lambda path: [path / name for name in _OWN_NAMES], last=CAMERAS_FILE)
+    with all_or_nothing(staged, out, _LOG_NAME), open(staged.staging / _LOG_NAME, "w", encoding="utf-8") as file:
+        log = Log(file, listen)
+        request: dict[str, Any] = {"job": "normalise", "capture": folder, "sfm": sfm, "folder": str(staged.staging)}
+        finish(workers.start(request, log.line), log.event)
+    return Path(out)
+
+
+def _take_over(scene_uid: int, request: ImportRequest, job: BackgroundJob) -> None:
+    if job.state is State.FAILED:
+        show_problem(job.title, job.problem)
+    if job.state is not State.DONE:
+        return
+    scene = next((scene for scene in bpy.data.scenes if scene.session_uid == scene_uid), None)
+    if scene is None:
+        show_information(job.title, f"The scene is gone; the photographs are in {job.result}")
+        return
+    try:
+        added = import_capture(job.result, scene, request.options)
+    except InputError as error:
+        show_problem(job.title, str(error))
+        return
+    remember_for_undo(job.title)
+    redraw_panels()
+    show_information(job.title, f"{len(added.cameras)} cameras are in the scene")

@@ -1,0 +1,174 @@
+"""A capture in the worker's normalised form: pinhole cameras, undistorted PNG images, sparse points. numpy only.
+
+``transforms.json`` in nerfstudio's convention, with the intrinsics in every frame, as `core.capture.normalised` writes
+it; ``images/<key>.png``; and ``points.ply``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from .intrinsics import Intrinsics
+
+CAMERAS_FILE, POINTS_FILE = "transforms.json", "points.ply"
+
+_RUN_AGAIN = "choose the output folder of a finished run"
+_IMPORT_AGAIN = "import the capture again"
+_ORTHONORMAL_TOLERANCE = 1e-3
+_DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
+
+# Offset of the colour type in a PNG's header chunk, and the two types that have alpha (PNG specification, 11.2.2).
+_PNG_COLOR_TYPE = 25
+_PNG_TYPES_WITH_ALPHA = (4, 6)
+
+_POINT = np.dtype([("position", "<f4", 3), ("color", "u1", 3)])
+_POINT_PROPERTIES = ("x", "y", "z", "red", "green", "blue")
+
+
+@dataclass(frozen=True)
+class CaptureView:
+    """A camera of the capture.
+
+    Attributes:
+        key: the view's name in file names.
+        camera: intrinsics.
+        camera_to_world: (4, 4) rigid, OpenGL axes.
+        image: its undistorted photograph, or None where the file is not there.
+    """
+
+    key: str
+    camera: Intrinsics
+    camera_to_world: NDArray[np.float64]
+    image: Path | None = None
+
+
+@dataclass(frozen=True)
+class CaptureFolder:
+    """What the folder of a normalised capture holds.
+
+    Attributes:
+        folder: the folder.
+        views: at least one, in file order.
+        is_cut_out: whether photographs have transparency.
+    """
+
+    folder: Path
+    views: tuple[CaptureView, ...]
+    is_cut_out: bool
+
+
+def is_normalised(folder: Path) -> bool:
+    """Whether `folder` holds a capture that Blender can use as it is: pinhole cameras, PNG images, readable points."""
+    try:
+        document = json.loads((folder / CAMERAS_FILE).read_text(encoding="utf-8"))
+        frames = [{**document, **frame} for frame in document["frames"]]
+        read_points(folder)
+        return bool(frames) and all(_is_pinhole(frame) for frame in frames)
+    except (OSError, ValueError, KeyError, TypeError, InputError):
+        return False
+
+
+def read_capture_folder(folder: Path) -> CaptureFolder:
+    """Read the cameras in `folder`.
+
+    Raises:
+        InputError: the cameras are missing or damaged.
+    """
+    path = folder / CAMERAS_FILE
+    if not path.is_file():
+        raise InputError("no such file", where=path, remedy=_RUN_AGAIN)
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        views = tuple(_read_view({**document, **frame}, path) for frame in document["frames"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"not the cameras of a run ({type(error).__name__}: {error})", where=path, remedy=_RUN_AGAIN
+        ) from None
+    if not views:
+        raise InputError("it lists no cameras", where=path, remedy=_RUN_AGAIN)
+    return CaptureFolder(folder, views, any(view.image is not None and _has_alpha(view.image) for view in views))
+
+
+def read_points(folder: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(P, 3) positions and (P, 3) display-referred sRGB in [0, 1] of the sparse points; P is 0 where there are none.
+
+    Raises:
+        InputError: the file is not what the worker writes, or cut short.
+    """
+    path = folder / POINTS_FILE
+    if not path.is_file():
+        return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)
+    with open(path, "rb") as file:
+        count = _read_point_header(file, path)
+        points = np.fromfile(file, _POINT, count)
+    if len(points) < count:
+        raise InputError(f"{count - len(points)} of {count} points are missing", where=path, remedy=_IMPORT_AGAIN)
+    return points["position"].copy(), points["color"].astype(np.float32) / np.float32(255.0)
+
+
+def _read_point_header(file: BinaryIO, path: Path) -> int:
+    """The number of points; leaves `file` at the first one."""
+    count, properties, is_binary = -1, [], False
+    for _ in range(64):
+        words = file.readline(256).decode("ascii", "replace").split()
+        if words[:1] == ["format"]:
+            is_binary = words[1:2] == ["binary_little_endian"]
+        elif words[:2] == ["element", "vertex"] and words[2:3] and words[2].isdecimal():
+            count = int(words[2])
+        elif words[:1] == ["property"]:
+            properties.append(words[-1])
+        elif words == ["end_header"]:
+            break
+    if count < 0 or not is_binary or tuple(properties) != _POINT_PROPERTIES:
+        raise InputError("not the points that a worker writes", where=path, remedy=_IMPORT_AGAIN)
+    return count
+
+
+def _read_view(frame: Mapping[str, Any], path: Path) -> CaptureView:
+    key = PurePosixPath(frame["file_path"]).stem
+    intrinsics = [float(frame[name]) for name in ("fl_x", "fl_y", "cx", "cy")]
+    camera = Intrinsics(int(frame["w"]), int(frame["h"]), *intrinsics)
+    pose = np.array(frame["transform_matrix"], np.float64)
+    sizes = (camera.width, camera.height, camera.fx, camera.fy)
+    if not np.isfinite(intrinsics).all() or min(sizes) <= 0:
+        raise InputError(f"view '{key}' has an impossible camera", where=path, remedy=_RUN_AGAIN)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all() or not _is_rotation(pose[:3, :3]):
+        raise InputError(f"view '{key}' has no rigid pose", where=path, remedy=_RUN_AGAIN)
+    return CaptureView(key, camera, pose, _image_of(path.parent, str(frame["file_path"])))
+
+
+def _is_pinhole(frame: Mapping[str, Any]) -> bool:
+    if frame.get("camera_model", "PINHOLE") != "PINHOLE" or any(frame.get(name) for name in _DISTORTION):
+        return False
+    # Other formats may hold an orientation that Blender ignores.
+    is_plain = PurePosixPath(frame["file_path"]).suffix.lower() == ".png"
+    return is_plain and all(name in frame for name in ("w", "h", "fl_x", "fl_y", "cx", "cy"))
+
+
+def _is_rotation(matrix: NDArray[np.float64]) -> bool:
+    return np.abs(matrix @ matrix.T - np.eye(3)).max() < _ORTHONORMAL_TOLERANCE and np.linalg.det(matrix) > 0.0
+
+
+def _image_of(folder: Path, name: str) -> Path | None:
+    """The photograph of a view: inside of the folder, or none."""
+    path = (folder / name).resolve()
+    return path if path.is_relative_to(folder.resolve()) and path.is_file() else None
+
+
+def _has_alpha(path: Path) -> bool:
+    """Whether a photograph is a cut-out."""
+    with open(path, "rb") as file:
+        header = file.read(_PNG_COLOR_TYPE + 1)
+    return (
+        len(header) > _PNG_COLOR_TYPE
+        and header.startswith(b"\x89PNG")
+        and header[_PNG_COLOR_TYPE] in _PNG_TYPES_WITH_ALPHA
+    )

@@ -1,0 +1,165 @@
+"""A normalised capture in the open file: cameras, the photographs behind them, and sparse points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import bpy
+import mathutils
+import numpy as np
+from numpy.typing import NDArray
+
+from .cameras import Clip, add_camera, camera_intrinsics, camera_to_world, is_capture_camera
+from .capture_folder import CaptureView, read_capture_folder, read_points
+from .display import match_display
+from .placement import Placing, add_empty, camera_distance, is_capture, near_depth, placement
+from .sparse_points import add_sparse_points, is_sparse_points
+from .splats import core_bounds, is_splats, point_positions
+
+_CLIP_END = 500.0  # far end of the cameras' range in distances to the subject: generous, yet well inside float32
+# Display sizes of the capture's Empty, of cameras and of sparse points, in distances to the subject.
+_EMPTY_SIZE, _CAMERA_SIZE, _POINT_SIZE = 0.2, 0.06, 0.002
+_PHOTOGRAPH_OPACITY = 0.5  # of a photograph in front of the scene's own picture
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """What is brought in.
+
+    Attributes:
+        images: show each camera's photograph behind it.
+        points: add the sparse points.
+        placing: how the capture is set into the scene.
+    """
+
+    images: bool = True
+    points: bool = True
+    placing: Placing = field(default_factory=Placing)
+
+
+@dataclass(frozen=True)
+class CaptureObjects:
+    """What was added.
+
+    Attributes:
+        collection: holds all of it.
+        empty: the parent of all of it.
+        cameras: by view key.
+        points: the sparse points, if there are any.
+    """
+
+    collection: bpy.types.Collection
+    empty: bpy.types.Object
+    cameras: dict[str, bpy.types.Object]
+    points: bpy.types.Object | None = None
+
+
+def import_capture(folder: Path, scene: bpy.types.Scene, options: ImportOptions = ImportOptions()) -> CaptureObjects:
+    """Add the normalised capture in `folder` to `scene`; render settings stay as they are.
+
+    Raises:
+        InputError: cameras or points are missing or damaged, or Blender cannot express a camera.
+    """
+    capture = read_capture_folder(folder)
+    positions, colors = read_points(folder)
+    center = core_bounds(positions)[0] if len(positions) else _focus(capture.views)
+    added = add_cameras(capture.views, placement(capture.views, center, options.placing), center, scene)
+    if options.images:
+        for view in capture.views:
+            if view.image is not None:
+                _show_photograph(added.cameras[view.key], view.image)
+    if not options.points or not len(positions):
+        return added
+    radius = _POINT_SIZE * camera_distance(capture.views, center)
+    points = add_sparse_points(positions, colors, radius, added.collection)
+    points.parent = added.empty
+    match_display(scene)
+    return CaptureObjects(added.collection, added.empty, added.cameras, points)
+
+
+def add_cameras(
+    views: Sequence[CaptureView], matrix: NDArray[np.float64], center: NDArray[np.float64], scene: bpy.types.Scene
+) -> CaptureObjects:
+    """Add a camera for each view, below an Empty, in a collection of its own.
+
+    Args:
+        views: at least one.
+        matrix: (4, 4) similarity from the capture's world to the scene (see `placement`).
+        center: (3,) of the subject, in the capture's world.
+        scene: gets all of it.
+    """
+    scale, distance = _scale_of(matrix), camera_distance(views, center)
+    clip = Clip(near_depth(views, distance) * scale, _CLIP_END * distance * scale)
+    top = _add_collection("Capture", scene.collection)
+    empty = add_empty(matrix, _EMPTY_SIZE * distance, top)
+    collection = _add_collection("Cameras", top)
+    cameras = {}
+    for view in views:
+        camera = add_camera(view.key, view.camera, view.camera_to_world, clip, collection)
+        camera.data.display_size = _CAMERA_SIZE * distance
+        camera.parent = empty
+        cameras[view.key] = camera
+    return CaptureObjects(top, empty, cameras)
+
+
+def capture_of(candidate: bpy.types.Object | None) -> bpy.types.Object | None:
+    """The Empty of the capture that `candidate` belongs to, if it belongs to one."""
+    while candidate is not None and not is_capture(candidate):
+        candidate = candidate.parent
+    return candidate
+
+
+def place_again(empty: bpy.types.Object, placing: Placing) -> None:
+    """Set a capture that is in the scene up in another way; its Empty's own transform is replaced."""
+    views = [
+        CaptureView(camera.name, camera_intrinsics(camera), camera_to_world(camera))
+        for camera in empty.children
+        if is_capture_camera(camera)
+    ]
+    if not views:
+        return
+    matrix = placement(views, _center_of(empty, views), placing)
+    ratio = _scale_of(matrix) / _scale_of(np.array(empty.matrix_basis))
+    empty.matrix_basis = mathutils.Matrix(matrix.tolist())
+    for camera in empty.children:
+        if is_capture_camera(camera):
+            camera.data.clip_start, camera.data.clip_end = camera.data.clip_start * ratio, camera.data.clip_end * ratio
+
+
+def _center_of(empty: bpy.types.Object, views: Sequence[CaptureView]) -> NDArray[np.float64]:
+    """(3,) centre of the subject in the capture's world: of Gaussians, else of sparse points, else of the views."""
+    for is_subject in (is_splats, is_sparse_points):
+        for child in empty.children:
+            if is_subject(child):
+                return core_bounds(point_positions(child.data))[0]
+    return _focus(views)
+
+
+def _focus(views: Sequence[CaptureView]) -> NDArray[np.float64]:
+    """(3,) the point nearest to the axes of all views, in the least-squares sense.
+
+    Where the axes are parallel any point of theirs is; the one nearest to the origin is taken.
+    """
+    poses = np.stack([view.camera_to_world for view in views])
+    across = np.eye(3) - poses[:, :3, 2, None] * poses[:, None, :3, 2]  # projections along the axes
+    return np.linalg.lstsq(across.sum(0), (across @ poses[:, :3, 3, None]).sum(0)[:, 0], rcond=1e-6)[0]
+
+
+def _show_photograph(camera: bpy.types.Object, path: Path) -> None:
+    background = camera.data.background_images.new()
+    background.image = bpy.data.images.load(str(path), check_existing=True)
+    background.alpha = _PHOTOGRAPH_OPACITY
+    background.frame_method = "STRETCH"  # pixel for pixel, since `use_camera` takes the photograph's size
+    camera.data.show_background_images = True
+
+
+def _scale_of(matrix: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(matrix[:3, 0]))
+
+
+def _add_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Collection:
+    collection = bpy.data.collections.new(name)
+    parent.children.link(collection)
+    return collection
