@@ -84,7 +84,8 @@ class TrainingResult:
         decision: in plain words, what was decided by itself and why: views, strategy, gaussians, steps, sh_degree,
             exposure, poses.
         skipped: steps that were left out, in whole or for some Gaussians, because a number was not finite.
-        moved_poses: (4, 4) world-to-camera by view key, of the views whose poses were corrected.
+        moved_poses: (4, 4) world-to-camera by view key, where poses were corrected. Held-out views are then aligned
+            with the finished scene, which is not fitted to them.
     """
 
     gaussians: Gaussians

@@ -19,7 +19,8 @@ import warp as wp
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from .raster import Gradients, ParameterSet, RasterCamera
+from .raster import Gradients, ParameterSet, RasterCamera, Rasterizer
+from .targets import Background, TrainingView
 
 _BETA_1, _BETA_2 = 0.9, 0.99  # of the moving averages; a view is visited some hundred times
 _EPSILON = 1e-30
@@ -37,6 +38,7 @@ class PosePlan:
             this the poses are put back where they were.
         rate: step size, as an angle of view in radians.
         rate_left: what is left of it at the end, reached exponentially.
+        align_steps: for each view that is only aligned with the finished scene (`align_poses`).
     """
 
     started: float = 0.02
@@ -44,6 +46,7 @@ class PosePlan:
     threshold: float = 0.5
     rate: float = 1e-3
     rate_left: float = 0.05
+    align_steps: int = 60
 
     def rate_at(self, progress: float) -> float:
         """The step size when the fraction `progress` of the run is done."""
@@ -73,15 +76,17 @@ class PoseRefinement:
 
     Args:
         poses: (V, 4, 4) world-to-camera, rigid, in frame units.
+        fixed_scene: the scene stays in place by itself, so the poses may move as a whole.
     """
 
-    def __init__(self, poses: Sequence[NDArray[np.float64]]) -> None:
+    def __init__(self, poses: Sequence[NDArray[np.float64]], *, fixed_scene: bool = False) -> None:
+        self._fixed_scene = fixed_scene
         self._given = np.stack(poses).astype(np.float64)
         self._poses = self._given.copy()
         self._extent = _extent(self._given)
         self._first, self._second = np.zeros((len(poses), 6)), np.zeros(len(poses))
         self._visits = np.zeros(len(poses), np.int64)
-        self.active = len(poses) > 1
+        self.active = len(poses) > 1 or fixed_scene
 
     @property
     def poses(self) -> NDArray[np.float64]:
@@ -115,6 +120,8 @@ class PoseRefinement:
         move = coordinates @ (-rate * first / (np.sqrt(second) + _EPSILON))
         common = _in_world(move, self._poses[view]) / len(self._poses)
         self._poses[view] = _motion(move) @ self._poses[view]
+        if self._fixed_scene:
+            return
         self._poses = self._poses @ _motion(-common)
         self._poses[:, :3, 3] *= self._extent / _extent(self._poses)
 
@@ -130,6 +137,29 @@ class PoseRefinement:
         """Put every pose back to where it was given, for good."""
         self._poses = self._given.copy()
         self.active = False
+
+
+def align_poses(
+    rasterizer: Rasterizer,
+    parameters: ParameterSet,
+    views: Sequence[TrainingView],
+    background: Background,
+    plan: PosePlan,
+) -> NDArray[np.float64]:
+    """(V, 4, 4) poses near the given ones from which a finished scene looks most like the views' photographs.
+
+    For views that were not fitted: once the others' poses moved, theirs are as far off as those were, and a comparison
+    would measure that. The scene does not change.
+    """
+    poses = PoseRefinement([view.at(1)[1].world_to_camera for view in views], fixed_scene=True)
+    for index, view in enumerate(views):
+        image, camera = view.at(1)
+        for step in range(plan.align_steps):
+            frame = rasterizer.render(parameters, poses.camera(index, camera), background.color)
+            rasterizer.photometric_loss(frame, image)
+            rate = plan.rate * plan.rate_left ** (step / plan.align_steps)
+            poses.step(index, parameters, rasterizer.backward(frame), camera, rate)
+    return poses.poses
 
 
 def _extent(poses: NDArray[np.float64]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,15 @@ class TrainingView:
     def at(self, reduction: int) -> tuple[Any, RasterCamera]:
         """The level for a reduction factor; full resolution where the view is too small for it."""
         return self.levels.get(reduction) or self.levels[1]
+
+    def moved(self, world_to_camera: NDArray[np.float64]) -> TrainingView:
+        """The same photograph from another (4, 4) pose."""
+        return TrainingView(
+            {
+                level: (image, replace(camera, world_to_camera=world_to_camera))
+                for level, (image, camera) in self.levels.items()
+            }
+        )
 
 
 class ViewOrder:

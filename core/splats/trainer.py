@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from .fitting import Fit
 from .gaussians import Gaussians
 from .outcome import Outcome
 from .plan import TrainingPlan, TrainingResult
+from .poses import PosePlan, align_poses
 from .raster import LearningRates, Rasterizer
 from .scene_frame import SceneFrame
 from .strategy import Evidence, MultiViewConsistent, Relocation, Strategy, ViewEvidence, floaters, unseen
@@ -26,6 +28,8 @@ from .strategy.ordering import in_order, morton_order
 from .targets import Background, ViewOrder, prepare_targets
 
 __all__ = ["STAGE", "Trainer", "TrainingPlan", "TrainingResult"]
+
+T = TypeVar("T")
 
 STAGE = "geometry"
 _PROGRESS_EVERY = 10  # steps
@@ -62,6 +66,7 @@ class Trainer:
         self._background = background
         self._rng = np.random.default_rng(seed)
         self._frame = SceneFrame.around(views, points)
+        self._aligned: dict[str, NDArray[np.float64]] = {}
         self._prepare_views(views, held_out)
         fitted = [views[i] for i in self._roles.fitted]
         self._fitted = len(fitted)
@@ -87,8 +92,8 @@ class Trainer:
         training = [views[i] for i in (*self._roles.fitted, *self._roles.kept_aside)]
         self._keys = [view.key for view in training]
         self._targets = prepare_targets(self._rasterizer, training, frame, background, factors)
-        shown = held_out[:: max(len(held_out) // plan.curve_views, 1)]
-        self._held_out = prepare_targets(self._rasterizer, shown, frame, background, set())
+        self._judging = list(held_out)
+        self._held_out = prepare_targets(self._rasterizer, self._shown_of(held_out), frame, background, set())
         self._deciding = self._held_out if self._roles.held_out_decide else self._targets[len(self._roles.fitted) :]
 
     def train(self, reporter: Reporter) -> TrainingResult:
@@ -140,7 +145,8 @@ class Trainer:
         moved = self._corrections.moved_poses
         if moved is None:
             return {}
-        return {key: self._frame.pose_to_world(pose) for key, pose in zip(self._keys, moved, strict=True)}
+        poses = {**dict(zip(self._keys, moved, strict=True)), **self._aligned}
+        return {key: self._frame.pose_to_world(pose) for key, pose in poses.items()}
 
     @property
     def _seconds(self) -> float:
@@ -238,7 +244,22 @@ class Trainer:
             self._choose_degree()
         views = self._evidence(range(self._fitted), self._course.coarsest)
         self.fit.keep(~unseen(views) & ~floaters(views))
+        if self._corrections.poses_were_off and self._judging:
+            self._align_held_out()
         self._show(step)
+
+    def _align_held_out(self) -> None:
+        """Bring the held-out views' poses, off as the others were, to where the finished scene matches them best."""
+        plan = self._plan.poses or PosePlan()
+        targets = prepare_targets(self._rasterizer, self._judging, self._frame, self._background, set())
+        poses = align_poses(self._rasterizer, self.fit.parameters, targets, self._background, plan)
+        self._aligned = {view.key: pose for view, pose in zip(self._judging, poses, strict=True)}
+        moved = [target.moved(pose) for target, pose in zip(targets, poses, strict=True)]
+        self._held_out = self._shown_of(moved)
+
+    def _shown_of(self, held_out: Sequence[T]) -> list[T]:
+        """Those of all held-out views that the curve is measured on."""
+        return list(held_out[:: max(len(held_out) // self._plan.curve_views, 1)])
 
     def _choose_degree(self) -> None:
         """Give the colours one more degree as long as the deciding views gain enough by it."""

@@ -63,6 +63,16 @@ def test_a_run_with_poses_half_a_degree_off_hands_back_better_ones(scene, views)
     assert errors(refined, truth, scene.means)[1] < 0.6 * errors(given, truth, scene.means)[1]
 
 
+def test_held_out_views_are_as_far_off_as_the_others_and_are_aligned_with_the_scene(scene, views):
+    truth, held_out = parts(views)
+    given, judging = turned(truth, 0.5), turned(held_out, 0.5)
+    aligned, plain = (
+        train(scene, given, judging, exposure=None, **settings) for settings in ({"poses": PosePlan()}, {})
+    )
+    assert set(aligned.moved_poses) == {view.key for view in views}
+    assert aligned.curve[-1]["psnr"] > plain.curve[-1]["psnr"] + 1.0
+
+
 def test_a_run_with_good_poses_hands_none_back(scene, views):
     training, held_out = parts(views)
     result = train(scene, training, held_out, exposure=None, poses=PosePlan())
