@@ -15,7 +15,7 @@ import bpy
 Setting = str | float | bool | None
 """Plain values; a data-block stands as its name."""
 
-_DATA_BLOCKS = {"world": "worlds"}  # path from the scene, and where its data-blocks are listed
+_DATA_BLOCKS = {"world": "worlds", "camera": "objects"}  # path from the scene, and where its data-blocks are listed
 _KEPT = "{purpose}:{path}"  # custom property that keeps a data-block in the file while another is in its place
 _TOLERANCE = 1e-6  # relative: Blender keeps floats in single precision
 
@@ -51,12 +51,16 @@ def change_settings(scene: bpy.types.Scene, purpose: str, wanted: Mapping[str, S
 def restore_settings(scene: bpy.types.Scene, purpose: str) -> list[str]:
     """Put back what `change_settings` changed; returns that in words."""
     told = []
+    record = _record(scene, purpose)
     # Backwards, because some values are there only under others: a look belongs to its view transform.
-    for path, (before, changed) in reversed(_record(scene, purpose).items()):
-        now = _get(scene, path)
-        if _same(now, changed) and not _same(now, before):
-            _set(scene, path, before)
-            told.append(f"{_label(path)}: {_shown(now)} to {_shown(before)}")
+    pending = [path for path in reversed(record) if _same(_get(scene, path), record[path][1])]
+    refused: list[str] = []
+    while pending and pending != refused:
+        refused = list(pending)
+        pending = [path for path in pending if not _put_back(scene, path, record[path][0])]
+    for path, (before, changed) in record.items():
+        if path not in pending and not _same(before, changed) and _same(_get(scene, path), before):
+            told.append(f"{_label(path)}: {_shown(changed)} to {_shown(before)}")
         scene.pop(_KEPT.format(purpose=purpose, path=path), None)
     if purpose in scene:
         del scene[purpose]
@@ -72,6 +76,15 @@ def changes(scene: bpy.types.Scene, purpose: str) -> Iterator[str]:
     """What was changed for the purpose, in words."""
     for path, (before, changed) in _record(scene, purpose).items():
         yield f"{_label(path)}: {_shown(before)} to {_shown(changed)}"
+
+
+def _put_back(scene: bpy.types.Scene, path: str, value: Setting) -> bool:
+    """Whether the setting could be set now; a file format cannot before its media type."""
+    try:
+        _set(scene, path, value)
+    except TypeError:
+        return False
+    return True
 
 
 def _keep(scene: bpy.types.Scene, purpose: str, path: str) -> None:

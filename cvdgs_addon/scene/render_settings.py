@@ -112,11 +112,17 @@ def background_world(color: ArrayLike) -> bpy.types.World:
     return world
 
 
+def png_settings() -> dict[str, Setting]:
+    """8-bit PNG output, by path from the scene."""
+    media: dict[str, Setting] = {"render.image_settings.media_type": "IMAGE"} if bpy.app.version >= (5, 0) else {}
+    return {
+        **media,
+        "render.image_settings.file_format": "PNG",
+        "render.image_settings.color_mode": "RGB",
+        "render.image_settings.color_depth": "8",
+    }
+
+
 def set_png(scene: bpy.types.Scene) -> None:
     """8-bit PNG output."""
-    settings = scene.render.image_settings
-    if bpy.app.version >= (5, 0):
-        settings.media_type = "IMAGE"
-    settings.file_format = "PNG"
-    settings.color_mode = "RGB"
-    settings.color_depth = "8"
+    set_settings(scene, png_settings())

@@ -1,0 +1,232 @@
+"""A turntable: a camera on its way around the subject, and the pictures that it takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import mathutils
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from .cameras import SENSOR_WIDTH, is_capture_camera
+from .display import match_display
+from .remembered_settings import Setting, change_settings, changes, restore_settings
+from .render_settings import Engine, engine_settings, png_settings
+from .splats import core_bounds, point_positions
+
+_RENDER = "cvdgs_turntable_render"
+_IS_RIG = "cvdgs_turntable"  # custom property of the Empty
+_FRAMES, _START = "frames", "start"  # custom properties of the Empty: pictures of a turn, angle of the first one
+_NAME = "Turntable"
+_RADII_AWAY = 2.5  # of a camera from a subject without photographs, in radii of its core
+_POLL_SECONDS = 0.5  # between looks at whether a render still goes on
+_NUMBER = "####"  # of a picture in its file name
+
+
+@dataclass(frozen=True)
+class Turntable:
+    """A turn.
+
+    Attributes:
+        frames: pictures of one turn.
+        radius: of the camera from the axis in scene units; 0: as far as the photographs were taken from.
+        height: of the camera above the subject's centre, as a share of the radius.
+        focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
+        width, height_pixels: of the pictures.
+        engine: that renders; None: the scene's own, with its settings.
+    """
+
+    frames: int = 96
+    radius: float = 0.0
+    height: float = 0.25
+    focal_length: float = 0.0
+    width: int = 640
+    height_pixels: int = 480
+    engine: Engine | None = Engine.CYCLES
+
+
+def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: Turntable) -> bpy.types.Object:
+    """Add the camera and the Empty that turns it, in place of an earlier turntable; returns the camera.
+
+    The axis is vertical, through the centre of the Gaussians. The first picture is taken from the side of the first
+    photograph. The angle is driven by the frame, so it is exact in every frame and goes on after the last one.
+    """
+    remove_turntable(scene)
+    bpy.context.view_layer.update()
+    center, core_radius = _subject(splats)
+    photographs = [camera for camera in _related(splats) if is_capture_camera(camera)]
+    places = np.array([camera.matrix_world.translation for camera in photographs]).reshape(-1, 3) - center
+    radius = turntable.radius or _usual_radius(places) or _RADII_AWAY * core_radius
+    start = math.atan2(places[0, 1], places[0, 0]) if len(places) else -math.pi / 2.0
+
+    rig = bpy.data.objects.new(_NAME, None)
+    rig[_IS_RIG], rig[_FRAMES], rig[_START] = True, turntable.frames, start
+    rig.empty_display_type, rig.empty_display_size = "CIRCLE", radius
+    rig.location = center.tolist()
+    scene.collection.objects.link(rig)
+    _drive_by_frame(rig)
+    camera = bpy.data.objects.new(f"{_NAME} Camera", bpy.data.cameras.new(f"{_NAME} Camera"))
+    _set_lens(camera.data, photographs, turntable.focal_length, radius, core_radius)
+    camera.parent = rig
+    camera.location = (radius, 0.0, turntable.height * radius)
+    camera.rotation_mode = "QUATERNION"
+    camera.rotation_quaternion = (-camera.location).to_track_quat("-Z", "Y")
+    scene.collection.objects.link(camera)
+    return camera
+
+
+def turntable_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The turntable's camera, if `scene` has one."""
+    for rig in scene.objects:
+        if _IS_RIG in rig:
+            return next((child for child in rig.children if child.type == "CAMERA"), None)
+    return None
+
+
+def remove_turntable(scene: bpy.types.Scene) -> None:
+    """Delete the turntable of `scene`."""
+    camera = turntable_of(scene)
+    if camera is not None:
+        rig, data = camera.parent, camera.data
+        bpy.data.objects.remove(camera)
+        bpy.data.cameras.remove(data)
+        bpy.data.objects.remove(rig)
+
+
+def render_turntable(scene: bpy.types.Scene, turntable: Turntable, folder: Path, *, wait: bool) -> list[str]:
+    """Render the turn into ``0001.png``, ``0002.png``, ... in `folder`.
+
+    The scene's settings are as they were afterwards.
+
+    Args:
+        scene: has a turntable.
+        turntable: frames, size and engine; the camera is where `add_turntable` put it, or the artist since.
+        folder: made when it is missing.
+        wait: until all pictures are there; else Blender's own render window shows how far it is.
+
+    Returns:
+        The settings that are changed meanwhile, in words.
+
+    Raises:
+        InputError: there is no turntable, or the folder cannot be written.
+        RuntimeError: Blender could not render.
+    """
+    camera = turntable_of(scene)
+    if camera is None:
+        raise InputError("the scene has no turntable", where=scene.name, remedy="add one first")
+    _require_writable(folder)
+    camera.parent[_FRAMES] = turntable.frames
+    told = change_settings(scene, _RENDER, _render_settings(camera, turntable, folder))
+    match_display(scene)
+    if not wait:
+        bpy.ops.render.render("INVOKE_DEFAULT", animation=True, scene=scene.name)
+        _restore_when_rendered(scene)
+        return told
+    try:
+        bpy.ops.render.render(animation=True, scene=scene.name)
+    finally:
+        _restore(scene)
+    return told
+
+
+def rendering_changes(scene: bpy.types.Scene) -> Iterator[str]:
+    """Settings that are changed while a turntable renders, in words."""
+    return changes(scene, _RENDER)
+
+
+def _render_settings(camera: bpy.types.Object, turntable: Turntable, folder: Path) -> dict[str, Setting]:
+    settings = engine_settings(turntable.engine) if turntable.engine is not None else {}
+    return {
+        **settings,
+        **png_settings(),
+        "camera": camera.name,
+        "frame_start": 1,
+        "frame_end": turntable.frames,
+        "frame_step": 1,
+        "render.resolution_x": turntable.width,
+        "render.resolution_y": turntable.height_pixels,
+        "render.resolution_percentage": 100,
+        "render.pixel_aspect_x": 1.0,
+        "render.pixel_aspect_y": 1.0,
+        "render.use_file_extension": True,
+        "render.use_overwrite": True,
+        "render.filepath": str(folder / _NUMBER),
+    }
+
+
+def _restore(scene: bpy.types.Scene) -> None:
+    restore_settings(scene, _RENDER)
+    match_display(scene)
+
+
+def _restore_when_rendered(scene: bpy.types.Scene) -> None:
+    """Restore the settings as soon as Blender's render job has ended, however it did."""
+    uid = scene.session_uid
+
+    def look() -> float | None:
+        if bpy.app.is_job_running("RENDER"):
+            return _POLL_SECONDS
+        found = next((scene for scene in bpy.data.scenes if scene.session_uid == uid), None)
+        if found is not None:
+            _restore(found)
+        return None
+
+    bpy.app.timers.register(look, first_interval=_POLL_SECONDS)
+
+
+def _require_writable(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".cvdgs"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise InputError(
+            f"cannot be written to ({error.strerror})", where=folder, remedy="choose another folder"
+        ) from error
+
+
+def _subject(splats: bpy.types.Object) -> tuple[NDArray[np.float64], float]:
+    """Centre (3,) and radius of the Gaussians' core in the scene."""
+    center, radius = core_bounds(point_positions(splats.data))
+    matrix = splats.matrix_world
+    return np.array(matrix @ mathutils.Vector(center.tolist())), radius * max(matrix.to_scale())
+
+
+def _related(splats: bpy.types.Object) -> list[bpy.types.Object]:
+    """Objects of the same capture."""
+    return list(splats.parent.children) if splats.parent is not None else []
+
+
+def _usual_radius(places: NDArray[np.float64]) -> float:
+    """Median distance of the photographs' cameras from the axis; 0 where there are none."""
+    return float(np.median(np.linalg.norm(places[:, :2], axis=1))) if len(places) else 0.0
+
+
+def _set_lens(
+    camera: bpy.types.Camera, photographs: list[bpy.types.Object], focal_length: float, radius: float, core: float
+) -> None:
+    camera.sensor_fit, camera.sensor_width = "HORIZONTAL", SENSOR_WIDTH
+    lenses = [photograph.data.lens for photograph in photographs]
+    camera.lens = focal_length or (float(np.median(lenses)) if lenses else camera.lens)
+    if photographs:
+        data = photographs[0].data
+        camera.clip_start, camera.clip_end = data.clip_start, data.clip_end
+    else:
+        camera.clip_start, camera.clip_end = 0.01 * radius, 10.0 * (radius + core)
+
+
+def _drive_by_frame(rig: bpy.types.Object) -> None:
+    driver = rig.driver_add("rotation_euler", 2).driver
+    driver.type = "SCRIPTED"
+    for name in (_FRAMES, _START):
+        variable = driver.variables.new()
+        variable.name, variable.type = name, "SINGLE_PROP"
+        variable.targets[0].id, variable.targets[0].data_path = rig, f'["{name}"]'
+    # Simple enough for Blender to evaluate without running Python.
+    driver.expression = f"{_START} + 2 * pi * (frame - 1) / {_FRAMES}"

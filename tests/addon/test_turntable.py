@@ -1,0 +1,158 @@
+"""The turntable: where its camera is in every frame, and what its pictures show."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from cvdgs.core.errors import InputError
+from cvdgs.cvdgs_addon.results import show_run
+from cvdgs.cvdgs_addon.scene.cameras import SENSOR_WIDTH, is_capture_camera
+from cvdgs.cvdgs_addon.scene.intrinsics import Intrinsics
+from cvdgs.cvdgs_addon.scene.render_settings import Display, Engine, set_display
+from cvdgs.cvdgs_addon.scene.splats import add_gaussians, show_layer
+from cvdgs.cvdgs_addon.scene.turntable import (
+    Turntable,
+    add_turntable,
+    remove_turntable,
+    render_turntable,
+    rendering_changes,
+    turntable_of,
+)
+from cvdgs.ui.turntable import CVDGS_PT_turntable
+
+from . import ewa
+from .layouts import drawn
+from .scenes import cloud, opencv, read_png
+from .test_display import all_settings
+
+LENS = 40.0
+SMALL = Turntable(frames=4, radius=3.5, height=0.3, focal_length=LENS, width=64, height_pixels=48)
+
+
+def camera_poses(scene: bpy.types.Scene, camera: bpy.types.Object, frames: int) -> np.ndarray:
+    """(F, 4, 4) camera-to-world matrices of the frames 1 to F."""
+    poses = []
+    for frame in range(1, frames + 1):
+        scene.frame_set(frame)
+        poses.append(np.array(camera.matrix_world))
+    return np.stack(poses)
+
+
+@pytest.fixture
+def splats(scene):
+    return add_gaussians(cloud(300), {}, scene.collection)
+
+
+def test_the_camera_goes_around_once_and_looks_at_the_subject(scene, splats):
+    camera = add_turntable(scene, splats, Turntable(frames=8, radius=4.0, height=0.5))
+    poses = camera_poses(scene, camera, 8)
+    center = np.array(camera.parent.location)
+    offsets = poses[:, :3, 3] - center
+    np.testing.assert_allclose(np.linalg.norm(offsets[:, :2], axis=1), 4.0, rtol=1e-5)
+    np.testing.assert_allclose(offsets[:, 2], 2.0, rtol=1e-5)
+    steps = np.diff(np.unwrap(np.arctan2(offsets[:, 1], offsets[:, 0])))
+    np.testing.assert_allclose(steps, 2.0 * math.pi / 8, rtol=1e-4)
+    towards = -poses[:, :3, 2]
+    np.testing.assert_allclose(towards, -offsets / np.linalg.norm(offsets, axis=1, keepdims=True), atol=1e-5)
+    assert (poses[:, 2, 1] > 0.5).all(), "upright"
+
+
+def test_without_numbers_the_photographs_are_followed(addon, run_folder):
+    scene = bpy.context.scene
+    shown = show_run(str(run_folder), scene)
+    bpy.context.view_layer.update()
+    photographs = [candidate for candidate in scene.objects if is_capture_camera(candidate)]
+    camera = add_turntable(scene, shown, Turntable(frames=4))
+    scene.frame_set(1)
+    center = np.array(camera.parent.location)
+    usual = np.median([np.linalg.norm(np.array(item.matrix_world.translation - camera.parent.location)[:2])
+                       for item in photographs])  # fmt: skip
+    offset = np.array(camera.matrix_world.translation) - center
+    assert np.linalg.norm(offset[:2]) == pytest.approx(usual, rel=1e-4)
+    assert camera.data.lens == pytest.approx(np.median([item.data.lens for item in photographs]), rel=1e-5)
+    first = np.array(photographs[0].matrix_world.translation) - center
+    assert math.atan2(offset[1], offset[0]) == pytest.approx(math.atan2(first[1], first[0]), abs=1e-4)
+
+
+def test_adding_again_replaces_the_turntable(scene, splats):
+    add_turntable(scene, splats, Turntable(frames=4))
+    add_turntable(scene, splats, Turntable(frames=8))
+    assert sum("cvdgs_turntable" in candidate for candidate in scene.objects) == 1
+    remove_turntable(scene)
+    assert turntable_of(scene) is None
+    assert not [candidate for candidate in bpy.data.objects if "Turntable" in candidate.name]
+
+
+def test_the_pictures_are_the_rasterisers_from_all_around(scene, splats, tmp_path):
+    gaussians = cloud(300)
+    camera = add_turntable(scene, splats, SMALL)
+    before = all_settings(scene)
+    told = render_turntable(scene, SMALL, tmp_path / "turn", wait=True)
+    assert any("Filepath" in line for line in told)
+    assert all_settings(scene) == before
+    assert list(rendering_changes(scene)) == []
+    paths = sorted((tmp_path / "turn").iterdir())
+    assert [path.name for path in paths] == ["0001.png", "0002.png", "0003.png", "0004.png"]
+    focal = LENS / SENSOR_WIDTH * 64
+    intrinsics = Intrinsics(64, 48, focal, focal, 32.0, 24.0)
+    for path, pose in zip(paths, camera_poses(scene, camera, 4), strict=True):
+        expected = ewa.render(gaussians, gaussians.base_colors, intrinsics, opencv(pose))
+        assert ewa.psnr(read_png(path), expected) > 45.0
+
+
+def test_every_layer_can_be_turned_around(scene, tmp_path):
+    gaussians = cloud(100)
+    added = add_gaussians(gaussians, {"deutan-1.0": 1.0 - gaussians.base_colors}, scene.collection)
+    add_turntable(scene, added, SMALL)
+    pictures = []
+    for layer in ("original", "deutan-1.0"):
+        show_layer(added, layer)
+        render_turntable(scene, Turntable(**{**vars(SMALL), "frames": 2}), tmp_path / layer, wait=True)
+        pictures.append(read_png(tmp_path / layer / "0001.png"))
+    assert np.abs(pictures[0] - pictures[1]).max() > 0.3
+
+
+def test_the_scenes_own_engine_and_settings_can_be_kept(scene, splats, tmp_path):
+    set_display(scene, Display.PHOTO)
+    scene.render.engine = "BLENDER_WORKBENCH"
+    add_turntable(scene, splats, SMALL)
+    settings = Turntable(**{**vars(SMALL), "frames": 2, "engine": None})
+    told = render_turntable(scene, settings, tmp_path, wait=True)
+    assert not any("Engine" in line for line in told)
+    assert scene.render.engine == "BLENDER_WORKBENCH"
+    assert (tmp_path / "0002.png").is_file()
+
+
+def test_what_stands_in_the_way_is_told(scene, splats, tmp_path):
+    with pytest.raises(InputError, match="no turntable - add one first"):
+        render_turntable(scene, SMALL, tmp_path, wait=True)
+    add_turntable(scene, splats, SMALL)
+    (tmp_path / "file").write_text("")
+    before = all_settings(scene)
+    with pytest.raises(InputError, match="cannot be written to"):
+        render_turntable(scene, SMALL, tmp_path / "file", wait=True)
+    assert all_settings(scene) == before
+
+
+def test_the_operators_and_the_panel(addon, run_folder, tmp_path):
+    scene = bpy.context.scene
+    assert any("First" in text for text in drawn(CVDGS_PT_turntable).texts)
+    assert not bpy.ops.cvdgs.add_turntable.poll()
+    show_run(str(run_folder), scene)
+    assert not bpy.ops.cvdgs.render_turntable.poll()
+    chosen = scene.cvdgs.turntable
+    chosen.frames, chosen.width, chosen.height_pixels, chosen.engine = 2, 32, 24, Engine.CYCLES.value
+    bpy.ops.cvdgs.add_turntable()
+    assert "Update Turntable" in drawn(CVDGS_PT_turntable).texts
+    with pytest.raises(RuntimeError, match="save the file, or choose a folder"):
+        bpy.ops.cvdgs.render_turntable()
+    chosen.folder = str(tmp_path / "turn")
+    assert bpy.ops.cvdgs.render_turntable() == {"FINISHED"}
+    assert len(list(Path(chosen.folder).glob("*.png"))) == 2
+    bpy.ops.cvdgs.remove_turntable()
+    assert turntable_of(scene) is None

@@ -1,0 +1,42 @@
+"""Sub-panel "Turntable": the camera's way around the Gaussians, and its pictures."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..cvdgs_addon.scene.turntable import rendering_changes, turntable_of
+from ..cvdgs_addon.shown import shown_splats
+from .layout import SidePanel, say, say_missing
+
+
+class CVDGS_PT_turntable(SidePanel, bpy.types.Panel):
+    """Pictures from all around."""
+
+    bl_idname = "CVDGS_PT_turntable"
+    bl_label = "Turntable"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, chosen = self.layout, context.scene.cvdgs.turntable
+        if shown_splats(context) is None:
+            say_missing(layout, context, "First make a run, or load a finished one")
+            return
+        column = layout.column(align=True)
+        for name in ("frames", "radius", "height", "focal_length"):
+            column.prop(chosen, name)
+        has_rig = turntable_of(context.scene) is not None
+        row = layout.row(align=True)
+        row.operator("cvdgs.add_turntable", text="Update Turntable" if has_rig else None, icon="CON_FOLLOWPATH")
+        if has_rig:
+            row.operator("cvdgs.remove_turntable", text="", icon="X")
+        layout.prop(chosen, "engine")
+        row = layout.row(align=True)
+        row.prop(chosen, "width")
+        row.prop(chosen, "height_pixels")
+        layout.prop(chosen, "folder")
+        layout.operator("cvdgs.render_turntable", icon="RENDER_ANIMATION")
+        if any(rendering_changes(context.scene)):
+            say(layout, context, "Rendering; the scene's own settings come back when it ends", "TIME")
+
+
+CLASSES: tuple[type, ...] = (CVDGS_PT_turntable,)
