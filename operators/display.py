@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..cvdgs_addon.compositor.apply import simulation_lifted
 from ..cvdgs_addon.scene import display
 from ..cvdgs_addon.scene.native_splats import has_native_splats, why_not_native
 from ..cvdgs_addon.scene.render_settings import Display, Engine
@@ -110,7 +111,8 @@ class CVDGS_OT_set_up_render(_OnGaussians, bpy.types.Operator):
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
         chosen = context.scene.cvdgs.display
-        told = display.set_up_render(context.scene, Engine[chosen.engine], Display[chosen.colors])
+        with simulation_lifted(context.scene):
+            told = display.set_up_render(context.scene, Engine[chosen.engine], Display[chosen.colors])
         self.report({"INFO"}, f"Changed: {'; '.join(told)}" if told else "The settings suit Gaussians already")
         return {"FINISHED"}
 
@@ -131,7 +133,8 @@ class CVDGS_OT_restore_render(bpy.types.Operator):
 
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
-        told = display.restore_render(context.scene)
+        with simulation_lifted(context.scene):
+            told = display.restore_render(context.scene)
         self.report({"INFO"}, f"Restored: {'; '.join(told)}" if told else "All of it was changed in the meantime")
         return {"FINISHED"}
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import bpy
 
 from ..scene.remembered_settings import change_settings, changes, restore_settings
+from ..scene.render_settings import SIMULATION_VIEW
 from .display_nodes import Picture, add_display_nodes, picture_kind, raw_view
 from .scene_tree import ensure_tree, is_ours, output_socket, picture_source, remove_tree, scene_tree, viewers_of
 from .simulation_group import GROUP_NAME, Socket, choose, simulation_group
@@ -16,7 +18,7 @@ from .simulation_group import GROUP_NAME, Socket, choose, simulation_group
 NODE_NAME = "CVD simulation (add-on)"
 
 _DISPLAY_NODE = "CVD display (add-on)"
-_VIEW, _RENDER, _VIEWPORTS = "cvdgs_simulation_view", "cvdgs_simulation_render", "cvdgs_simulation_viewports"
+_RENDER, _VIEWPORTS = "cvdgs_simulation_render", "cvdgs_simulation_viewports"
 _SPACING = 220.0  # between nodes
 
 
@@ -47,6 +49,16 @@ def apply_simulation(scene: bpy.types.Scene) -> None:
         use_simulation(scene, in_renders=simulate.in_renders, in_viewport=simulate.in_viewport)
     else:
         remove_simulation(scene)
+
+
+@contextmanager
+def simulation_lifted(scene: bpy.types.Scene) -> Iterator[None]:
+    """For changes of the view transform: the simulation is away within the block, and back for the new one after."""
+    remove_simulation(scene)
+    try:
+        yield
+    finally:
+        apply_simulation(scene)
 
 
 def show_simulation(scene: bpy.types.Scene, simulation: Simulation) -> bpy.types.Node:
@@ -87,7 +99,7 @@ def remove_simulation(scene: bpy.types.Scene) -> None:
     tree = scene_tree(scene)
     if tree is not None and is_ours(tree):
         remove_tree(scene, tree)
-    restore_settings(scene, _VIEW)
+    restore_settings(scene, SIMULATION_VIEW)
     restore_settings(scene, _RENDER)
     _composite_viewports(scene, False)
 
@@ -100,7 +112,7 @@ def simulation_node(scene: bpy.types.Scene) -> bpy.types.Node | None:
 
 def told_changes(scene: bpy.types.Scene) -> Iterator[str]:
     """The settings of `scene` that the simulation changed and `remove_simulation` will restore, in words."""
-    for purpose in (_VIEW, _RENDER):
+    for purpose in (SIMULATION_VIEW, _RENDER):
         yield from changes(scene, purpose)
 
 
@@ -125,7 +137,7 @@ def _insert(scene: bpy.types.Scene) -> bpy.types.Node:
     for target in targets:
         tree.links.new(picture, target)
     if kind is Picture.CONVERTED:
-        change_settings(scene, _VIEW, raw_view())
+        change_settings(scene, SIMULATION_VIEW, raw_view())
     return node
 
 

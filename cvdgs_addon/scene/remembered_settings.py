@@ -67,9 +67,10 @@ def restore_settings(scene: bpy.types.Scene, purpose: str) -> list[str]:
     return told
 
 
-def is_changed(scene: bpy.types.Scene, purpose: str) -> bool:
-    """Whether settings are remembered that `restore_settings` would put back."""
-    return bool(_record(scene, purpose))
+def setting_before(scene: bpy.types.Scene, purpose: str, path: str) -> Setting:
+    """What a setting was before it was changed for the purpose, or is, where it was not changed."""
+    record = _record(scene, purpose)
+    return record[path][0] if path in record else _get(scene, path)
 
 
 def changes(scene: bpy.types.Scene, purpose: str) -> Iterator[str]:

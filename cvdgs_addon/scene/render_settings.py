@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .remembered_settings import Setting, set_settings
+from .remembered_settings import Setting, set_settings, setting_before
 
 # Each splat on a ray takes a bounce; where fewer are guaranteed, Russian roulette adds noise (18 dB instead of 49).
 TRANSPARENT_BOUNCES = 512
@@ -18,6 +18,8 @@ FILTER_WIDTH = 0.01  # pixels
 WORLD_NAME = "CVD Background"
 
 RAW, STANDARD = "Raw", "Standard"  # view transforms
+SIMULATION_VIEW = "cvdgs_simulation_view"
+"""Purpose (see `remembered_settings`) for which the view transform moves into the compositor."""
 _EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
 
 
@@ -70,8 +72,9 @@ def engine_settings(engine: Engine) -> dict[str, Setting]:
 
 
 def display_of(scene: bpy.types.Scene) -> Display:
-    """How Gaussians have to be displayed for the view transform of `scene`."""
-    return Display.PHOTO if scene.view_settings.view_transform == RAW else Display.SCENE_LINEAR
+    """How Gaussians have to be displayed for the view transform of `scene`, be it in the compositor."""
+    view_transform = setting_before(scene, SIMULATION_VIEW, "view_settings.view_transform")
+    return Display.PHOTO if view_transform == RAW else Display.SCENE_LINEAR
 
 
 def set_display(scene: bpy.types.Scene, display: Display) -> None:

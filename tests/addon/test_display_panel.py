@@ -5,6 +5,8 @@ from __future__ import annotations
 import bpy
 import pytest
 
+from cvdgs.cvdgs_addon.compositor.apply import simulation_node
+from cvdgs.cvdgs_addon.compositor.scene_tree import scene_tree
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import display, splats
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
@@ -61,6 +63,25 @@ def test_the_render_is_set_up_as_chosen_and_restored(shown):
     bpy.ops.cvdgs.restore_render()
     assert scene.render.filter_size == before
     assert scene.view_settings.view_transform != "Raw"
+
+
+def test_a_simulation_follows_the_view_transform_that_is_set_up(shown):
+    """AgX moves into the compositor; what is set up for Gaussians needs no such nodes, and comes back with it."""
+    scene = bpy.context.scene
+    scene.view_settings.view_transform = "AgX"
+    display.match_display(scene)
+    scene.cvdgs.simulate.in_renders = True
+    nodes = len(scene_tree(scene).nodes)
+    assert simulation_node(scene).inputs["Display Referred"].default_value
+    display.match_display(scene)
+    assert splats.get_input(shown, Input.SCENE_LINEAR), "light goes into the view transform, wherever that is"
+    bpy.ops.cvdgs.set_up_render()
+    assert len(scene_tree(scene).nodes) == nodes - 2
+    assert not splats.get_input(shown, Input.SCENE_LINEAR)
+    bpy.ops.cvdgs.restore_render()
+    assert len(scene_tree(scene).nodes) == nodes
+    scene.cvdgs.simulate.in_renders = False
+    assert scene.view_settings.view_transform == "AgX"
 
 
 def test_the_panel_shows_layers_form_and_what_was_changed(shown):
