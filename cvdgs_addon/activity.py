@@ -16,13 +16,14 @@ from .messages import show_problem
 
 _INTERVAL = 0.1  # seconds between looks at the jobs; progress is reported every 0.2
 
-OnEnd = Callable[[BackgroundJob], None]
+Hook = Callable[[BackgroundJob], None]
 
 
 @dataclass
 class _Entry:
     job: BackgroundJob
-    on_end: OnEnd
+    on_end: Hook
+    on_change: Hook
     ends_with_file: bool
 
 
@@ -39,15 +40,24 @@ class Activity:
         # Blender knows timers and handlers by identity, and every access to a method makes another object.
         self._timer, self._before_load = self.look, before_load
 
-    def start(self, name: str, job: BackgroundJob, on_end: OnEnd, *, ends_with_file: bool = False) -> None:
+    def start(
+        self,
+        name: str,
+        job: BackgroundJob,
+        on_end: Hook,
+        *,
+        on_change: Hook = lambda _: None,
+        ends_with_file: bool = False,
+    ) -> None:
         """Follow `job`; one of the same name that still runs is cancelled.
 
         Args:
             on_end: called on the main thread when the job has ended, however it did.
+            on_change: called on the main thread when the running job was heard of.
             ends_with_file: whether the job belongs to the open file.
         """
         self.drop(name)
-        self._entries[name] = _Entry(job, on_end, ends_with_file)
+        self._entries[name] = _Entry(job, on_end, on_change, ends_with_file)
         if not bpy.app.timers.is_registered(self._timer):
             bpy.app.timers.register(self._timer, first_interval=_INTERVAL, persistent=True)
 
@@ -103,9 +113,8 @@ class Activity:
         entries = list(self._entries.values())
         for entry in entries:
             if entry.job.is_running and entry.job.poll():
+                _call(entry.on_change if entry.job.is_running else entry.on_end, entry.job)
                 redraw_panels()
-                if not entry.job.is_running:
-                    _finish(entry)
         return _INTERVAL if any(entry.job.is_running for entry in self._entries.values()) else None
 
 
@@ -121,11 +130,11 @@ def redraw_panels() -> None:
                     region.tag_redraw()
 
 
-def _finish(entry: _Entry) -> None:
+def _call(hook: Hook, job: BackgroundJob) -> None:
     try:
-        entry.on_end(entry.job)
+        hook(job)
     except Exception as error:  # Blender's timers only print
-        show_problem(entry.job.title, f"{type(error).__name__}: {error} - this is a defect of ours")
+        show_problem(job.title, f"{type(error).__name__}: {error} - this is a defect of ours")
         raise
 
 

@@ -118,7 +118,7 @@ def start_run(scene: bpy.types.Scene) -> None:
     )
     known = sum(expected.values()) if scene.cvdgs.capture.inspected else None
     take_over = partial(_take_over, scene.session_uid, settings, known)
-    ACTIVITY.start(JOB, job, take_over, ends_with_file=True)
+    ACTIVITY.start(JOB, job, take_over, on_change=_PreviewLoader(), ends_with_file=True)
 
 
 def run_now(scene: bpy.types.Scene) -> None:
@@ -138,10 +138,16 @@ def current_run() -> BackgroundJob | None:
     return ACTIVITY.job(JOB)
 
 
-def show_preview(job: BackgroundJob) -> None:
-    """Load the latest picture of a run, for the panel."""
-    if job.preview:
-        PICTURES.load(PREVIEW, Path(job.preview))
+class _PreviewLoader:
+    """Loads every new picture of a run, for the panel."""
+
+    def __init__(self) -> None:
+        self._loaded = 0
+
+    def __call__(self, job: BackgroundJob) -> None:
+        if job.previews > self._loaded:
+            self._loaded = job.previews
+            PICTURES.load(PREVIEW, Path(job.preview))
 
 
 def _run(settings: Settings, workers: Workers, listen: Listener) -> dict[str, Any]:

@@ -31,17 +31,15 @@ class Pictures:
             picture.image_size[0]  # read now: the file may be gone when the panel is drawn
 
     def paint(self, key: str, color: ArrayLike) -> None:
-        """A round cap of one sRGB colour, (3,) in [0, 1], under `key`."""
+        """A cap of one sRGB colour, (3,) in [0, 1], under `key`."""
         if self._previews is None or key in self:
             return
-        position = (np.arange(_CAP_SIZE) + 0.5) / _CAP_SIZE * 2.0 - 1.0
-        radius = np.hypot(position[:, None], position[None, :]) * _CAP_SIZE / 2.0
-        alpha = np.clip(_CAP_SIZE / 2.0 - radius, 0.0, 1.0)
-        pixels = np.dstack([np.broadcast_to(np.asarray(color, np.float64), (_CAP_SIZE, _CAP_SIZE, 3)), alpha])
+        pixels = np.ones((_CAP_SIZE, _CAP_SIZE, 4), np.float32)
+        pixels[..., :3] = color
         picture = self._previews.new(key)
         for size, values in (("icon_size", "icon_pixels_float"), ("image_size", "image_pixels_float")):
             setattr(picture, size, (_CAP_SIZE, _CAP_SIZE))
-            getattr(picture, values).foreach_set(pixels.astype(np.float32).ravel())
+            getattr(picture, values).foreach_set(pixels.ravel())
 
     def icon(self, key: str) -> int:
         """For ``icon_value`` and ``template_icon``; 0, an empty icon, where there is no such picture."""

@@ -22,7 +22,7 @@ class CVDGS_PT_import_capture(SidePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, job = self.layout, ACTIVITY.job(JOB)
         if job is not None and job.is_running:
-            draw_progress(layout, job, JOB)
+            draw_progress(layout, context, job, JOB)
             return
         layout.operator("cvdgs.import_capture", icon="OUTLINER_OB_CAMERA")
         if job is not None and job.state is State.FAILED:

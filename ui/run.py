@@ -36,7 +36,7 @@ class CVDGS_PT_run(SidePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, job = self.layout, making.current_run()
         if job is not None and job.is_running:
-            draw_progress(layout, job, making.JOB)
+            draw_progress(layout, context, job, making.JOB)
             _draw_preview(layout)
             for warning in job.warnings:
                 say(layout, context, warning, "ERROR")
@@ -55,7 +55,7 @@ class CVDGS_PT_run(SidePanel, bpy.types.Panel):
         layout.operator("cvdgs.load_run", icon="FILE_FOLDER")
 
 
-def draw_progress(layout: bpy.types.UILayout, job: BackgroundJob, name: str) -> None:
+def draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context, job: BackgroundJob, name: str) -> None:
     """A bar with the stage and the time left, and a button to cancel."""
     progress = job.progress
     stage = _STAGES.get(progress.stage, job.title)
@@ -69,7 +69,7 @@ def draw_progress(layout: bpy.types.UILayout, job: BackgroundJob, name: str) -> 
     cancel.enabled = not job.is_cancelling
     cancel.operator("cvdgs.cancel_job", text="", icon="X").job = name
     if progress.message:
-        column.label(text=progress.message)
+        say(layout, context, progress.message)
 
 
 def _draw_preview(layout: bpy.types.UILayout) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from cvdgs.core.errors import InputError
 from cvdgs.cvdgs_addon import inspection, making, messages, viewer
+from cvdgs.cvdgs_addon.pictures import PICTURES
 from cvdgs.cvdgs_addon.preferences_panel import draw_preferences
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.operators import CLASSES as OPERATORS
@@ -22,9 +23,18 @@ from cvdgs.ui.report import CVDGS_PT_report
 from cvdgs.ui.run import CVDGS_PT_run
 from cvdgs.ui.viewer import CVDGS_MT_viewer_presets, CVDGS_PT_viewer
 
-from .interpreters import INSPECTING, REFUSING, REPORT, SLEEPING
+from .interpreters import INSPECTING, REFUSING, REPORT
 from .layouts import RecordingLayout, drawn
 from .waiting import finished, until
+
+
+def write_thumbnail(path: Path) -> Path:
+    """A small picture file."""
+    image = bpy.data.images.new("thumbnail", 8, 6)
+    image.filepath_raw, image.file_format = str(path), "PNG"
+    image.save()
+    bpy.data.images.remove(image)
+    return path
 
 
 def test_every_operator_has_a_tooltip_and_is_found_by_search(addon):
@@ -123,13 +133,20 @@ def test_the_real_worker_looks_at_the_demo(addon):
 
 
 def test_a_run_shows_its_progress_and_a_way_out(addon, worker, tmp_path):
-    worker(SLEEPING.replace("time.sleep", 'emit("progress", stage="geometry", fraction=0.5, seconds_left=9.0, '
-                            'message="12 Gaussians"); time.sleep'))  # fmt: skip
+    picture = write_thumbnail(tmp_path / "preview.png")
+    worker(
+        f"""
+        emit("progress", stage="geometry", fraction=0.5, seconds_left=9.0, message="12 Gaussians")
+        emit("preview", file={str(picture)!r})
+        time.sleep(60)
+        """
+    )
     scene = bpy.context.scene
     scene.cvdgs.capture.folder = str(tmp_path)
     making.start_run(scene)
     job = making.current_run()
     until(lambda: job.progress.stage == "geometry")
+    until(lambda: making.PREVIEW in PICTURES)
     shown = drawn(CVDGS_PT_run)
     assert "Reconstructing" in shown.texts
     assert "12 Gaussians" in shown.texts
@@ -137,6 +154,7 @@ def test_a_run_shows_its_progress_and_a_way_out(addon, worker, tmp_path):
     assert shown.operators == ["cvdgs.cancel_job"]
     bpy.ops.cvdgs.cancel_job()
     finished(making.JOB)
+    assert making.PREVIEW not in PICTURES
     assert any("Cancelled" in text for text in drawn(CVDGS_PT_run).texts)
 
 
