@@ -154,6 +154,11 @@ def _run(settings: Settings, workers: Workers, listen: Listener) -> dict[str, An
     return front.run(settings, listen, workers, previews=True)
 
 
+def has_layer(scene: bpy.types.Scene) -> bool:
+    """Whether the run that is there has the viewer's layer already."""
+    return viewer_layer(scene).name in read_report(output_folder(scene)).get("layers", {})
+
+
 def _refuse_repetition(folder: str, layer: Layer) -> None:
     if layer.name in read_report(folder).get("layers", {}):
         remedy = "load the run, choose another viewer, or tick Start Over"

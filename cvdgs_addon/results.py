@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import gpu
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +19,8 @@ from .scene.splats import is_splats, layer_names, show_layer
 from .shown import require_object_mode
 
 REPORT_FILE, REPORT_PAGE = "report.json", "report.html"
+_SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader")
+
 RUN_PROPERTY = "cvdgs_run"
 """Custom property of a Gaussians' object: the folder of the run that it came from."""
 
@@ -118,7 +121,9 @@ def _is_gaussian(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:
 
 
 def _show_materials() -> None:
-    """Solid shading would show grey blobs: let open 3D views show materials."""
+    """Solid shading shows grey blobs: let open 3D views show materials, where a graphics card draws them."""
+    if bpy.app.background or any(name in gpu.platform.renderer_get().lower() for name in _SOFTWARE_RENDERERS):
+        return  # Material Preview would hold Blender up for a minute
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D" and area.spaces.active.shading.type == "SOLID":

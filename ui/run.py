@@ -11,7 +11,7 @@ from ..cvdgs_addon.background import BackgroundJob, State
 from ..cvdgs_addon.environment import worker_python
 from ..cvdgs_addon.package import PACKAGE
 from ..cvdgs_addon.pictures import PICTURES
-from ..cvdgs_addon.quality import QUALITIES, in_words
+from ..cvdgs_addon.quality import QUALITIES, Quality, in_words
 from .layout import SidePanel, complain, say, say_missing
 
 _PREVIEW_SCALE = 10.0
@@ -79,7 +79,6 @@ def _draw_preview(layout: bpy.types.UILayout) -> None:
 
 def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     scene, properties = context.scene, context.scene.cvdgs.run
-    adds = making.adds_to_run(scene)
     layer = making.viewer_layer(scene).name
     try:
         worker_python()
@@ -87,21 +86,18 @@ def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         complain(layout, context, str(error))
         layout.operator("preferences.addon_show", text="Open Preferences", icon="PREFERENCES").module = PACKAGE
         return
-    if adds:
-        say(layout, context, f"The output folder has a run; the layer {layer} is added to it", "INFO")
-    else:
+    if not making.adds_to_run(scene):
         column = layout.column(align=True)
         for quality in QUALITIES:
-            seconds = making.estimated_seconds(scene, quality)
-            text = quality.label if seconds is None else f"{quality.label}, {in_words(seconds)}"
-            column.prop_enum(properties, "quality", quality.name, text=text)
-    row = layout.row()
-    row.scale_y = 1.5
-    row.operator("cvdgs.make_cvd_friendly", text=f"Add {layer}" if adds else "Make CVD-friendly", icon="PLAY")
-    if adds:
-        seconds = making.estimated_seconds(scene, QUALITIES[0])
-        if seconds is not None:
-            layout.label(text=in_words(seconds).capitalize(), icon="TIME")
+            column.prop_enum(properties, "quality", quality.name, text=f"{quality.label}{_time(scene, quality)}")
+        _draw_button(layout, "Make CVD-friendly")
+    elif making.has_layer(scene):
+        text = f"The run in the output folder has {layer}: choose another viewer for a further layer, or start over"
+        say(layout, context, text, "CHECKMARK")
+        layout.prop(properties, "start_over")
+    else:
+        say(layout, context, f"The output folder has a run; {layer} becomes a further layer of it", "INFO")
+        _draw_button(layout, f"Add {layer}{_time(scene, QUALITIES[0])}")
     header, body = layout.panel("cvdgs_run_options", default_closed=True)
     header.label(text="Options")
     if body is not None:
@@ -112,6 +108,18 @@ def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
             say(body, context, f"Goes to {making.output_folder(scene)}")
         body.prop(properties, "start_over")
         body.prop(properties, "scene_file")
+
+
+def _draw_button(layout: bpy.types.UILayout, text: str) -> None:
+    row = layout.row()
+    row.scale_y = 1.5
+    row.operator("cvdgs.make_cvd_friendly", text=text, icon="PLAY")
+
+
+def _time(scene: bpy.types.Scene, quality: Quality) -> str:
+    """What a button says of the time that it takes."""
+    seconds = making.estimated_seconds(scene, quality)
+    return "" if seconds is None else f", {in_words(seconds)}"
 
 
 CLASSES: tuple[type, ...] = (CVDGS_PT_run,)

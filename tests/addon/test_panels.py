@@ -172,6 +172,9 @@ def test_where_a_run_is_the_button_adds_a_layer(addon, worker, tmp_path, run_fol
     (run_folder / "report.json").write_text(json.dumps(REPORT))
     properties = bpy.context.scene.cvdgs
     properties.capture.folder, properties.run.out = str(tmp_path), str(run_folder)
+    shown = drawn(CVDGS_PT_run)
+    assert "cvdgs.make_cvd_friendly" not in shown.operators  # deutan-1.0 is there
+    assert "start_over" in shown.properties
     properties.viewer.cvd = "tritan"
     assert "Add tritan-1.0" in drawn(CVDGS_PT_run).texts
 

@@ -93,7 +93,8 @@ class Desktop:
     def click(self, x: float, y: float) -> None:
         """Click with the left button; pixels from the upper left corner of the screen."""
         position = (str(round(x)), str(round(y)))
-        self._exec("xdotool", "mousemove", *position, "sleep", "0.2", "click", "1")
+        # A press and a release at the same moment are lost on a busy machine.
+        self._exec("xdotool", "mousemove", *position, "sleep", "0.4", "mousedown", "1", "sleep", "0.15", "mouseup", "1")
         time.sleep(_SETTLE)
 
     def scroll(self, x: float, y: float, steps: int) -> None:

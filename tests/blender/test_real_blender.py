@@ -1,0 +1,160 @@
+"""As an artist meets it: the zip, a wrong folder, a cancelled run, a run, a second layer, save, quit, open again.
+
+Where to click is measured on Blender 5.2's factory settings on a screen of 1280 x 800: pixels from the upper left
+corner of the side bar. Every click is followed by a look at what it did.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from .desktop import Desktop
+from .small_capture import make_small_capture
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
+
+# Rows of the tab "CVD" that stay where they are as long as those above are closed.
+CAPTURE, VIEWER_WHEN_CAPTURE_IS_EMPTY, FOLDER = (50, 16), (50, 172), (110, 46)
+DRAFT, MAKE, CANCEL = (135, 103), (135, 170), (243, 123)
+ADD_LAYER = (135, 147)
+
+RUNNING, DONE, CANCELLED = "running", "done", "cancelled"
+WORKER_MAY_TAKE = 900.0  # seconds; tens on an idle machine
+
+
+@pytest.fixture(scope="module")
+def installed(desktop: Desktop, extension: Path):
+    """The extension, installed in a Blender that has never seen it, and a capture of a few thumbnails."""
+    shutil.copy(extension, desktop.share / extension.name)
+    desktop.command("--command", "extension", "validate", f"/share/{extension.name}")
+    desktop.command("--command", "extension", "install-file", "-r", "user_default", "-e", f"/share/{extension.name}")
+    make_small_capture(desktop.share / "small")
+    (desktop.share / "nothing").mkdir(exist_ok=True)
+    shutil.rmtree(desktop.share / "small CVD", ignore_errors=True)
+    (desktop.share / "scene.blend").unlink(missing_ok=True)
+    yield desktop
+    desktop.quit()
+    desktop.command("--command", "extension", "remove", "cvdgs")
+
+
+def press(desktop: Desktop, place: tuple[int, int]) -> None:
+    """Click a place of the side bar."""
+    x, y, _, _ = desktop.state()["places"]["VIEW_3D UI"]
+    desktop.click(x + place[0], y + place[1])
+
+
+def enter_folder(desktop: Desktop, path: str) -> None:
+    """Type a path into the field of the sub-panel Capture."""
+    press(desktop, FOLDER)
+    press(desktop, FOLDER)  # the second of a double click may have opened the field already
+    desktop.keys("ctrl+a")
+    desktop.type(path)
+    desktop.keys("Return")
+
+
+def run_state(state: dict) -> str:
+    return state["jobs"].get("run", {}).get("state", "")
+
+
+def worker_python() -> str:
+    """The interpreter of these tests, which the desktop can reach."""
+    return sys.executable
+
+
+def worker_processes() -> list[str]:
+    """Command lines of all workers on this machine."""
+    found = subprocess.run(["pgrep", "-af", "cvdgs/core/__main__.py"], capture_output=True, text=True)
+    return found.stdout.splitlines()
+
+
+def test_an_artist_makes_a_scene(installed):
+    desktop = installed
+    desktop.start(python=worker_python(), sidebar=True)
+    desktop.picture("panel-empty")
+    press(desktop, VIEWER_WHEN_CAPTURE_IS_EMPTY)
+
+    enter_folder(desktop, "/share/nothing")
+    state = desktop.wait(lambda state: bool(state["scene"]["problem"]), 60.0)
+    assert "no photographs" in state["scene"]["problem"]
+    desktop.picture("panel-wrong-folder")
+
+    enter_folder(desktop, "/share/small")
+    desktop.wait(lambda state: state["scene"]["views"] == 20, 60.0)
+    desktop.picture("panel-capture")
+    press(desktop, CAPTURE)
+    press(desktop, DRAFT)
+    assert desktop.state()["scene"]["quality"] == "DRAFT"
+
+    press(desktop, MAKE)
+    desktop.wait(lambda state: run_state(state) == RUNNING, 10.0)
+    desktop.wait(lambda state: state["jobs"]["run"]["stage"] == "geometry", WORKER_MAY_TAKE)
+    desktop.ask("seen['longest'] = 0.0")
+    pressed = time.monotonic()
+    press(desktop, CANCEL)
+    desktop.wait(lambda state: run_state(state) == CANCELLED, 10.0)
+    print(f"cancelled after {time.monotonic() - pressed:.1f} s, the click itself included")
+    assert worker_processes() == []
+    assert not (desktop.share / "small CVD").exists()
+    desktop.picture("panel-cancelled")
+
+    press(desktop, MAKE)
+    state = desktop.wait(
+        lambda state: run_state(state) == RUNNING and state["jobs"]["run"]["previews"] >= 2, WORKER_MAY_TAKE
+    )
+    desktop.picture("panel-progress")
+    state = desktop.wait(lambda state: run_state(state) != RUNNING, WORKER_MAY_TAKE)
+    assert state["jobs"]["run"]["problem"] == ""
+    print(f"longest stall of the main thread while the worker ran: {1e3 * state['longest']:.0f} ms")
+    state = desktop.wait(lambda state: "color_deutan-1.0" in state["layers"], 60.0)
+    assert {"Gaussians", "Capture"} <= set(state["objects"])
+    time.sleep(5.0)  # the popup
+    desktop.picture("panel-result")
+
+    desktop.ask("bpy.ops.cvdgs.viewer_preset(preset='PROTANOPIA')")
+    press(desktop, ADD_LAYER)
+    desktop.wait(lambda state: run_state(state) == RUNNING, 10.0)
+    state = desktop.wait(lambda state: run_state(state) != RUNNING, WORKER_MAY_TAKE)
+    assert state["jobs"]["run"]["problem"] == ""
+    state = desktop.wait(lambda state: "color_protan-1.0" in state["layers"], 60.0)
+    assert state["objects"].count("Gaussians") == 1
+    desktop.picture("panel-two-layers")
+
+    desktop.ask("bpy.ops.wm.save_as_mainfile(filepath='/share/scene.blend')")
+    desktop.quit()
+    state = desktop.start("/share/scene.blend", python=worker_python(), sidebar=True)
+    assert {"color_original", "color_deutan-1.0", "color_protan-1.0"} <= set(state["layers"])
+    assert state["scene"]["run"] == "/share/small CVD"
+    assert state["scene"]["cvd"] == "protan"
+    desktop.picture("panel-opened-again")
+
+
+@pytest.mark.parametrize("end", ["quit", "kill", "new file"])
+def test_the_worker_ends_with_blender(installed, end):
+    desktop = installed
+    desktop.quit()
+    desktop.start(python=worker_python(), sidebar=True)
+    desktop.ask(
+        "bpy.context.scene.cvdgs.capture.folder = '/share/small'\n"
+        f"bpy.context.scene.cvdgs.run.out = '/share/ended by {end}'\n"
+        "bpy.ops.cvdgs.make_cvd_friendly('INVOKE_DEFAULT')"
+    )
+    desktop.wait(lambda state: state["jobs"].get("run", {}).get("stage") == "geometry", WORKER_MAY_TAKE)
+    assert len(worker_processes()) > 0
+    if end == "quit":
+        desktop.quit()
+    elif end == "kill":
+        desktop.kill()
+    else:
+        desktop.ask("bpy.ops.wm.read_homefile()")
+    deadline = time.monotonic() + 20.0
+    while worker_processes() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert worker_processes() == []
+    if end != "kill":  # a process that is killed cannot tidy up; the next run does
+        assert not (desktop.share / f"ended by {end}").exists()
