@@ -23,7 +23,7 @@ class CVDGS_PT_simulate(SidePanel, bpy.types.Panel):
         row.prop(simulate, "in_renders", toggle=True)
         row.prop(simulate, "in_viewport", toggle=True)
         if simulate.in_viewport and not simulate.in_renders and not renders_can_go_without(scene):
-            say(layout, context, "Renders show it too: the scene has compositor nodes of its own", "INFO")
+            say(layout, context, "Renders show it too: they need the compositor for more than this", "INFO")
         layout.prop(simulate, "same_as_viewer")
         chosen = scene.cvdgs.viewer if simulate.same_as_viewer else simulate
         column = layout.column(align=True)

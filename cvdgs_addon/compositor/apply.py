@@ -86,9 +86,12 @@ def use_simulation(scene: bpy.types.Scene, *, in_renders: bool, in_viewport: boo
 
 
 def renders_can_go_without(scene: bpy.types.Scene) -> bool:
-    """Whether the viewport alone can show the simulation: not beside compositor nodes of the artist's own."""
+    """Whether the viewport alone can show the simulation: where the compositor does nothing else.
+
+    Renders need it beside nodes of the artist's own, and where the view transform has moved into it.
+    """
     tree = scene_tree(scene)
-    return tree is None or is_ours(tree)
+    return SIMULATION_VIEW not in scene and (tree is None or is_ours(tree))
 
 
 def remove_simulation(scene: bpy.types.Scene) -> None:

@@ -122,6 +122,7 @@ def test_changing_what_is_simulated_changes_the_node_that_is_there(fresh_scene):
 
 def test_the_viewport_alone_can_show_it(fresh_scene, tmp_path):
     """The empty start file has a 3D view, in background too."""
+    fresh_scene.view_settings.view_transform = "Standard"
     feed_picture(fresh_scene, random_picture())
     show_simulation(fresh_scene, Simulation())
     use_simulation(fresh_scene, in_renders=False, in_viewport=True)
@@ -138,6 +139,16 @@ def test_the_viewport_alone_can_show_it(fresh_scene, tmp_path):
     use_simulation(fresh_scene, in_renders=True, in_viewport=False)
     assert fresh_scene.render.use_compositing
     assert {shading.use_compositor for shading in shadings} == {"DISABLED"}
+
+
+def test_renders_keep_a_compositor_that_holds_the_view_transform(fresh_scene, tmp_path):
+    """Without it they would come out untransformed."""
+    fresh_scene.view_settings.view_transform = "AgX"
+    feed_picture(fresh_scene, random_picture())
+    show_simulation(fresh_scene, Simulation())
+    use_simulation(fresh_scene, in_renders=False, in_viewport=True)
+    assert fresh_scene.render.use_compositing
+    assert not renders_can_go_without(fresh_scene)
 
 
 def test_a_tree_without_output_gets_one(fresh_scene):

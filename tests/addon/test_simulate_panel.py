@@ -15,6 +15,7 @@ from .layouts import drawn
 
 @pytest.fixture
 def simulate(addon):
+    bpy.context.scene.view_settings.view_transform = "Standard"
     return bpy.context.scene.cvdgs.simulate
 
 
