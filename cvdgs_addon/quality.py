@@ -30,7 +30,7 @@ class Quality:
 
 
 QUALITIES = (
-    Quality("DRAFT", "Draft", "A quick look: coarse, but the colours are right", 700, 320),
+    Quality("DRAFT", "Draft", "A quick look: coarse, but the colours are right", 450, 320),
     Quality("STANDARD", "Standard", "For stills and turntables at the photographs' usual sizes", 3000, 640),
     Quality("FINE", "Fine", "Longer training on larger photographs", 7000, 960),
 )

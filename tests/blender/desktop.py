@@ -26,7 +26,7 @@ MISSING = "no real Blender: set CVDGS_REAL_BLENDER and CVDGS_REAL_BLENDER_ROOT (
 
 _WATCH = Path(__file__).with_name("watch.py")
 _START_SECONDS = 60.0
-_SETTLE = 0.4  # seconds for a window to answer a click with software OpenGL
+_SETTLE = 2.0  # seconds for a window to answer a click and move its panels, with software OpenGL on a busy machine
 
 
 class Desktop:
@@ -90,12 +90,12 @@ class Desktop:
             assert time.monotonic() < deadline, "Blender does not answer"
             time.sleep(0.02)
 
-    def click(self, x: float, y: float) -> None:
-        """Click with the left button; pixels from the upper left corner of the screen."""
+    def click(self, x: float, y: float, *, settle: float = _SETTLE) -> None:
+        """Click with the left button; pixels from the upper left corner of the screen, seconds to wait afterwards."""
         position = (str(round(x)), str(round(y)))
         # A press and a release at the same moment are lost on a busy machine.
         self._exec("xdotool", "mousemove", *position, "sleep", "0.4", "mousedown", "1", "sleep", "0.15", "mouseup", "1")
-        time.sleep(_SETTLE)
+        time.sleep(settle)
 
     def scroll(self, x: float, y: float, steps: int) -> None:
         """Turn the wheel over a place; positive is down."""
@@ -115,6 +115,7 @@ class Desktop:
 
     def picture(self, name: str) -> Path:
         """A picture of the screen, kept under `name`."""
+        time.sleep(_SETTLE)
         path = self._pictures / f"{name}.png"
         subprocess.run([PROGRAM, "shot", ROOT, str(path)], check=True, timeout=30)
         return path
