@@ -2,7 +2,8 @@
 
 The modes differ in two of them:
 
-    layers   geometry from the photographs; each layer's colours are fitted to the enhanced photographs
+    layers   geometry from the photographs; each layer's colours are fitted to the enhanced photographs, with the
+             multi-view loss
     joint    geometry and the first layer's colours together from its enhanced photographs, with the multi-view loss;
              the photographs' colours and further layers are then fitted to that geometry
     post     geometry from the photographs; a layer's pictures are renderings that are enhanced one by one afterwards,
@@ -246,7 +247,7 @@ class Stages:
             views = [replace(view, alpha=None) for view in self._views_from(render_path, layer, train)]
         else:
             views = self._views_from(enhanced_path, layer, train)
-        guides = self._guides(made.agreement, views if self.settings.mode == "joint" else None)
+        guides = self._guides(made.agreement, None if self.settings.mode == "post" else views)
         return self._fit_colors(made, views, guides, partial(reporter.progress, "layers"))
 
     def _fit_colors(
