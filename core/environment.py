@@ -27,6 +27,7 @@ _COMPLETE = ".complete"
 # PyPI's torch for Linux brings gigabytes of CUDA libraries along; this index has the build for processors.
 _TORCH_CPU_INDEX = ""
 _LOG_LINES = 12  # of pip's last words, kept for the message when it fails
+_TORCH = re.compile(r"^torch\b")
 # From pip's own words: "Collecting numpy", "Downloading numpy-2.whl (15 MB)".
 _COLLECTING = re.compile(r"^Collecting (\S+)")
 _DOWNLOADING = re.compile(r"^\s*(?:Downloading|Using cached) (\S+?)-\S+ \(([^)]*)\)")
@@ -45,10 +46,10 @@ def is_complete(folder: Path) -> bool:
 
 
 def requirements() -> list[str]:
-    """What the worker needs, as pip's command line takes it, for the Python that runs this."""
+    """What the worker needs, for the Python that runs this."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     if sys.version_info[:2] == _PINNED_PYTHON:
-        return [*project["dependencies"], "--constraint", str(ROOT / "constraints.txt")]
+        return list(project["dependencies"])
     # numpy's upper bound is the bpy wheel's, which the worker does not use; later Pythons have no builds of 1.x.
     return [re.sub(r"^(numpy>=[^,]+),<2$", r"\1", requirement) for requirement in project["dependencies"]]
 
@@ -58,7 +59,7 @@ def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | N
 
     Args:
         reporter: told of every download.
-        wanted: requirements and options for pip; None takes `requirements`.
+        wanted: packages as pip takes them; None takes `requirements`.
 
     Raises:
         InputError: this Python cannot make environments, or a package cannot be had.
@@ -76,19 +77,32 @@ def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | N
         remedy = "choose another Python, or install this one's venv and ensurepip (Debian: python3-venv)"
         raise InputError("cannot make environments", where=sys.executable, remedy=remedy) from None
     reporter.progress(STAGE, _VENV_SHARE, "downloading")
-    install = list(requirements() if wanted is None else wanted)
-    if sys.platform == "linux" and any(requirement.startswith("torch") for requirement in install):
-        install += ["--extra-index-url", _TORCH_CPU_INDEX]
-    _install(python_in(folder), install, reporter)
+    packages = list(requirements() if wanted is None else wanted)
+    progress = _PipProgress(len(packages), reporter)
+    # First and alone, so that its index is asked for nothing else.
+    torch = [package for package in packages if _TORCH.match(package)]
+    if torch and sys.platform == "linux":
+        _install(python_in(folder), [*torch, "--extra-index-url", _TORCH_CPU_INDEX], progress)
+    _install(python_in(folder), packages, progress)
     (folder / _COMPLETE).touch()
     reporter.progress(STAGE, 1.0, "done")
     return python_in(folder)
 
 
-def _install(python: Path, wanted: Sequence[str], reporter: Reporter) -> None:
-    command = [str(python), "-m", "pip", "install", "--no-input", "--disable-pip-version-check",
-               "--only-binary", ":all:", *wanted]  # fmt: skip
-    progress = _PipProgress(sum(not option.startswith("-") for option in wanted), reporter)
+def _install(python: Path, wanted: Sequence[str], progress: _PipProgress) -> None:
+    command = [
+        str(python),
+        "-m",
+        "pip",
+        "install",
+        "--no-input",
+        "--disable-pip-version-check",
+        "--only-binary",
+        ":all:",
+    ]
+    if sys.version_info[:2] == _PINNED_PYTHON:
+        command += ["--constraint", str(ROOT / "constraints.txt")]
+    command += wanted
     last: list[str] = []
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
@@ -126,8 +140,12 @@ class _PipProgress:
         elif found := _DOWNLOADING.match(line):
             self._tell(f"downloading {found[1]} ({found[2]})")
         elif line.startswith("Installing collected packages"):
-            self._reporter.progress(STAGE, _INSTALLING_SHARE, "installing; this takes a minute or two")
+            self._reporter.progress(STAGE, self._share, "installing; this takes a minute or two")
+
+    @property
+    def _share(self) -> float:
+        share = min(self._collected / self._expected, 1.0)
+        return _VENV_SHARE + (_INSTALLING_SHARE - _VENV_SHARE) * share
 
     def _tell(self, message: str) -> None:
-        share = min(self._collected / self._expected, 1.0)
-        self._reporter.progress(STAGE, _VENV_SHARE + (_INSTALLING_SHARE - _VENV_SHARE) * share, message)
+        self._reporter.progress(STAGE, self._share, message)

@@ -40,7 +40,7 @@ class TrainingPlan:
             kept aside to decide are fitted like the others, which no longer leaves a gap where they stand.
         exposure: how photographs that differ in exposure or white balance are corrected; None leaves them.
         poses: how poses that are off are corrected; None leaves them. Once they were found to be off, the views that
-            decide do so no more, because theirs are not corrected.
+            were kept aside decide nothing any more, and are fitted and corrected like the others.
         curve_points: how often held-out views are measured.
         curve_views: at most so many of them each time.
     """

@@ -120,10 +120,9 @@ class PoseRefinement:
         move = coordinates @ (-rate * first / (np.sqrt(second) + _EPSILON))
         common = _in_world(move, self._poses[view]) / len(self._poses)
         self._poses[view] = _motion(move) @ self._poses[view]
-        if self._fixed_scene:
-            return
-        self._poses = self._poses @ _motion(-common)
-        self._poses[:, :3, 3] *= self._extent / _extent(self._poses)
+        if not self._fixed_scene:
+            self._poses = self._poses @ _motion(-common)
+            self._poses[:, :3, 3] *= self._extent / _extent(self._poses)
 
     def image_motion(self, cameras: Sequence[RasterCamera]) -> float:
         """RMS over the views of how far the corrections have moved the middle of what is seen, in pixels."""

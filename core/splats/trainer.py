@@ -125,13 +125,15 @@ class Trainer:
                 f"{self.fit.skipped} of {step} steps met numbers that are not finite and were left out, in whole or "
                 "for the Gaussians concerned",
             )
-        decision = self._decided.in_words(plan, step, self._initial, self.fit)
+        decision = self._decided.in_words(plan, step, self._initial, self.fit) | self._corrections.in_words()
+        if self._aligned:
+            decision["poses"] += "; held-out views were then aligned with the finished scene"
         return TrainingResult(
             self.gaussians,
             self._curve,
             self._seconds,
             self._initial,
-            decision | self._corrections.in_words(),
+            decision,
             self.fit.skipped,
             self._moved_poses(),
         )
