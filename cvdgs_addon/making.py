@@ -200,7 +200,9 @@ def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: 
         return
     remember_for_undo(job.title)
     redraw_panels()
-    show_information(job.title, f"{settings.layers[0].name} is ready after {in_words(seconds).removeprefix('about ')}")
+    took = in_words(seconds).removeprefix("about ")
+    message = f"{settings.layers[0].name} is ready after {took} - Material Preview and renders show its colours"
+    show_information(job.title, message)
 
 
 def remember_for_undo(title: str) -> None:
