@@ -57,6 +57,7 @@ class TurntableProperties(bpy.types.PropertyGroup):
         name="Folder",
         description="Where the pictures are written, as 0001.png, 0002.png, ...",
         subtype="DIR_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
         default="//turntable/",
     )
 

@@ -37,6 +37,7 @@ def add_sparse_points(
     mesh.attributes.new(_COLOR, "FLOAT_COLOR", "POINT").data.foreach_set("color", rgba.astype(np.float32).ravel())
     mesh.update()
     points = bpy.data.objects.new(MODIFIER_NAME, mesh)
+    points.visible_shadow = False  # they shine
     collection.objects.link(points)
     modifier = points.modifiers.new(MODIFIER_NAME, "NODES")
     modifier.node_group = bpy.data.node_groups.get(GROUP_NAME) or _build_group()

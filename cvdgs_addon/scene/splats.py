@@ -61,6 +61,8 @@ def add_gaussians(
     mesh = bpy.data.meshes.new(name)
     _fill_mesh(mesh, gaussians, layers)
     splats = bpy.data.objects.new(name, mesh)
+    # They shine and have no surface to throw a shadow with; EEVEE spends minutes on those of thousands of objects.
+    splats.visible_shadow = False
     collection.objects.link(splats)
     modifier = splats.modifiers.new(MODIFIER_NAME, "NODES")
     modifier.node_group = _shared_group(gaussians.sh_degree)
