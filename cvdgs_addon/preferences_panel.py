@@ -39,8 +39,9 @@ def _draw_worker(preferences: bpy.types.AddonPreferences, box: bpy.types.UILayou
     try:
         _draw_found(box, environment.worker_python())
     except InputError as error:
-        for line in lines_of(str(error), _WIDTH):
-            box.label(text=line, icon="ERROR")
+        box.label(text=error.what.capitalize() if not error.where else f"{error.where} {error.what}", icon="ERROR")
+    if not bpy.app.online_access:
+        box.label(text="Setting up the worker needs online access: System > Network > Allow Online Access", icon="INFO")
     for name in (environment.MAKE_JOB, environment.CHECK_JOB):
         job = ACTIVITY.job(name)
         if job is not None and job.problem:

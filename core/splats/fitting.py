@@ -116,7 +116,7 @@ class Fit:
         if check:
             visible = frame.visible.numpy()
             moved = np.count_nonzero(gradients.touched.numpy())
-            self.skipped += moved < np.count_nonzero(visible)
+            self.skipped += int(moved < np.count_nonzero(visible))
         if gather_gradient:
             self._gradient += gradients.screen_abs.numpy()
             self._observed += frame.visible.numpy() if visible is None else visible
