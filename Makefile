@@ -46,7 +46,7 @@ lint: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	mkdir -p .build && ln -sfn .. .build/cvdgs
-	MYPYPATH=.build $(BIN)/mypy -p cvdgs.core -p cvdgs.cvdgs_addon -p cvdgs.scripts
+	MYPYPATH=.build $(BIN)/mypy -p cvdgs.core -p cvdgs.cvdgs_addon -p cvdgs.operators -p cvdgs.ui -p cvdgs.scripts
 
 bench: venv
 	$(BIN)/python scripts/benchmark.py step --out $(BENCH_OUT)
