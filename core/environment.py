@@ -1,7 +1,8 @@
 """Makes the Python environment that the worker needs. Standard library only: any Python of a fitting version runs this.
 
 The environment is a folder of its own (venv), filled by pip with what pyproject.toml requires, at the versions of
-constraints.txt where these are for this Python. It is marked as complete at the very end.
+constraints.txt where these are for this Python. Where the packages come from is pip's business (its own settings and
+environment variables hold). The environment is marked as complete at the very end.
 """
 
 from __future__ import annotations
@@ -24,10 +25,7 @@ STAGE = "environment"
 OLDEST_PYTHON = (3, 11)
 _PINNED_PYTHON = (3, 11)  # what constraints.txt is for
 _COMPLETE = ".complete"
-# PyPI's torch for Linux brings gigabytes of CUDA libraries along; this index has the build for processors.
-_TORCH_CPU_INDEX = ""
 _LOG_LINES = 12  # of pip's last words, kept for the message when it fails
-_TORCH = re.compile(r"^torch\b")
 # From pip's own words: "Collecting numpy", "Downloading numpy-2.whl (15 MB)".
 _COLLECTING = re.compile(r"^Collecting (\S+)")
 _DOWNLOADING = re.compile(r"^\s*(?:Downloading|Using cached) (\S+?)-\S+ \(([^)]*)\)")
@@ -79,10 +77,6 @@ def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | N
     reporter.progress(STAGE, _VENV_SHARE, "downloading")
     packages = list(requirements() if wanted is None else wanted)
     progress = _PipProgress(len(packages), reporter)
-    # First and alone, so that its index is asked for nothing else.
-    torch = [package for package in packages if _TORCH.match(package)]
-    if torch and sys.platform == "linux":
-        _install(python_in(folder), [*torch, "--extra-index-url", _TORCH_CPU_INDEX], progress)
     _install(python_in(folder), packages, progress)
     (folder / _COMPLETE).touch()
     reporter.progress(STAGE, 1.0, "done")

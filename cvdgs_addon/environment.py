@@ -24,7 +24,7 @@ from .package import user_folder
 from .preferences import get_cache, get_preferences, shrink_cache
 
 MAKE_JOB, CHECK_JOB = "environment", "check"
-DOWNLOAD_SIZE = "400 MB to download, 2 GB on the disk"
+DOWNLOAD_SIZE = "400 MB to download and 2 GB on the disk (several times that where torch brings CUDA libraries)"
 
 _FOLDER = "environment"
 _SET_UP = "open the add-on's preferences and set up the worker"

@@ -39,7 +39,7 @@ class CVDGS_OT_make_environment(bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         environment.find_base_python()  # refuses before it asks
         folder = environment.environment_folder()
-        message = f"{environment.DOWNLOAD_SIZE}, from the package index, into {folder}"
+        message = f"{environment.DOWNLOAD_SIZE}, by pip, from the index of Python packages, into {folder}"
         return context.window_manager.invoke_confirm(
             self, event, title="Set Up Worker", message=message, confirm_text="Download", icon="INTERNET"
         )
