@@ -30,7 +30,8 @@ class PrototypeLoop:
 
     Args:
         folder: where its scripts are.
-        capture: photographs of one size; the prototype assumes square pixels and a centred principal point.
+        capture: photographs of one size and lens. The prototype assumes square pixels and a centred principal point, so
+            it gets them without the few rows and columns that are too many on one side.
         scratch: an empty folder for its input and its build.
     """
 
@@ -75,12 +76,13 @@ class PrototypeLoop:
         for name in ("out", "cache", "build"):
             (self._scratch / name).mkdir(parents=True, exist_ok=True)
         first = capture.views[0].camera
+        rows, columns = centred(first.cy, first.height), centred(first.cx, first.width)
         for view in capture.views:
-            write_png(place / "images" / f"{view.key}.png", view.image)
+            write_png(place / "images" / f"{view.key}.png", np.ascontiguousarray(view.image[rows, columns]))
         np.savez(
             place / "np.npz",
-            W=first.width,
-            H=first.height,
+            W=columns.stop - columns.start,
+            H=rows.stop - rows.start,
             f=first.fx,
             names=np.array([f"{view.key}.jpg" for view in capture.views]),
             qt=np.stack([_quaternion_and_translation(view.world_to_camera) for view in capture.views]),
@@ -94,6 +96,12 @@ def _only_if(found: list[Any]) -> list[Any]:
     if not found:
         raise RuntimeError("the prototype printed no figures")
     return found
+
+
+def centred(principal: float, size: int) -> slice:
+    """The pixels along one axis that have the principal point in their middle, to half a pixel."""
+    surplus = round(2.0 * principal - size)
+    return slice(max(surplus, 0), size + min(surplus, 0))
 
 
 def _quaternion_and_translation(pose: NDArray[np.float64]) -> NDArray[np.float64]:

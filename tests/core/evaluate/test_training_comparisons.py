@@ -11,7 +11,7 @@ import pytest
 
 from cvdgs.core.capture import Capture
 from cvdgs.core.evaluate.training import comparisons
-from cvdgs.core.evaluate.training.prototype_loop import PrototypeLoop
+from cvdgs.core.evaluate.training.prototype_loop import PrototypeLoop, centred
 from cvdgs.core.evaluate.training.runs import TrainedRun, at_quality, first_reaching, train_once
 from cvdgs.core.events import Reporter
 from cvdgs.core.splats.trainer import TrainingPlan
@@ -94,3 +94,10 @@ def test_the_prototypes_curve_is_what_it_prints(capture, tmp_path):
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     assert PrototypeLoop(tmp_path, capture, scratch).curve(100, 50, 1) == [(1.0, 20.5), (2.0, 21.0)]
+
+
+@pytest.mark.parametrize("principal", [50.0, 53.7, 46.2, 49.6])
+def test_the_prototype_gets_images_around_the_principal_point(principal):
+    kept = centred(principal, 100)
+    assert abs((kept.start + kept.stop) / 2 - principal) <= 0.25
+    assert 0 <= kept.start < kept.stop <= 100
