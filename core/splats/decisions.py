@@ -92,7 +92,7 @@ class GrowthRule:
     doubling_gain: float = 0.4
     work_gain: float = 0.4
     plateau_gain: float = 0.1
-    window: int = 3
+    window: int = 2
     pixels_each: int = 100
     fewest: int = 1000
 

@@ -31,14 +31,15 @@ class ExposurePlan:
 
     Attributes:
         decided: fraction of the run after which the photographs are compared with the scene.
-        threshold: root mean square of the logarithms of the gains from which on correcting is worth its while; what
-            reconstruction errors alone look like is below it.
+        threshold: root mean square of the logarithms of the gains from which on correcting is worth its while. Smaller
+            differences average out over the views; correcting the 2 % of an automatic camera on fox gained 0.4 dB on
+            held-out views whose exposure is allowed for, and cost 0.8 dB on them as they are, and a seventh of the time.
         rate: step size of the logarithms right after the decision, and what is left of it at the end.
         rate_left: see `rate`.
     """
 
     decided: float = 0.2
-    threshold: float = 0.01
+    threshold: float = 0.04
     rate: float = 4e-3
     rate_left: float = 0.1
 
