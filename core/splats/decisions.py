@@ -93,7 +93,7 @@ class GrowthRule:
     work_gain: float = 0.4
     plateau_gain: float = 0.1
     window: int = 2
-    pixels_each: int = 100
+    pixels_each: int = 120
     fewest: int = 1000
 
     def ceiling(self, pixels: int) -> int:

@@ -33,7 +33,7 @@ class ExposurePlan:
         decided: fraction of the run after which the photographs are compared with the scene.
         threshold: root mean square of the logarithms of the gains from which on correcting is worth its while. Smaller
             differences average out over the views; correcting the 2 % of an automatic camera on fox gained 0.4 dB on
-            held-out views whose exposure is allowed for, and cost 0.8 dB on them as they are, and a seventh of the time.
+            held-out views whose exposure is allowed for, and cost 0.8 dB on them as they are and a tenth of the time.
         rate: step size of the logarithms right after the decision, and what is left of it at the end.
         rate_left: see `rate`.
     """
