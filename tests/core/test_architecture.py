@@ -13,6 +13,9 @@ WORKER_ONLY = {"torch", "warp", "kornia", "colour", "pycolmap", "scipy", "safete
 STANDARD_LIBRARY_ONLY = [
     "__main__",
     "arguments",
+    "batch/arguments",
+    "batch/run_task",
+    "batch/task",
     "bootstrap",
     "console",
     "environment",
@@ -24,6 +27,7 @@ STANDARD_LIBRARY_ONLY = [
     "job_console",
     "progress",
     "report",
+    "run_files",
     "run_folder",
     "settings",
 ]
@@ -36,6 +40,8 @@ NUMPY_ONLY = [
     "splats/whole_file",
     "splats/scene_frame",
     "capture/model",
+    "color/matrices",
+    "color/srgb",
     *(f"splats/strategy/{path.stem}" for path in sorted((ROOT / "core/splats/strategy").glob("*.py"))),
 ]
 

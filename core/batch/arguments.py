@@ -1,0 +1,152 @@
+"""What a task of each kind is told. Standard library only.
+
+``FramesArguments.from_dict(task.arguments)`` reads it back; paths are those of `task`: relative to OUT, or absolute.
+A sequence is a folder with the pictures ``0001.png``, ``0002.png`` and so on, as Blender numbers them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Self
+
+ORIGINAL = "original"
+"""The layer of a scene's own colours."""
+DIGITS = 4  # of a picture's number in its file name
+
+
+def picture_name(number: int) -> str:
+    """File name of a sequence's picture; the first one has the number 1."""
+    return f"{number:0{DIGITS}d}.png"
+
+
+def pictures(folder: str, first: int, last: int) -> str:
+    """The pictures of a sequence from `first` to `last`, as a task's inputs and outputs name them."""
+    return f"{folder}/{{{first:0{DIGITS}d}..{last:0{DIGITS}d}}}.png"
+
+
+@dataclass(frozen=True)
+class _Arguments:
+    def to_dict(self) -> dict[str, Any]:
+        """A JSON-ready dictionary; `from_dict` reads it back."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """The arguments of `to_dict`.
+
+        Raises:
+            TypeError: they are of another kind.
+        """
+        return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+
+
+@dataclass(frozen=True)
+class TrainArguments(_Arguments):
+    """What makes a run.
+
+    Attributes:
+        settings: `Settings.to_dict()` with the run's folder, relative to OUT, as ``out``; with the item's layers.
+    """
+
+    settings: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class LayerArguments(_Arguments):
+    """What adds a layer to a run.
+
+    Attributes:
+        settings: `Settings.to_dict()` of the addition, ``resume`` included, with one layer and the run's folder.
+        source: a finished run outside of OUT that is copied into the run's folder first, so that it stays as it is;
+            "" where the run is made by the batch.
+    """
+
+    settings: Mapping[str, Any]
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class FramesArguments(_Arguments):
+    """Which pictures of which turntable to render.
+
+    Attributes:
+        run: folder of the finished run.
+        layer: in whose colours; `ORIGINAL` for the scene's own.
+        engine: "cycles" or "eevee".
+        folder: of the sequence.
+        first, last: numbers of the pictures to render, both included, from 1 to `frames`.
+        frames: pictures of a whole turn.
+        radius: of the camera from the axis in scene units; 0: as far as the photographs were taken from.
+        height: of the camera above the subject's centre, as a share of the radius.
+        focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
+        width, height_pixels: of the pictures.
+        simulated: folder of a sequence that shows the same pictures as an observer sees them, by the observer's layer
+            name (``deutan-1.0``); empty for none.
+    """
+
+    run: str
+    layer: str
+    engine: str
+    folder: str
+    first: int
+    last: int
+    frames: int
+    radius: float
+    height: float
+    focal_length: float
+    width: int
+    height_pixels: int
+    simulated: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class VideoArguments(_Arguments):
+    """Which pictures make a video.
+
+    Attributes:
+        sequences: folders, side by side from left to right.
+        frames: pictures of each.
+        frames_per_second: of the video.
+        file: the MP4.
+    """
+
+    sequences: tuple[str, ...]
+    frames: int
+    frames_per_second: int
+    file: str
+
+
+@dataclass(frozen=True)
+class SheetArguments(_Arguments):
+    """What a contact sheet shows.
+
+    Attributes:
+        title: said at the top.
+        rows: sequences from top to bottom, each with ``label``, ``folder`` and ``frames``.
+        columns: pictures a row, evenly spread over the turn.
+        file: the PNG.
+    """
+
+    title: str
+    rows: tuple[Mapping[str, Any], ...]
+    columns: int
+    file: str
+
+
+@dataclass(frozen=True)
+class PageArguments(_Arguments):
+    """What the page of a batch shows; whatever is missing there belongs to something that failed.
+
+    Attributes:
+        title: of the batch.
+        items: each with ``name``, ``run`` (folder of its run, with report.json), ``sheet`` (PNG or null) and
+            ``turntables``: a list with ``layer``, ``engine``, ``camera`` (its name in the batch file), ``folder``,
+            ``frames``, ``frames_per_second``, ``simulated`` (folder by observer), ``video`` (MP4 or null) and
+            ``side_by_side`` (MP4 by observer).
+        file: the HTML file.
+    """
+
+    title: str
+    items: tuple[Mapping[str, Any], ...]
+    file: str
