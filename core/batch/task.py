@@ -29,7 +29,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..job import ROOT
 
+SCRIPT = ROOT / "scripts" / "turntable.py"
 BATCH_FOLDER = ".batch"
 PLAN_FILE = "plan.json"
 _FORMAT = 1
@@ -158,6 +160,18 @@ class Plan:
 def plan_path(out: Path) -> Path:
     """Where the plan of the batch in `out` is kept."""
     return out / BATCH_FOLDER / PLAN_FILE
+
+
+def task_command(python: str, plan: Path, name: str) -> list[str]:
+    """The command that does the task called `name`, with JSON events on its stdout; the same for every engine.
+
+    Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours.
+
+    Args:
+        python: the interpreter; 3.11 or later.
+        plan: the file that `write_plan` wrote.
+    """
+    return [python, str(SCRIPT), "--plan", str(plan), "--task", name, "--json"]
 
 
 def expand(path: str) -> Sequence[str]:
