@@ -82,7 +82,7 @@ class RunFolder:
     def _take_lock(self) -> IO[str]:
         lock = open(self.out / _LOCK, "w")  # noqa: SIM115 - held open for the life of the run
         try:
-            _lock_exclusively(lock)
+            lock_exclusively(lock)
         except OSError:
             lock.close()
             raise InputError(
@@ -146,7 +146,7 @@ class RunFolder:
                 path.rmdir()
 
 
-def _lock_exclusively(file: IO[str]) -> None:
+def lock_exclusively(file: IO[str]) -> None:
     """Lock `file` for this process or raise OSError at once; the system releases it when the process ends."""
     try:
         import fcntl
