@@ -13,10 +13,9 @@ from .job import Event, Workers, blender_command
 from .job_console import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from .progress import RunProgress, format_seconds
 from .report import finish_report, latest_seconds
+from .run_files import BLEND_FILE, LOG_FILE, REPORT_PAGE
 from .run_folder import RunFolder
 from .settings import Settings
-
-LOG_NAME = "run.log"
 
 
 def run_in_console(settings: Settings, *, json_events: bool) -> int:
@@ -66,10 +65,10 @@ def run(
     workers = workers or Workers()
     workers.require_python()  # before a folder is made
     folder = RunFolder(settings.out)
-    with all_or_nothing(folder, settings.out, LOG_NAME), ExitStack() as stack:
+    with all_or_nothing(folder, settings.out, LOG_FILE), ExitStack() as stack:
         if settings.resume:
             folder.carry_over()
-        log_file = stack.enter_context(open(folder.staging / LOG_NAME, "a", encoding="utf-8"))
+        log_file = stack.enter_context(open(folder.staging / LOG_FILE, "a", encoding="utf-8"))
         log = Log(log_file, listen)
         log.line("settings " + json.dumps(settings.to_dict()))
         request = {
@@ -90,7 +89,7 @@ def run(
             report["blender"] = blender
             seconds["blender"] = round(time.monotonic() - blender_started, 2)
         elif report.get("blender"):
-            message = "scene.blend does not have the new layers; add them with another run without --no-blend"
+            message = f"{BLEND_FILE} does not have the new layers; add them with another run without --no-blend"
             log.event({"event": "warning", "name": "old-scene", "message": message})
             report["warnings"].append({"name": "old-scene", "message": message})
         seconds["total"] = round(time.monotonic() - started, 2)
@@ -109,5 +108,5 @@ def _summary(result: Event) -> str:
             kinds = (("photographs", "input"), ("scene", "unenhanced"), ("enhanced scene", "rendered"))
             values = ", ".join(f"{label} {ccpr[kind]:.3f}" for label, kind in kinds)
             lines.append(f"  {name}: contrast that is left (CCPR): {values}")
-    lines.append(f"  open {out / 'report.html'}" + (f" and {out / 'scene.blend'}" if report.get("blender") else ""))
+    lines.append(f"  open {out / REPORT_PAGE}" + (f" and {out / BLEND_FILE}" if report.get("blender") else ""))
     return "\n".join(lines)

@@ -18,7 +18,7 @@ from .events import Reporter
 from .report import SCHEMA, without_non_finite
 from .resume import EarlierRun
 from .run_facts import describe_device, peak_memory_mb, versions
-from .run_folder import CAPTURE_FOLDER
+from .run_files import CAPTURE_FOLDER
 from .settings import Layer, Settings
 from .splats import raster
 from .splats.trainer import TrainingResult

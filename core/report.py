@@ -9,6 +9,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+from .run_files import REPORT_FILE, REPORT_PAGE
+
 SCHEMA = "cvdgs-report-1"
 _VIEWS_SHOWN = 3
 # What the metrics of a layer are computed on, and how the table calls it.
@@ -42,8 +44,8 @@ _STAGE_COLORS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00
 
 def finish_report(folder: Path, report: dict[str, Any]) -> None:
     """Write ``report.json`` and ``report.html`` into the run's folder, whose pictures the page embeds."""
-    (folder / "report.json").write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    (folder / "report.html").write_text(_page(folder, report), encoding="utf-8")
+    (folder / REPORT_FILE).write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    (folder / REPORT_PAGE).write_text(_page(folder, report), encoding="utf-8")
 
 
 def latest_seconds(report: dict[str, Any]) -> dict[str, float | None]:

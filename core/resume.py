@@ -14,7 +14,7 @@ from .capture import Capture, View, inspect_capture, read_capture
 from .errors import InputError
 from .events import Reporter, StageSpan
 from .report import SCHEMA
-from .run_folder import CAPTURE_FOLDER
+from .run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE
 from .settings import Settings
 from .splats.gaussians import Gaussians
 from .splats.ply import read_ply
@@ -62,7 +62,7 @@ class EarlierRun:
             InputError: there is none, or its files are damaged.
         """
         try:
-            report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+            report = json.loads((folder / REPORT_FILE).read_text(encoding="utf-8"))
             schema = report["schema"]
             if schema != SCHEMA:
                 raise InputError(f"a run of another version ({schema})", where=out, remedy=_NEW_RUN)
@@ -72,7 +72,7 @@ class EarlierRun:
         except (OSError, ValueError, KeyError, TypeError):
             raise InputError("the report of the finished run is damaged", where=out, remedy=_NEW_RUN) from None
         capture = read_capture(folder / CAPTURE_FOLDER, max_size=None)
-        return cls(out, report, settings, capture, read_ply(folder / "splats.ply"))
+        return cls(out, report, settings, capture, read_ply(folder / GAUSSIANS_FILE))
 
     def complete(self, asked: Settings) -> Settings:
         """`asked` with the run's own value of every option that has to be the same and was left at its default.

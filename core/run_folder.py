@@ -14,31 +14,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO
 
+from . import run_files
 from .errors import InputError
 
 _STAGING = ".partial"
 _RETIRED = ".replaced"
 _LOCK = ".lock"
-CAPTURE_FOLDER = "capture"
-"""Where a run keeps the photographs and cameras that it used."""
-# What scripts/run.py may have written, by the contract of design.md.
-_OWN_NAMES = (
-    CAPTURE_FOLDER,
-    "enhanced",
-    "renders",
-    "stills",
-    "turntable",
-    "scene.blend",
-    "report.json",
-    "report.html",
-    "run.log",
-)
-_OWN_PATTERNS = ("splats*.ply", "layer.*.cube")
 
 
 def files_of_a_run(out: Path) -> list[Path]:
     """What an earlier run of scripts/run.py may have left in `out`, whether it is there or not."""
-    return [out / name for name in _OWN_NAMES] + [path for pattern in _OWN_PATTERNS for path in out.glob(pattern)]
+    return [out / name for name in run_files.NAMES] + [path for p in run_files.PATTERNS for path in out.glob(p)]
 
 
 class RunFolder:
@@ -57,7 +43,7 @@ class RunFolder:
         self,
         out: str | Path,
         earlier_files: Callable[[Path], list[Path]] = files_of_a_run,
-        last: str = "report.json",
+        last: str = run_files.REPORT_FILE,
     ) -> None:
         self.out = Path(out).absolute()
         self._earlier_files, self._last = earlier_files, last

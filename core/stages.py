@@ -29,7 +29,7 @@ from .evaluate.matches import SceneMatches
 from .events import Reporter, StageSpan
 from .images import read_png, to_bytes, write_png
 from .preview import Preview, PreviewedTraining
-from .run_folder import CAPTURE_FOLDER
+from .run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, layer_cube_file, layer_gaussians_file
 from .settings import Layer, Settings
 from .splats import raster
 from .splats.gaussians import Gaussians
@@ -131,7 +131,7 @@ class Stages:
             )
             enhancer.fit([view.image for view in training], span, alphas=[view.alpha for view in training])
             if isinstance(enhancer, LutEnhancer | CganEnhancer) and enhancer.lut is not None:
-                cube = self.folder / f"layer.{layer.name}.cube"
+                cube = self.folder / layer_cube_file(layer.name)
                 enhancer.lut.export_cube(cube, strength=self.settings.strength, title=f"cvdgs {layer.name}")
             done += fit_cost
             for view in self.capture.views:
@@ -160,7 +160,7 @@ class Stages:
             self.reporter.status("geometry", "fitting the photographs' colours")
             original = self._fit_colors(made, self._views(self.split.train), self._guides(made.agreement))
             made = replace(made, original=original, layers={self.settings.layers[0]: result.gaussians})
-        write_ply(self.folder / "splats.ply", made.original)
+        write_ply(self.folder / GAUSSIANS_FILE, made.original)
         return made
 
     def reconstruction(self, gaussians: Gaussians, stage: str, fraction: float) -> Reconstruction:
@@ -181,7 +181,7 @@ class Stages:
             self.reporter.status("layers", message)
             span = StageSpan(self.reporter, "layers", done / len(enhancers), (done + 1) / len(enhancers), message)
             gaussians = made.layers.get(layer) or self._fit_layer(made, layer, enhancer, span)
-            write_ply(self.folder / f"splats.{layer.name}.ply", gaussians)
+            write_ply(self.folder / layer_gaussians_file(layer.name), gaussians)
             if self.preview is not None:
                 self.preview.show(gaussians)
             pictures[layer] = self._picture(layer, gaussians)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.color import srgb
 from ..core.color.matrices import RGB_TO_XYZ
 
 NO_DIAGNOSIS = (
@@ -146,8 +147,7 @@ def cap_colors() -> NDArray[np.float64]:
     v = CAPS_UV[:, 1] / (13.0 * _LIGHTNESS) + 9.0 * white[1] / denominator
     luminance = ((_LIGHTNESS + 16.0) / 116.0) ** 3
     xyz = luminance * np.stack([9.0 * u, 4.0 * v, 12.0 - 3.0 * u - 20.0 * v]) / (4.0 * v)
-    linear = np.clip(np.linalg.solve(RGB_TO_XYZ, xyz).T, 0.0, 1.0)
-    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return srgb.encode(np.clip(np.linalg.solve(RGB_TO_XYZ, xyz).T, 0.0, 1.0))
 
 
 def _moments(caps: Sequence[int] | range) -> tuple[float, float, NDArray[np.float64]]:

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
+from ..core.run_files import layer_cube_file
 from ..core.splats.files import write_gaussians
 from ..core.splats.gaussians import SH_C0, Gaussians
 from .scene.harmonics_nodes import coefficient_attribute, coefficient_count
+from .scene.selection import inside_crop_box, within_budget
 from .scene.splat_attributes import ORIGINAL, Attribute, Frame, color_attribute
-from .scene.splat_nodes import Input
-from .scene.splats import get_input
 from .shown import require_object_mode
 
 # A logit beyond this is as good as 0 or 1, and finite.
@@ -41,7 +41,12 @@ class ExportedGaussians:
 
 
 def read_gaussians(
-    splats: bpy.types.Object, layer: str, enhanced: float, *, in_scene_axes: bool = False
+    splats: bpy.types.Object,
+    layer: str,
+    enhanced: float,
+    *,
+    in_scene_axes: bool = False,
+    as_in_viewport: bool = False,
 ) -> ExportedGaussians:
     """The Gaussians of an object as they are now: deleted and cropped ones are gone, applied transforms count.
 
@@ -50,6 +55,7 @@ def read_gaussians(
         layer: colour layer.
         enhanced: 0 for the original colours, 1 for the layer's.
         in_scene_axes: where they stand in Blender's scene; else in the object's own axes, which are the capture's.
+        as_in_viewport: only those within the budget, which limits what the viewport draws.
 
     Raises:
         InputError: no Gaussians are left, they are being edited, or there is no such layer.
@@ -58,7 +64,9 @@ def read_gaussians(
     mesh = splats.data
     frame = _values(mesh, Attribute.FRAME, "value", (), np.int32)
     positions = _positions(mesh)
-    kept = (frame == 0) & _in_crop_box(splats, positions)
+    kept = (frame == 0) & inside_crop_box(splats, positions)
+    if as_in_viewport:
+        kept &= within_budget(splats, _values(mesh, Attribute.RANK, "value", (), np.int32))
     if not kept.any():
         raise InputError("no Gaussians are left", where=splats.name, remedy="undo what deleted them, or move the box")
     shape = _frame_map(positions, frame, _values(mesh, Attribute.SCALE, "vector", (3,)))
@@ -100,7 +108,7 @@ def export_cube(folder: str, layer: str, path: str) -> None:
     Raises:
         InputError: the run has none for this layer, or the file cannot be written.
     """
-    source = Path(folder, f"layer.{layer}.cube")
+    source = Path(folder, layer_cube_file(layer))
     if not source.is_file():
         remedy = "choose a layer that this run made, or load the run from where it is now"
         raise InputError("there is no such LUT", where=source, remedy=remedy)
@@ -132,15 +140,6 @@ def _values(mesh: bpy.types.Mesh, name: str, field: str, shape: tuple[int, ...],
     values: NDArray = np.empty((len(mesh.vertices), *shape), dtype)
     attribute.data.foreach_get(field, values.reshape(-1))
     return values
-
-
-def _in_crop_box(splats: bpy.types.Object, positions: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """(V,) which positions the crop box leaves: those in the cube of side two around it, in its own space."""
-    box = get_input(splats, Input.CROP_BOX)
-    if not get_input(splats, Input.CROP) or not isinstance(box, bpy.types.Object):
-        return np.ones(len(positions), bool)
-    to_box = np.array(box.matrix_world.inverted_safe() @ splats.matrix_world, np.float64)
-    return (np.abs(positions @ to_box[:3, :3].T + to_box[:3, 3]) <= 1.0).all(axis=1)
 
 
 def _frame_map(

@@ -16,6 +16,7 @@ import bpy
 from ..core.errors import InputError
 from ..core.job import Workers
 from ..core.job_console import Listener, Log, all_or_nothing, finish
+from ..core.run_files import CAPTURE_FOLDER
 from ..core.run_folder import RunFolder
 from .activity import ACTIVITY, redraw_panels
 from .background import BackgroundJob, State
@@ -23,7 +24,6 @@ from .environment import make_workers
 from .making import folder_beside, normalised_folder, remember_for_undo
 from .messages import show_information, show_problem
 from .scene.capture_folder import CAMERAS_FILE, POINTS_FILE, is_normalised
-from .scene.finished_run import CAPTURE_FOLDER
 from .scene.import_capture import CaptureObjects, ImportOptions, import_capture
 
 JOB = "import"

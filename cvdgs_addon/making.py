@@ -93,7 +93,8 @@ def run_settings(scene: bpy.types.Scene) -> Settings:
         _refuse_repetition(settings["out"], layer)
     else:
         quality = quality_called(properties.run.quality)
-        settings |= {"iterations": quality.iterations, "max_size": quality.max_size}
+        refine_poses = properties.run.refine_poses
+        settings |= {"iterations": quality.iterations, "max_size": quality.max_size, "refine_poses": refine_poses}
     return Settings(**settings)
 
 

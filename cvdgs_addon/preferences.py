@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from .quality import likely_speed
 from .registration import register_classes, unregister_classes
 
 _MEGABYTE = 1 << 20
+_DEVICE = "auto"
+_CACHE_LIMIT = 1000  # MB
 
 
 class CVDGS_Preferences(bpy.types.AddonPreferences):
@@ -40,7 +42,7 @@ class CVDGS_Preferences(bpy.types.AddonPreferences):
             ("cpu", "Processor", "Works everywhere"),
             ("cuda", "NVIDIA GPU", "Not measured yet"),
         ),
-        default="auto",
+        default=_DEVICE,
     )
     cache: bpy.props.StringProperty(
         name="Cache",
@@ -52,7 +54,7 @@ class CVDGS_Preferences(bpy.types.AddonPreferences):
         description="Beyond this, what was used longest ago is deleted, in MB",
         min=50,
         soft_max=10_000,
-        default=1000,
+        default=_CACHE_LIMIT,
     )
     machine: bpy.props.StringProperty(
         name="Machine", description="What the last check of the worker found, as JSON", options={"HIDDEN"}
@@ -74,10 +76,10 @@ class _Unsaved:
 
     python: str = ""
     base_python: str = ""
-    device: str = "auto"
+    device: str = _DEVICE
     cache: str = ""
-    cache_limit: int = 1000
-    machine: str = field(default="")
+    cache_limit: int = _CACHE_LIMIT
+    machine: str = ""
     speed: float = 0.0
 
 

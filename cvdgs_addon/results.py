@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +13,13 @@ import gpu
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.run_files import REPORT_FILE
 from .scene.convert import load_run
 from .scene.finished_run import FinishedRun, read_run
 from .scene.splat_attributes import Attribute, color_attribute
 from .scene.splats import is_splats, layer_names, show_layer
 from .shown import require_object_mode
 
-REPORT_FILE, REPORT_PAGE = "report.json", "report.html"
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader")
 
 RUN_PROPERTY = "cvdgs_run"
@@ -66,10 +67,17 @@ def is_finished_run(folder: str) -> bool:
 
 def read_report(folder: str) -> dict[str, Any]:
     """The report of the run in `folder`; empty where there is none that can be read."""
+    path = Path(folder, REPORT_FILE)
     try:
-        report = json.loads(Path(folder, REPORT_FILE).read_text(encoding="utf-8"))
+        return _report(path, path.stat().st_mtime_ns)
     except (OSError, ValueError):
         return {}
+
+
+@lru_cache(maxsize=4)
+def _report(path: Path, _changed: int) -> dict[str, Any]:
+    """The report as it was written at a time; panels ask for it at every redraw."""
+    report = json.loads(path.read_text(encoding="utf-8"))
     return report if isinstance(report, dict) and isinstance(report.get("layers"), dict) else {}
 
 

@@ -9,6 +9,8 @@ from .scene.splat_attributes import ORIGINAL, color_attribute
 from .scene.splat_nodes import Input
 from .scene.splats import get_input, is_splats
 
+NOTHING_TO_SHOW = "First make a run, or load a finished one"
+
 
 def shown_splats(context: bpy.types.Context) -> bpy.types.Object | None:
     """The Gaussians of the sub-panel Display: chosen there, else the active object, else the scene's first."""

@@ -10,23 +10,11 @@ from ..cvdgs_addon.scene.native_splats import has_native_splats, why_not_native
 from ..cvdgs_addon.scene.render_settings import Display, Engine
 from ..cvdgs_addon.scene.splats import show_layer
 from ..cvdgs_addon.shown import shown_layer, shown_splats
+from .needs import NeedsGaussians
 from .reporting import reports_errors
 
-_NO_GAUSSIANS = "First make a run, or load a finished one"
 
-
-class _OnGaussians:
-    """What needs Gaussians in the scene."""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if shown_splats(context) is None:
-            cls.poll_message_set(_NO_GAUSSIANS)  # type: ignore[attr-defined]
-            return False
-        return True
-
-
-class CVDGS_OT_show_layer(_OnGaussians, bpy.types.Operator):
+class CVDGS_OT_show_layer(NeedsGaussians, bpy.types.Operator):
     """Show the Gaussians in the colours of this layer"""
 
     bl_idname = "cvdgs.show_layer"
@@ -42,7 +30,7 @@ class CVDGS_OT_show_layer(_OnGaussians, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class CVDGS_OT_show_form(_OnGaussians, bpy.types.Operator):
+class CVDGS_OT_show_form(NeedsGaussians, bpy.types.Operator):
     """Choose what the Gaussians are drawn as"""
 
     bl_idname = "cvdgs.show_form"
@@ -69,7 +57,7 @@ class CVDGS_OT_show_form(_OnGaussians, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class CVDGS_OT_add_crop_box(_OnGaussians, bpy.types.Operator):
+class CVDGS_OT_add_crop_box(NeedsGaussians, bpy.types.Operator):
     """Show only what is inside a box, which can be moved, turned and scaled"""
 
     bl_idname = "cvdgs.add_crop_box"
@@ -88,7 +76,7 @@ class CVDGS_OT_add_crop_box(_OnGaussians, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class CVDGS_OT_remove_crop_box(_OnGaussians, bpy.types.Operator):
+class CVDGS_OT_remove_crop_box(NeedsGaussians, bpy.types.Operator):
     """Show all Gaussians again and delete the crop box"""
 
     bl_idname = "cvdgs.remove_crop_box"
@@ -101,7 +89,7 @@ class CVDGS_OT_remove_crop_box(_OnGaussians, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class CVDGS_OT_set_up_render(_OnGaussians, bpy.types.Operator):
+class CVDGS_OT_set_up_render(NeedsGaussians, bpy.types.Operator):
     """Set engine, view transform and background as Gaussians need them; what they were is remembered"""
 
     bl_idname = "cvdgs.set_up_render"

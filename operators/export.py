@@ -6,18 +6,12 @@ import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ..cvdgs_addon.export import export_cube, export_gaussians, read_gaussians
-from ..cvdgs_addon.shown import shown_layer, shown_splats
+from ..cvdgs_addon.shown import NOTHING_TO_SHOW, shown_layer, shown_splats
+from .needs import NeedsGaussians
 from .reporting import reports_errors
 
 
-def _has_splats(cls: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
-    if shown_splats(context) is None:
-        cls.poll_message_set("Make or load a run first, or select its Gaussians")
-        return False
-    return True
-
-
-class CVDGS_OT_export_gaussians(bpy.types.Operator, ExportHelper):
+class CVDGS_OT_export_gaussians(NeedsGaussians, bpy.types.Operator, ExportHelper):
     """Write the Gaussians as they are shown now - layer, slider and deletions included - for other splat programs"""
 
     bl_idname = "cvdgs.export_gaussians"
@@ -37,10 +31,6 @@ class CVDGS_OT_export_gaussians(bpy.types.Operator, ExportHelper):
         ),
     )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return _has_splats(cls, context)
-
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
         splats = shown_splats(context)
@@ -56,7 +46,7 @@ class CVDGS_OT_export_gaussians(bpy.types.Operator, ExportHelper):
         return {"FINISHED"}
 
 
-class CVDGS_OT_export_cube(bpy.types.Operator, ExportHelper):
+class CVDGS_OT_export_cube(NeedsGaussians, bpy.types.Operator, ExportHelper):
     """Write the layer's colour mapping as a LUT for grading and compositing programs (for display-referred sRGB)"""
 
     bl_idname = "cvdgs.export_cube"
@@ -70,9 +60,9 @@ class CVDGS_OT_export_cube(bpy.types.Operator, ExportHelper):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if not context.scene.cvdgs.run.folder:
-            cls.poll_message_set("Make or load a run first")
+            cls.poll_message_set(NOTHING_TO_SHOW)
             return False
-        return _has_splats(cls, context)
+        return super().poll(context)
 
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -7,7 +7,8 @@ from pathlib import Path
 import bpy
 
 from ..core.errors import InputError
-from ..cvdgs_addon.results import REPORT_PAGE
+from ..core.run_files import REPORT_PAGE
+from ..cvdgs_addon.shown import NOTHING_TO_SHOW
 from .reporting import reports_errors
 
 
@@ -20,7 +21,7 @@ class CVDGS_OT_open_report(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if not context.scene.cvdgs.run.folder:
-            cls.poll_message_set("Make or load a run first")
+            cls.poll_message_set(NOTHING_TO_SHOW)
             return False
         return True
 

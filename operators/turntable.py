@@ -10,22 +10,16 @@ from ..core.errors import InputError
 from ..cvdgs_addon.scene.render_settings import Engine
 from ..cvdgs_addon.scene.turntable import Turntable, add_turntable, remove_turntable, render_turntable, turntable_of
 from ..cvdgs_addon.shown import shown_splats
+from .needs import NeedsGaussians
 from .reporting import reports_errors
 
 
-class CVDGS_OT_add_turntable(bpy.types.Operator):
+class CVDGS_OT_add_turntable(NeedsGaussians, bpy.types.Operator):
     """Put a camera on its way around the Gaussians, once around in the chosen number of frames"""
 
     bl_idname = "cvdgs.add_turntable"
     bl_label = "Add Turntable"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if shown_splats(context) is None:
-            cls.poll_message_set("First make a run, or load a finished one")
-            return False
-        return True
 
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:

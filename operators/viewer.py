@@ -42,25 +42,29 @@ class CVDGS_OT_start_arrangement(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def _test_is_open(cls: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
-    if not context.scene.cvdgs.viewer.test_is_open:
-        cls.poll_message_set("Start the arrangement test first")
-        return False
-    return True
+class _DuringTest:
+    """What needs the arrangement test to be open."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not context.scene.cvdgs.viewer.test_is_open:
+            cls.poll_message_set("Start the arrangement test first")  # type: ignore[attr-defined]
+            return False
+        return True
 
 
-class CVDGS_OT_place_cap(bpy.types.Operator):
+class _OfCap(_DuringTest):
+    """What is done with one cap."""
+
+    cap: bpy.props.IntProperty(name="Cap", description="Number of the cap", min=1, max=viewer.CAP_COUNT)
+
+
+class CVDGS_OT_place_cap(_OfCap, bpy.types.Operator):
     """Put this cap at the end of the row: the one that looks most like the last"""
 
     bl_idname = "cvdgs.place_cap"
     bl_label = "Place Cap"
     bl_options = {"REGISTER", "UNDO"}
-
-    cap: bpy.props.IntProperty(name="Cap", description="Number of the cap", min=1, max=viewer.CAP_COUNT)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return _test_is_open(cls, context)
 
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -68,18 +72,12 @@ class CVDGS_OT_place_cap(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class CVDGS_OT_take_back_cap(bpy.types.Operator):
+class CVDGS_OT_take_back_cap(_OfCap, bpy.types.Operator):
     """Take this cap out of the row again, or exchange it"""
 
     bl_idname = "cvdgs.take_back_cap"
     bl_label = "Take Back Cap"
     bl_options = {"REGISTER", "UNDO"}
-
-    cap: bpy.props.IntProperty(name="Cap", description="Number of the cap", min=1, max=viewer.CAP_COUNT)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return _test_is_open(cls, context)
 
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -87,7 +85,7 @@ class CVDGS_OT_take_back_cap(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class CVDGS_OT_use_suggestion(bpy.types.Operator):
+class CVDGS_OT_use_suggestion(_DuringTest, bpy.types.Operator):
     """Take over the type and severity that the arrangement suggests, and close the test"""
 
     bl_idname = "cvdgs.use_suggestion"
@@ -96,7 +94,7 @@ class CVDGS_OT_use_suggestion(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not _test_is_open(cls, context):
+        if not super().poll(context):
             return False
         suggestion = viewer.current_suggestion(context.scene)
         if suggestion is None or suggestion.cvd is None:
@@ -110,16 +108,12 @@ class CVDGS_OT_use_suggestion(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class CVDGS_OT_close_arrangement(bpy.types.Operator):
+class CVDGS_OT_close_arrangement(_DuringTest, bpy.types.Operator):
     """Close the test and leave the settings as they are"""
 
     bl_idname = "cvdgs.close_arrangement"
     bl_label = "Close Test"
     bl_options = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return _test_is_open(cls, context)
 
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:

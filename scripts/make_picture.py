@@ -17,15 +17,16 @@ import bootstrap
 
 bootstrap.load()
 from cvdgs.core.images import read_png, write_png  # noqa: E402
+from cvdgs.core.run_files import CAPTURE_FOLDER, RENDERS_FOLDER, REPORT_FILE  # noqa: E402
 
 GAP = 6  # pixels of white between the pictures
 
 
 def sheet(run: Path, layer: str, view: str) -> np.ndarray:
     """(H, W, 3) uint8 of the four pictures."""
-    renders = run / "renders" / layer
+    renders = run / RENDERS_FOLDER / layer
     rows = (
-        (run / "capture" / "images" / f"{view}.png", renders / f"{view}.png"),
+        (run / CAPTURE_FOLDER / "images" / f"{view}.png", renders / f"{view}.png"),
         (renders / "simulated_input" / f"{view}.png", renders / "simulated" / f"{view}.png"),
     )
     pictures = [[read_png(path) for path in row] for row in rows]
@@ -45,7 +46,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.png")
     parser.add_argument("--view", help="key of a held-out view (the report's first)")
     options = parser.parse_args(arguments)
-    report = json.loads((options.run / "report.json").read_text(encoding="utf-8"))
+    report = json.loads((options.run / REPORT_FILE).read_text(encoding="utf-8"))
     layer = next(iter(report["layers"]))
     write_png(options.out, sheet(options.run, layer, options.view or report["views_shown"][0]))
     return 0

@@ -9,7 +9,7 @@ from ..cvdgs_addon.scene.display import Form
 from ..cvdgs_addon.scene.native_splats import has_native_splats
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
-from ..cvdgs_addon.shown import shown_layer, shown_splats
+from ..cvdgs_addon.shown import NOTHING_TO_SHOW, shown_layer, shown_splats
 from .layout import SidePanel, say, say_missing
 
 _FORM_LABELS = {Form.INSTANCES: "Instances", Form.POINTS: "Points", Form.NATIVE: "Native"}
@@ -24,7 +24,7 @@ class CVDGS_PT_display(SidePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, splats = self.layout, shown_splats(context)
         if splats is None:
-            say_missing(layout, context, "First make a run, or load a finished one")
+            say_missing(layout, context, NOTHING_TO_SHOW)
             return
         layout.prop(context.scene.cvdgs.display, "target", text="", icon="OUTLINER_OB_POINTCLOUD")
         _draw_form(layout, context, splats)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..cvdgs_addon.shown import shown_layer, shown_splats
+from ..cvdgs_addon.shown import NOTHING_TO_SHOW, shown_layer, shown_splats
 from .layout import SidePanel, say, say_missing
 
 
@@ -18,7 +18,7 @@ class CVDGS_PT_export(SidePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, splats = self.layout, shown_splats(context)
         if splats is None:
-            say_missing(layout, context, "First make a run, or load a finished one")
+            say_missing(layout, context, NOTHING_TO_SHOW)
             return
         layer, enhanced = shown_layer(splats)
         say(layout, context, f"{splats.name}: {layer}, {enhanced:.0%}", "OUTLINER_OB_POINTCLOUD")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.results import figures_of, read_report
+from ..cvdgs_addon.shown import NOTHING_TO_SHOW
 from .layout import SidePanel, say_missing
 
 
@@ -18,7 +19,7 @@ class CVDGS_PT_report(SidePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, folder = self.layout, context.scene.cvdgs.run.folder
         if not folder:
-            say_missing(layout, context, "First make a run, or load a finished one")
+            say_missing(layout, context, NOTHING_TO_SHOW)
             return
         report = read_report(bpy.path.abspath(folder))
         if not report:

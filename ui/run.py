@@ -106,6 +106,8 @@ def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         body.prop(properties, "out")
         if not properties.out:
             say(body, context, f"Goes to {making.output_folder(scene)}")
+        if not making.adds_to_run(scene):
+            body.prop(properties, "refine_poses")
         body.prop(properties, "start_over")
         body.prop(properties, "scene_file")
 

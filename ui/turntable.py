@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.scene.turntable import rendering_changes, turntable_of
-from ..cvdgs_addon.shown import shown_splats
+from ..cvdgs_addon.shown import NOTHING_TO_SHOW, shown_splats
 from .layout import SidePanel, say, say_missing
 
 
@@ -19,7 +19,7 @@ class CVDGS_PT_turntable(SidePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, chosen = self.layout, context.scene.cvdgs.turntable
         if shown_splats(context) is None:
-            say_missing(layout, context, "First make a run, or load a finished one")
+            say_missing(layout, context, NOTHING_TO_SHOW)
             return
         column = layout.column(align=True)
         for name in ("frames", "radius", "height", "focal_length"):

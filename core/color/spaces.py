@@ -12,13 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .matrices import RGB_TO_XYZ
-
-# IEC 61966-2-1
-_SRGB_KNEE = 0.04045
-_LINEAR_KNEE = 0.0031308
-_SLOPE = 12.92
-_OFFSET = 0.055
-_EXPONENT = 2.4
+from .srgb import ENCODED_KNEE, EXPONENT, LINEAR_KNEE, OFFSET, SLOPE
 
 _LAB_KNEE = 6.0 / 29.0  # CIE 15: the cube root gives way to a straight line at its cube
 _XYZ_TO_RGB = np.linalg.inv(RGB_TO_XYZ)
@@ -32,14 +26,14 @@ def _power(base: Tensor, exponent: float) -> Tensor:
 def srgb_to_linear(srgb: Tensor) -> Tensor:
     """Undo the sRGB transfer function (IEC 61966-2-1, piecewise); values below 0 continue its linear part."""
     # Each branch of `where` is differentiated, so the power must not see values where its slope is infinite or NaN.
-    power = _power((srgb.clamp(min=_SRGB_KNEE) + _OFFSET) / (1.0 + _OFFSET), _EXPONENT)
-    return torch.where(srgb > _SRGB_KNEE, power, srgb / _SLOPE)
+    power = _power((srgb.clamp(min=ENCODED_KNEE) + OFFSET) / (1.0 + OFFSET), EXPONENT)
+    return torch.where(srgb > ENCODED_KNEE, power, srgb / SLOPE)
 
 
 def linear_to_srgb(linear: Tensor) -> Tensor:
     """Apply the sRGB transfer function (IEC 61966-2-1, piecewise); values below 0 continue its linear part."""
-    power = (1.0 + _OFFSET) * _power(linear.clamp(min=_LINEAR_KNEE), 1.0 / _EXPONENT) - _OFFSET
-    return torch.where(linear > _LINEAR_KNEE, power, linear * _SLOPE)
+    power = (1.0 + OFFSET) * _power(linear.clamp(min=LINEAR_KNEE), 1.0 / EXPONENT) - OFFSET
+    return torch.where(linear > LINEAR_KNEE, power, linear * SLOPE)
 
 
 def apply_matrix(matrix: NDArray[np.float64], image: Tensor) -> Tensor:

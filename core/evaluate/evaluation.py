@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..capture import Capture, View
 from ..events import Reporter
 from ..images import read_png, write_png
+from ..run_files import ENHANCED_FOLDER, RENDERS_FOLDER
 from ..settings import Layer
 from ..splats.gaussians import Gaussians
 from ..splats.renderer import SceneRenderer
@@ -90,7 +91,7 @@ class Evaluation:
         rendered = {}
         for i in tested:
             rendered[i] = self.scene.color(original, i)
-            write_png(self.folder / "renders" / "original" / f"{self.capture.views[i].key}.png", rendered[i])
+            write_png(self.folder / RENDERS_FOLDER / "original" / f"{self.capture.views[i].key}.png", rendered[i])
             self._advance("original colours")
         return rendered
 
@@ -134,12 +135,12 @@ class Evaluation:
 
 def enhanced_path(folder: Path, layer: Layer, view: View) -> Path:
     """Where a view's enhanced photograph is."""
-    return folder / "enhanced" / layer.name / f"{view.key}.png"
+    return folder / ENHANCED_FOLDER / layer.name / f"{view.key}.png"
 
 
 def render_path(folder: Path, layer: Layer, view: View) -> Path:
     """Where the picture of a layer from a view is."""
-    return folder / "renders" / layer.name / f"{view.key}.png"
+    return folder / RENDERS_FOLDER / layer.name / f"{view.key}.png"
 
 
 def spread(items: Sequence[int], count: int) -> list[int]:

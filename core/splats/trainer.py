@@ -19,7 +19,7 @@ from .fitting import Fit
 from .gaussians import Gaussians
 from .outcome import Outcome
 from .plan import TrainingPlan, TrainingResult
-from .poses import PosePlan, align_poses
+from .poses import align_poses
 from .raster import LearningRates, Rasterizer
 from .scene_frame import SceneFrame
 from .strategy import Evidence, MultiViewConsistent, Relocation, Strategy, ViewEvidence, floaters, unseen
@@ -252,7 +252,8 @@ class Trainer:
 
     def _align_held_out(self) -> None:
         """Bring the held-out views' poses, off as the others were, to where the finished scene matches them best."""
-        plan = self._plan.poses or PosePlan()
+        plan = self._plan.poses
+        assert plan is not None, "poses that are not refined are never off"
         targets = prepare_targets(self._rasterizer, self._judging, self._frame, self._background, set())
         poses = align_poses(self._rasterizer, self.fit.parameters, targets, self._background, plan)
         self._aligned = {view.key: pose for view, pose in zip(self._judging, poses, strict=True)}

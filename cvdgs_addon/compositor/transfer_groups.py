@@ -7,28 +7,26 @@ from __future__ import annotations
 
 import bpy
 
+from ...core.color.srgb import ENCODED_KNEE, EXPONENT, LINEAR_KNEE, OFFSET, SLOPE
 from ..scene.nodes import NodeWriter, Value, add_input, new_group
-
-_SRGB_KNEE, _LINEAR_KNEE = 0.04045, 0.0031308
-_SLOPE, _OFFSET, _EXPONENT = 12.92, 0.055, 2.4
 
 
 def decoding_group() -> bpy.types.NodeTree:
     """An sRGB value, clipped as a screen clips, to linear light."""
     write, value = _begun("CVD sRGB to light", "sRGB value")
     clipped = write.output("ShaderNodeClamp", value, 0.0, 1.0)
-    base = write.math("DIVIDE", write.sum(clipped, _OFFSET), 1.0 + _OFFSET)
-    straight = write.math("DIVIDE", clipped, _SLOPE)
-    return _chosen(write, clipped, _SRGB_KNEE, straight, write.math("POWER", base, _EXPONENT))
+    base = write.math("DIVIDE", write.sum(clipped, OFFSET), 1.0 + OFFSET)
+    straight = write.math("DIVIDE", clipped, SLOPE)
+    return _chosen(write, clipped, ENCODED_KNEE, straight, write.math("POWER", base, EXPONENT))
 
 
 def encoding_group() -> bpy.types.NodeTree:
     """Linear light, clipped as a screen clips, to an sRGB value."""
     write, value = _begun("CVD light to sRGB", "Light")
     clipped = write.output("ShaderNodeClamp", value, 0.0, 1.0)
-    power = write.math("POWER", clipped, 1.0 / _EXPONENT)
-    straight = write.math("MULTIPLY", clipped, _SLOPE)
-    return _chosen(write, clipped, _LINEAR_KNEE, straight, write.math("MULTIPLY_ADD", power, 1.0 + _OFFSET, -_OFFSET))
+    power = write.math("POWER", clipped, 1.0 / EXPONENT)
+    straight = write.math("MULTIPLY", clipped, SLOPE)
+    return _chosen(write, clipped, LINEAR_KNEE, straight, write.math("MULTIPLY_ADD", power, 1.0 + OFFSET, -OFFSET))
 
 
 def _begun(name: str, description: str) -> tuple[NodeWriter, Value]:

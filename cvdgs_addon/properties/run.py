@@ -30,6 +30,10 @@ class RunProperties(bpy.types.PropertyGroup):
         description="Folder for the results; empty: beside the capture. A run that is there gets a further layer",
         subtype="DIR_PATH",
     )
+    refine_poses: bpy.props.BoolProperty(
+        name="Correct Cameras",
+        description="Correct cameras that are a little off, as from a quick calibration; good ones stay as given",
+    )
     start_over: bpy.props.BoolProperty(
         name="Start Over",
         description="Make a new run in place of the one in the output folder, instead of adding a layer to it",

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import bpy
 
+from ...core.color.srgb import ENCODED_KNEE, EXPONENT, OFFSET, SLOPE
 from .nodes import NodeWriter, Sockets, Value
 
 
@@ -17,7 +18,7 @@ def add_decoding_nodes(write: NodeWriter, encoded: bpy.types.NodeSocket) -> bpy.
 def _decoded(write: NodeWriter, inputs: Sockets) -> Mapping[str, Value]:
     channels = []
     for value in write.separate(inputs["encoded"]):
-        power = write.math("POWER", write.math("DIVIDE", write.sum(value, 0.055), 1.055), 2.4)
-        is_dark = write.compare("LESS_EQUAL", value, 0.04045)
-        channels.append(write.switch("FLOAT", is_dark, power, write.math("DIVIDE", value, 12.92)))
+        power = write.math("POWER", write.math("DIVIDE", write.sum(value, OFFSET), 1.0 + OFFSET), EXPONENT)
+        is_dark = write.compare("LESS_EQUAL", value, ENCODED_KNEE)
+        channels.append(write.switch("FLOAT", is_dark, power, write.math("DIVIDE", value, SLOPE)))
     return {"light": write.combine(*channels)}

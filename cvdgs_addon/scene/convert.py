@@ -11,23 +11,23 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ...core.color import srgb
 from ...core.errors import InputError
 from ...core.events import Reporter
+from ...core.run_files import BLEND_FILE, STILLS_FOLDER
 from .cameras import use_camera
 from .capture_folder import CaptureView
 from .display import BACKGROUND_PROPERTY
 from .finished_run import PARTIAL_FOLDER, FinishedRun, read_run
 from .import_capture import add_cameras
 from .placement import placement
-from .render_settings import Display, decode_srgb, display_of, set_background, set_cycles, set_display
+from .render_settings import Display, display_of, set_background, set_cycles, set_display
 from .splat_attributes import ORIGINAL
 from .splat_nodes import Input
 from .splats import add_gaussians, check_gaussians, core_bounds, set_input, show_layer
 from .stills import render_still, turned_to
 
 STAGE = "blender"
-BLEND_FILE = "scene.blend"
-STILLS_FOLDER = "stills"
 
 _FULL_DISK = 4 << 20  # bytes; with less free, a failure to write has that reason
 
@@ -165,7 +165,7 @@ def _new_scene(run: FinishedRun, options: ConversionOptions) -> bpy.types.Scene:
     set_cycles(scene)
     set_display(scene, options.display)
     background = np.array(options.background if options.background is not None else run.background)
-    set_background(scene, background if options.display is Display.PHOTO else decode_srgb(background))
+    set_background(scene, background if options.display is Display.PHOTO else srgb.decode(background))
     return scene
 
 

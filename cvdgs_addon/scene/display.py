@@ -9,6 +9,7 @@ import bpy
 import mathutils
 import numpy as np
 
+from ...core.color import srgb
 from ...core.errors import InputError
 from .native_splats import add_native_splats, has_native_splats, native_splats_of, why_not_native
 from .remembered_settings import change_settings, changes, restore_settings
@@ -17,7 +18,6 @@ from .render_settings import (
     Display,
     Engine,
     background_world,
-    decode_srgb,
     display_of,
     display_settings,
     engine_settings,
@@ -101,7 +101,7 @@ def set_up_render(scene: bpy.types.Scene, engine: Engine, display: Display) -> l
     settings = {**display_settings(display), **engine_settings(engine)}
     background = _background_of(_splats_of(scene))
     if background is not None:
-        color = np.array(background) if display is Display.PHOTO else decode_srgb(background)
+        color = np.array(background) if display is Display.PHOTO else srgb.decode(background)
         settings["world"] = _shared_world(color).name
         settings["render.film_transparent"] = False
     told = change_settings(scene, _RENDER, settings)

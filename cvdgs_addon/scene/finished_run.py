@@ -10,18 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, LAYER_GAUSSIANS_PATTERN, layer_of
 from ...core.splats.gaussians import Gaussians
 from ...core.splats.ply import read_ply
-from . import capture_folder
 from .capture_folder import CaptureView, read_capture_folder
 
-CAPTURE_FOLDER = "capture"
-CAMERAS_FILE = f"{CAPTURE_FOLDER}/{capture_folder.CAMERAS_FILE}"
-GAUSSIANS_FILE = "splats.ply"
 PARTIAL_FOLDER = ".blender.partial"
 """Where the conversion makes its files before it moves them into place; to be deleted whenever nothing runs."""
 
-_LAYER_PATTERN = "splats.*.ply"
 _RUN_AGAIN = "choose the output folder of a finished run"
 
 
@@ -68,14 +64,13 @@ def read_run(folder: str | Path) -> FinishedRun:
     capture = read_capture_folder(folder / CAPTURE_FOLDER)
     gaussians = read_ply(_existing(folder / GAUSSIANS_FILE))
     layers = {}
-    for path in sorted(folder.glob(_LAYER_PATTERN)):
-        name = path.name.removeprefix("splats.").removesuffix(".ply")
+    for path in sorted(folder.glob(LAYER_GAUSSIANS_PATTERN)):
         layer = read_ply(path)
         if len(layer) != len(gaussians):
             raise InputError(
                 f"{len(layer)} Gaussians, but {GAUSSIANS_FILE} has {len(gaussians)}", where=path, remedy=_RUN_AGAIN
             )
-        layers[name] = layer.base_colors
+        layers[layer_of(path.name)] = layer.base_colors
     background = (1.0, 1.0, 1.0) if capture.is_cut_out else (0.0, 0.0, 0.0)
     return FinishedRun(folder, capture.views, gaussians, layers, background)
 

@@ -6,8 +6,6 @@ Attributes as Blender's importer makes them: ``position``, ``scale`` (standard d
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import bpy
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +13,6 @@ from numpy.typing import NDArray
 from ...core.splats.gaussians import Gaussians
 from ..export import read_gaussians
 from ..shown import shown_layer
-from .splat_attributes import Attribute
-from .splat_nodes import Input
-from .splats import get_input, point_positions
 
 _SPLAT_TYPE = "GAUSSIAN_SPLAT"
 _COPY_OF = "cvdgs_copy_of"  # custom property of the point cloud's object: the Gaussians that it copies
@@ -40,21 +35,6 @@ def native_splats_of(splats: bpy.types.Object) -> bpy.types.Object | None:
     return next(copies, None)
 
 
-def shown_in_viewport(splats: bpy.types.Object) -> NDArray[np.bool_]:
-    """(N,) which Gaussians are within the budget and inside the crop box, as in the node group."""
-    mesh = splats.data
-    frame, ranks = (np.zeros(len(mesh.vertices), np.int32) for _ in range(2))
-    mesh.attributes[Attribute.FRAME].data.foreach_get("value", frame)
-    mesh.attributes[Attribute.RANK].data.foreach_get("value", ranks)
-    budget, box = get_input(splats, Input.BUDGET), get_input(splats, Input.CROP_BOX)
-    shown = ranks[frame == 0] < budget if budget else np.ones(int((frame == 0).sum()), np.bool_)
-    if get_input(splats, Input.CROP) and isinstance(box, bpy.types.Object):
-        to_box = np.array(box.matrix_world.inverted() @ splats.matrix_world)
-        in_box = point_positions(mesh) @ to_box[:3, :3].T + to_box[:3, 3]
-        shown &= np.abs(in_box).max(axis=1) <= 1.0
-    return shown
-
-
 def native_attributes(gaussians: Gaussians) -> dict[str, tuple[str, NDArray[np.float32]]]:
     """Type and values of each attribute beside the position, by name."""
     base = np.concatenate([gaussians.sh[:, 0], gaussians.opacities[:, None]], axis=1)
@@ -71,9 +51,7 @@ def native_attributes(gaussians: Gaussians) -> dict[str, tuple[str, NDArray[np.f
 
 def add_native_splats(splats: bpy.types.Object) -> bpy.types.Object:
     """Add a copy of what `splats` show, as its child; needs `has_native_splats`."""
-    gaussians = read_gaussians(splats, *shown_layer(splats)).gaussians
-    shown = shown_in_viewport(splats)
-    gaussians = Gaussians(*(getattr(gaussians, field.name)[shown] for field in fields(gaussians)))
+    gaussians = read_gaussians(splats, *shown_layer(splats), as_in_viewport=True).gaussians
     type_property = _type_property()
     assert type_property is not None
     cloud = bpy.data.pointclouds.new(f"{splats.name} Native")

@@ -6,7 +6,7 @@ from enum import Enum
 
 import bpy
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from .remembered_settings import Setting, set_settings, setting_before
 
@@ -80,12 +80,6 @@ def display_of(scene: bpy.types.Scene) -> Display:
 def set_display(scene: bpy.types.Scene, display: Display) -> None:
     """Set the view transform of `scene`; the Gaussians' input "Scene Linear" has to agree."""
     set_settings(scene, display_settings(display))
-
-
-def decode_srgb(color: ArrayLike) -> NDArray[np.float64]:
-    """Scene-linear light of display-referred sRGB values (IEC 61966-2-1)."""
-    encoded = np.asarray(color, np.float64)
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def set_cycles(scene: bpy.types.Scene) -> None:

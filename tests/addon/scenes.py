@@ -14,6 +14,7 @@ from cvdgs.core.splats.gaussians import SH_C0, Gaussians
 from cvdgs.core.splats.ply import write_ply
 from cvdgs.cvdgs_addon.scene.cameras import Clip, add_camera, use_camera
 from cvdgs.cvdgs_addon.scene.intrinsics import Intrinsics
+from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute
 
 CAMERA = Intrinsics(64, 48, 56.0, 70.0, 30.0, 26.0)
 """With fx != fy and an off-centre principal point."""
@@ -38,6 +39,16 @@ def take(gaussians: Gaussians, indices: Iterable[int]) -> Gaussians:
     """Some of the Gaussians."""
     chosen = np.array(list(indices), int)
     return Gaussians(*(getattr(gaussians, name)[chosen] for name in gaussians.__dataclass_fields__))
+
+
+def drawn_points(target: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """(N, 3) positions and colours of the points that the object's modifier makes."""
+    geometry = target.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
+    count = len(geometry.pointcloud.points)
+    positions, colors = np.empty(count * 3, np.float32), np.empty(count * 4, np.float32)
+    geometry.pointcloud.points.foreach_get("co", positions)
+    geometry.pointcloud.attributes[Attribute.DRAWN_COLOR].data.foreach_get("color", colors)
+    return positions.reshape(-1, 3), colors.reshape(-1, 4)[:, :3]
 
 
 def look_at(eye: Iterable[float], target: Iterable[float] = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:

@@ -12,9 +12,10 @@ from cvdgs.cvdgs_addon.export import read_gaussians
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import splats as splat_objects
 from cvdgs.cvdgs_addon.scene.display import add_crop_box
+from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 
 from . import ewa
-from .scenes import CAMERA, cloud, look_at, opencv
+from .scenes import CAMERA, cloud, drawn_points, look_at, opencv
 from .test_splats import apply_transform
 
 POSE = opencv(look_at((3.0, -2.0, 1.5)))
@@ -116,6 +117,20 @@ def test_what_the_crop_box_hides_is_not_exported(scene):
     inside = (np.abs(local) <= 1.0).all(axis=1)
     assert 0 < inside.sum() < 200
     np.testing.assert_allclose(read_gaussians(added, "original", 1.0).gaussians.means, cloud(200).means[inside])
+
+
+def test_budget_and_crop_box_leave_what_the_viewport_draws(scene):
+    """What a copy as native splats holds."""
+    gaussians = cloud(200)
+    gaussians.opacity_logits[:] = 2.0  # all of them would be seen
+    added = splat_objects.add_gaussians(gaussians, {}, scene.collection)
+    add_crop_box(added).matrix_basis = mathutils.Matrix.Diagonal((0.7, 0.5, 0.9, 1.0))
+    splat_objects.set_input(added, Input.BUDGET, 120)
+    splat_objects.set_input(added, Input.AS_POINTS, True)
+    bpy.context.view_layer.update()
+    left = read_gaussians(added, "original", 1.0, as_in_viewport=True).gaussians.means
+    assert 0 < len(left) < min(120, len(read_gaussians(added, "original", 1.0).gaussians))
+    np.testing.assert_allclose(left, drawn_points(added)[0], atol=1e-6)
 
 
 def test_the_shown_layer_is_exported(addon, run_folder, tmp_path):

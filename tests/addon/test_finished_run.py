@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
+from cvdgs.core.run_files import CAPTURE_FOLDER
 from cvdgs.core.splats.ply import write_ply
-from cvdgs.cvdgs_addon.scene.finished_run import CAMERAS_FILE, read_run
+from cvdgs.cvdgs_addon.scene.capture_folder import CAMERAS_FILE
+from cvdgs.cvdgs_addon.scene.finished_run import read_run
 
 from .scenes import CAMERA, cloud, ring_view
 
 
 def edit_cameras(folder: Path, change) -> None:
-    path = folder / CAMERAS_FILE
+    path = folder / CAPTURE_FOLDER / CAMERAS_FILE
     document = json.loads(path.read_text())
     change(document)
     path.write_text(json.dumps(document))
@@ -85,7 +87,7 @@ def test_damaged_cameras_are_refused(run_folder, change, complaint):
 
 
 def test_a_camera_file_cut_in_the_middle_is_refused(run_folder):
-    path = run_folder / CAMERAS_FILE
+    path = run_folder / CAPTURE_FOLDER / CAMERAS_FILE
     path.write_text(path.read_text()[:200])
     with pytest.raises(InputError, match="not the cameras of a run"):
         read_run(run_folder)

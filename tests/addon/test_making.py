@@ -172,11 +172,12 @@ def test_settings_come_from_the_panels(capture, addon):
     addon.device = "cpu"
     viewer, run = capture.cvdgs.viewer, capture.cvdgs.run
     viewer.cvd, viewer.severity, viewer.simulation, viewer.strength = "protan", 0.6, "brettel", 0.5
-    run.quality, run.enhancer, run.scene_file = "DRAFT", "cgan", True
+    run.quality, run.enhancer, run.scene_file, run.refine_poses = "DRAFT", "cgan", True, True
     settings = making.run_settings(capture)
     assert [layer.name for layer in settings.layers] == ["protan-0.6"]
     assert (settings.simulation, settings.strength, settings.enhancer) == ("brettel", 0.5, "cgan")
     assert (settings.max_size, settings.device, settings.blend, settings.resume) == (320, "cpu", True, False)
+    assert settings.refine_poses
 
 
 def test_a_type_that_the_model_does_not_describe_is_refused_at_once(capture):

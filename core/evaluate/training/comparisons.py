@@ -65,13 +65,13 @@ def compare_time_to_quality(
             prototype.curve(_PROTOTYPE_EVERY, _PROTOTYPE_EVERY, threads)  # compiles
         else:
             reporter.warning("no-prototype", f"no prototype at {prototype_folder}: ours alone")
-        for number_ in range(1, rounds + 1):
+        for turn in range(1, rounds + 1):
             ours = train_once(capture, "quick", QUICK_PLAN, threads=threads).seconds_to(QUALITY)
             theirs = math.nan
             if prototype is not None:
                 theirs = first_reaching(prototype.curve(_PROTOTYPE_STEPS, _PROTOTYPE_EVERY, threads), QUALITY)
-            found.append(Reached(number_, ours, theirs))
-            reporter.progress(STAGE, number_ / rounds, f"ours {ours:.1f} s, prototype {theirs:.1f} s")
+            found.append(Reached(turn, ours, theirs))
+            reporter.progress(STAGE, turn / rounds, f"ours {ours:.1f} s, prototype {theirs:.1f} s")
     return found
 
 

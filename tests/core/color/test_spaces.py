@@ -9,6 +9,7 @@ from colorspacious import cspace_convert
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cvdgs.core.color import srgb
 from cvdgs.core.color.difference import delta_e_76, delta_e_2000
 from cvdgs.core.color.spaces import (
     image_to_tensor,
@@ -39,6 +40,12 @@ def test_xyz_and_lab_agree_with_colorspacious_to_the_rounding_of_its_matrix() ->
 def test_lab_leads_back_to_linear_light() -> None:
     linear = srgb_to_linear(AS_TENSOR)
     torch.testing.assert_close(lab_to_linear(srgb_to_lab(AS_TENSOR)), linear, atol=1e-6, rtol=0)
+
+
+def test_the_transfer_function_is_the_same_without_torch() -> None:
+    light = cspace_convert(COLORS, "sRGB1", "sRGB1-linear")
+    np.testing.assert_allclose(srgb.decode(COLORS), light, atol=1e-12)
+    np.testing.assert_allclose(srgb.encode(light), linear_to_srgb(torch.from_numpy(light)).numpy(), atol=1e-12)
 
 
 @given(st.floats(-0.5, 1.5))

@@ -1,0 +1,47 @@
+"""What a finished run leaves in its folder, by the contract of the command line. Standard library only."""
+
+from __future__ import annotations
+
+CAPTURE_FOLDER = "capture"  # the photographs and cameras that the run used
+ENHANCED_FOLDER = "enhanced"
+RENDERS_FOLDER = "renders"
+STILLS_FOLDER = "stills"
+TURNTABLE_FOLDER = "turntable"
+GAUSSIANS_FILE = "splats.ply"
+BLEND_FILE = "scene.blend"
+REPORT_FILE = "report.json"
+REPORT_PAGE = "report.html"
+LOG_FILE = "run.log"
+
+_LAYER_PREFIX, _LAYER_SUFFIX = "splats.", ".ply"
+LAYER_GAUSSIANS_PATTERN = f"{_LAYER_PREFIX}*{_LAYER_SUFFIX}"
+
+# Everything that a run may have written.
+NAMES = (
+    CAPTURE_FOLDER,
+    ENHANCED_FOLDER,
+    RENDERS_FOLDER,
+    STILLS_FOLDER,
+    TURNTABLE_FOLDER,
+    BLEND_FILE,
+    GAUSSIANS_FILE,
+    REPORT_FILE,
+    REPORT_PAGE,
+    LOG_FILE,
+)
+PATTERNS = (LAYER_GAUSSIANS_PATTERN, "layer.*.cube")
+
+
+def layer_gaussians_file(layer: str) -> str:
+    """File of the Gaussians in the colours of `layer`."""
+    return f"{_LAYER_PREFIX}{layer}{_LAYER_SUFFIX}"
+
+
+def layer_of(name: str) -> str:
+    """The layer whose `layer_gaussians_file` is called `name`."""
+    return name.removeprefix(_LAYER_PREFIX).removesuffix(_LAYER_SUFFIX)
+
+
+def layer_cube_file(layer: str) -> str:
+    """File of the LUT that makes the colours of `layer`."""
+    return f"layer.{layer}.cube"
