@@ -16,12 +16,11 @@ from __future__ import annotations
 import json
 import shutil
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from .command import SCRIPT, task_arguments
-from .task import PLAN_FILE, Plan, Task, write_plan
+from .task import PLAN_FILE, SCRIPT, Plan, Task, task_command, write_plan
 
 FOLDER = "openjd"
 TEMPLATE_FILE = "template.json"
@@ -102,25 +101,19 @@ def _steps(tasks: Sequence[Task]) -> Iterator[tuple[str, list[Task]]]:
             yield name[:_STEP_NAME_CHARACTERS], group[first : first + _VALUES_OF_A_PARAMETER]
 
 
-def _step(name: str, tasks: Sequence[Task], step_names: dict[str, str]) -> dict[str, Any]:
+def _step(name: str, tasks: Sequence[Task], step_names: Mapping[str, str]) -> dict[str, Any]:
+    python, _, *options = task_command("{{Param.Python}}", Path("{{Param.Plan}}"), "{{Task.Param.Task}}")
+    run = {
+        "command": python,
+        "args": ["{{Param.Script}}", *options],
+        "cancelation": {"mode": "NOTIFY_THEN_TERMINATE", "notifyPeriodInSeconds": _NOTICE_SECONDS},
+    }
+    parameter = {"name": "Task", "type": "STRING", "range": [task.name for task in tasks]}
     step: dict[str, Any] = {
         "name": name,
-        "parameterSpace": {
-            "taskParameterDefinitions": [{"name": "Task", "type": "STRING", "range": [task.name for task in tasks]}]
-        },
+        "parameterSpace": {"taskParameterDefinitions": [parameter]},
         "hostRequirements": {"amounts": list(_amounts(tasks[0]))},
-        "script": {
-            "actions": {
-                "onRun": {
-                    "command": "{{Param.Python}}",
-                    "args": ["{{Param.Script}}", *task_arguments("{{Param.Plan}}", "{{Task.Param.Task}}")],
-                    "cancelation": {
-                        "mode": "NOTIFY_THEN_TERMINATE",
-                        "notifyPeriodInSeconds": _NOTICE_SECONDS,
-                    },
-                }
-            }
-        },
+        "script": {"actions": {"onRun": run}},
     }
     before = dict.fromkeys(step_names[earlier] for earlier in tasks[0].after)
     if before:
