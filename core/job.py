@@ -25,9 +25,10 @@ from .errors import Cancelled, InputError
 ROOT = Path(__file__).resolve().parent.parent
 WORKER = ROOT / "core" / "__main__.py"
 BLENDER_WORKER = ROOT / "cvdgs_addon" / "scene" / "worker.py"
+PICTURE_WORKER = ROOT / "cvdgs_addon" / "batch" / "worker.py"
 
 # A worker that is in the middle of a long call into C++ does not see the signal; the user waits no longer than this.
-_GRACE_SECONDS = 1.2
+GRACE_SECONDS = 1.2
 
 Event = dict[str, Any]
 
@@ -54,13 +55,17 @@ def find_python() -> str:
     )
 
 
-def blender_command(arguments: list[str]) -> list[str]:
-    """The command that runs Blender's side of a run: this Blender, a Python with the bpy wheel, or ``CVDGS_BLENDER``.
+def blender_command(arguments: list[str], worker: Path = BLENDER_WORKER) -> list[str]:
+    """The command that runs Blender's side of a job: this Blender, a Python with the bpy wheel, or ``CVDGS_BLENDER``.
+
+    Args:
+        arguments: of `worker`.
+        worker: the file that Blender runs.
 
     Raises:
         InputError: there is neither.
     """
-    in_blender = ["-b", "--factory-startup", "--python-exit-code", "1", "-P", str(BLENDER_WORKER), "--", *arguments]
+    in_blender = ["-b", "--factory-startup", "--python-exit-code", "1", "-P", str(worker), "--", *arguments]
     program = os.environ.get("CVDGS_BLENDER")
     if program:
         return [program, *in_blender]
@@ -68,7 +73,7 @@ def blender_command(arguments: list[str]) -> list[str]:
     if bpy is not None and bpy.app.binary_path:
         return [bpy.app.binary_path, *in_blender]
     if _has_modules("bpy"):
-        return [sys.executable, str(BLENDER_WORKER), *arguments]
+        return [sys.executable, str(worker), *arguments]
     python = find_python()
     if (
         subprocess.run(
@@ -76,10 +81,10 @@ def blender_command(arguments: list[str]) -> list[str]:
         ).returncode
         == 0
     ):
-        return [python, str(BLENDER_WORKER), *arguments]
+        return [python, str(worker), *arguments]
     raise InputError(
-        "no Blender is found for scene.blend",
-        remedy="set CVDGS_BLENDER to a Blender program, install the bpy wheel, or pass --no-blend",
+        "no Blender is found",
+        remedy="set CVDGS_BLENDER to a Blender program, or install the bpy wheel; run.py can do without: --no-blend",
     )
 
 
@@ -95,6 +100,7 @@ class Job:
         request: sent to the worker's stdin as one JSON line, if given.
         log: receives every line that the worker writes, stderr included.
         variables: environment variables of the worker, beside this process's.
+        grace_seconds: that it has to stop after it was asked to.
     """
 
     def __init__(
@@ -103,6 +109,7 @@ class Job:
         request: Event | None = None,
         log: Callable[[str], None] = lambda _: None,
         variables: Mapping[str, str] = MappingProxyType({}),
+        grace_seconds: float = GRACE_SECONDS,
     ) -> None:
         environment = {**os.environ, **variables}
         # Blender sets these for its own Python; they would lead the worker's interpreter astray.
@@ -113,6 +120,7 @@ class Job:
         # Spinning OpenMP threads make a step 10-15 times slower beside one busy neighbour (notes/splats.md).
         environment.setdefault("OMP_WAIT_POLICY", "passive")
         self._log = log
+        self._grace_seconds = grace_seconds
         self._queue: queue.Queue[Event | None] = queue.Queue()
         self.cancelled = False
         try:
@@ -180,7 +188,7 @@ class Job:
         """Ask the worker to stop, and end it and its children when it does not within the grace period."""
         self.cancelled = True
         self._signal(signal.SIGINT)
-        deadline = time.monotonic() + _GRACE_SECONDS
+        deadline = time.monotonic() + self._grace_seconds
         while self.running and time.monotonic() < deadline:
             time.sleep(0.02)
         self._signal(getattr(signal, "SIGKILL", signal.SIGTERM))

@@ -23,8 +23,13 @@ def render_still(scene: bpy.types.Scene, camera: bpy.types.Object, path: Path) -
     """
     use_camera(scene, camera)
     set_png(scene)
+    render_picture(scene, path)
+
+
+def render_picture(scene: bpy.types.Scene, path: Path) -> None:
+    """Render `scene` as it is set up, to PNG, into `path`; raises as `render_still` does."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.partial.png")
+    temporary = partial_picture(path)
     scene.render.filepath = str(temporary)
     try:
         bpy.ops.render.render(write_still=True, scene=scene.name)
@@ -34,20 +39,27 @@ def render_still(scene: bpy.types.Scene, camera: bpy.types.Object, path: Path) -
         scene.render.filepath = "//renders/"
 
 
+def partial_picture(path: Path) -> Path:
+    """Where the picture `path` is made before it gets its name."""
+    return path.with_name(f".{path.stem}.partial.png")
+
+
 @contextmanager
-def turned_to(camera: bpy.types.Object, root: bpy.types.Object) -> Iterator[None]:
-    """Within the block, `root` and all below it stand so that `camera`, one of them, looks down -Z from the origin.
+def turned_to(camera: bpy.types.Object, *roots: bpy.types.Object) -> Iterator[None]:
+    """Within the block, `roots` and all below them stand so that `camera`, one of them, looks down -Z from the origin.
 
     The picture is the same, but the discs of Gaussians that face the camera then have flat bounding boxes, and Cycles
-    finds the next one on a ray in half the time. Only for scenes that have nothing outside of `root`.
+    finds the next one on a ray in half the time. Only for scenes that have nothing outside of `roots`.
     """
     turn = bpy.data.objects.new("Turn", None)
     bpy.context.view_layer.update()
     location, rotation, _ = camera.matrix_world.decompose()
     turn.matrix_basis = mathutils.Matrix.LocRotScale(location, rotation, None).inverted()
-    root.parent = turn
+    for root in roots:
+        root.parent = turn
     try:
         yield
     finally:
-        root.parent = None
+        for root in roots:
+            root.parent = None
         bpy.data.objects.remove(turn)

@@ -121,7 +121,7 @@ def render_turntable(scene: bpy.types.Scene, turntable: Turntable, folder: Path,
         raise InputError("the scene has no turntable", where=scene.name, remedy="add one first")
     _require_writable(folder)
     camera.parent[_FRAMES] = turntable.frames
-    told = change_settings(scene, _RENDER, _render_settings(camera, turntable, folder))
+    told = change_settings(scene, _RENDER, _turn_settings(camera, turntable, folder))
     match_display(scene)
     if not wait:
         bpy.ops.render.render("INVOKE_DEFAULT", animation=True, scene=scene.name)
@@ -139,20 +139,27 @@ def rendering_changes(scene: bpy.types.Scene) -> Iterator[str]:
     return changes(scene, _RENDER)
 
 
-def _render_settings(camera: bpy.types.Object, turntable: Turntable, folder: Path) -> dict[str, Setting]:
+def picture_settings(camera: bpy.types.Object, turntable: Turntable) -> dict[str, Setting]:
+    """What a picture that `camera` takes needs, by path from the scene."""
     settings = engine_settings(turntable.engine) if turntable.engine is not None else {}
     return {
         **settings,
         **png_settings(),
         "camera": camera.name,
-        "frame_start": 1,
-        "frame_end": turntable.frames,
-        "frame_step": 1,
         "render.resolution_x": turntable.width,
         "render.resolution_y": turntable.height_pixels,
         "render.resolution_percentage": 100,
         "render.pixel_aspect_x": 1.0,
         "render.pixel_aspect_y": 1.0,
+    }
+
+
+def _turn_settings(camera: bpy.types.Object, turntable: Turntable, folder: Path) -> dict[str, Setting]:
+    return {
+        **picture_settings(camera, turntable),
+        "frame_start": 1,
+        "frame_end": turntable.frames,
+        "frame_step": 1,
         "render.use_file_extension": True,
         "render.use_overwrite": True,
         "render.filepath": str(folder / _NUMBER),

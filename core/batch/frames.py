@@ -1,0 +1,57 @@
+"""Tasks that render pictures of a turntable. Standard library only."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from ..job_console import Listener, WorkerDefect
+from ..run_files import REPORT_FILE
+from ..settings import Settings
+from .arguments import FramesArguments
+from .pictures import make_pictures
+from .task import Task
+
+_CYCLES, _EEVEE = "cycles", "eevee"
+
+
+def run(task: Task, out: Path, listen: Listener) -> None:
+    """Render the task's pictures, with as many threads as the task has cores.
+
+    Where there is no OpenGL, Cycles takes EEVEE's place, and `listen` hears of it.
+
+    Raises:
+        InputError: the run, the layer or the engine cannot be used.
+        WorkerDefect: Blender failed.
+        Cancelled: no picture is half-written.
+    """
+    arguments = FramesArguments.from_dict(task.arguments)
+    if arguments.engine == _EEVEE and not _has_eevee(out, listen):
+        arguments = replace(arguments, engine=_CYCLES)
+        message = "EEVEE needs OpenGL, which this machine does not have; the pictures are rendered by Cycles"
+        listen({"event": "warning", "name": "no-eevee", "message": message})
+    model = simulation_model(out / arguments.run)
+    result = make_pictures("frames", arguments.to_dict(), out, listen, threads=task.cores, model=model)
+    seconds = result["seconds"]
+    message = f"{result['pictures']} pictures in {sum(seconds['pictures']):.1f} s, loaded in {seconds['loading']:.1f} s"
+    listen({"event": "status", "stage": "frames", "message": message})
+
+
+def simulation_model(run_folder: Path) -> str:
+    """The model that the run's own simulations are made with; the usual one where its report does not say."""
+    try:
+        report = json.loads((run_folder / REPORT_FILE).read_text(encoding="utf-8"))
+        return str(report["settings"]["simulation"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return Settings.simulation
+
+
+def _has_eevee(out: Path, listen: Listener) -> bool:
+    """Whether EEVEE renders here; asked of a process of its own, because without OpenGL Blender aborts."""
+    listen({"event": "status", "stage": "frames", "message": "trying EEVEE"})
+    try:
+        make_pictures("try-eevee", {}, out, lambda _: None)
+    except WorkerDefect:
+        return False
+    return True

@@ -1,0 +1,33 @@
+"""Asks Blender for pictures, in a process of its own. Standard library only."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..job import PICTURE_WORKER, Event, Workers, blender_command
+from ..job_console import Listener, finish
+
+
+def make_pictures(job: str, arguments: Mapping[str, Any], out: Path, listen: Listener, **fields: Any) -> Event:
+    """Let Blender do `job` with the task's `arguments` in the batch's folder `out`; returns the result.
+
+    What Blender prints beside its events goes to stderr, and so to the task's log.
+
+    Args:
+        job: see ``cvdgs_addon/batch/worker.py``.
+        fields: of the request, beside those.
+
+    Raises:
+        InputError: there is no Blender, or it refused the input.
+        WorkerDefect: it failed.
+        Cancelled: nothing half-written is left.
+    """
+    request = {"job": job, "out": str(out), "arguments": dict(arguments), **fields}
+    return finish(Workers().start_command(blender_command([], PICTURE_WORKER), request, _log), listen)
+
+
+def _log(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)

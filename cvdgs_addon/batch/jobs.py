@@ -1,0 +1,73 @@
+"""The jobs of the process that makes pictures (see `worker`), by name."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ...core.batch.arguments import FramesArguments
+from ...core.errors import InputError
+from ...core.events import Reporter
+from ..scene.remembered_settings import set_settings
+from ..scene.render_settings import Engine, engine_settings, png_settings
+from ..scene.stills import render_picture
+from . import frames
+
+_TRIAL_SIZE = 16  # pixels
+
+
+def perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
+    """Do what `request` asks for; returns the fields of the result.
+
+    Raises:
+        InputError: unusable input, or a folder that cannot be written to.
+    """
+    try:
+        return _perform(request, reporter)
+    except OSError as error:
+        name = f"{error.filename}: " if error.filename else ""
+        raise InputError(f"{name}{error.strerror or error}", remedy="free space or check the permissions") from error
+    except RuntimeError as error:  # what bpy's operators raise, whatever the reason
+        out = Path(request.get("out", "."))
+        if shutil.disk_usage(out).free > _FULL_DISK:
+            raise
+        raise InputError("the disk is full", where=out, remedy="free space, then run the batch again") from error
+
+
+def half_made(request: dict[str, Any]) -> list[Path]:
+    """What the job may have left when it is cut short."""
+    if request["job"] == "frames":
+        return frames.half_made(FramesArguments.from_dict(request["arguments"]), Path(request["out"]))
+    return []
+
+
+def _perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
+    job = request.get("job")
+    if job == "try-eevee":
+        return _try_eevee()
+    out, arguments = Path(request["out"]), request["arguments"]
+    if job == "frames":
+        asked = FramesArguments.from_dict(arguments)
+        threads, model = int(request["threads"]), str(request["model"])
+        return frames.render_frames(asked, out, threads=threads, model=model, reporter=reporter)
+    raise InputError(f"unknown job '{job}'", remedy="update the program that sends it")
+
+
+def _try_eevee() -> dict[str, Any]:
+    """Render a small picture with EEVEE; without OpenGL, Blender aborts."""
+    scene = bpy.context.scene
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    set_settings(scene, {**engine_settings(Engine.EEVEE), **png_settings()})
+    scene.render.resolution_x = scene.render.resolution_y = _TRIAL_SIZE
+    with tempfile.TemporaryDirectory() as folder:
+        render_picture(scene, Path(folder) / "trial.png")
+    return {}
+
+
+_FULL_DISK = 4 << 20  # bytes; with less free, a failure to write has that reason

@@ -1,0 +1,92 @@
+"""8-bit pictures in files and as arrays. They get their names only when they are complete."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ..scene.stills import partial_picture
+
+Pixels = NDArray[np.uint8]
+
+_LEVELS = 255.0
+_SIGNATURE_BYTES = 8  # of a PNG file, before its first chunk
+_FRAMING_BYTES = 12  # of a chunk: length and type before its data, checksum behind
+_TEXT_CHUNKS = (b"tEXt", b"zTXt", b"iTXt", b"tIME")
+
+
+def read_picture(path: Path) -> Pixels:
+    """(H, W, 3) pixels of an 8-bit file, from the top.
+
+    Raises:
+        InputError: there is no such picture, or it is damaged.
+    """
+    remedy = "run the batch again"
+    if not path.is_file():
+        raise InputError("no such picture", where=path, remedy=remedy)
+    try:
+        image = bpy.data.images.load(str(path), check_existing=False)
+    except RuntimeError:
+        raise InputError("cannot be read as a picture", where=path, remedy=remedy) from None
+    try:
+        image.colorspace_settings.name = "Non-Color"
+        width, height = image.size
+        if not (width and height):
+            raise InputError("cannot be read as a picture", where=path, remedy=remedy)
+        values = np.empty(width * height * image.channels, np.float32)
+        image.pixels.foreach_get(values)
+        pixels = values.reshape(height, width, image.channels)[::-1, :, :3]
+        return np.round(pixels * _LEVELS).astype(np.uint8)
+    finally:
+        bpy.data.images.remove(image)
+
+
+def write_picture(path: Path, pixels: Pixels) -> None:
+    """Write (H, W, 3) `pixels` as PNG; folders are made as needed.
+
+    Raises:
+        OSError: it cannot be written.
+        RuntimeError: Blender could not write it.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    height, width, _ = pixels.shape
+    image = bpy.data.images.new(path.stem, width, height, alpha=False)
+    temporary = partial_picture(path)
+    try:
+        image.colorspace_settings.name = "Non-Color"
+        values = np.ones((height, width, 4), np.float32)
+        values[..., :3] = pixels[::-1] / np.float32(_LEVELS)
+        image.pixels.foreach_set(values.ravel())
+        image.filepath_raw, image.file_format = str(temporary), "PNG"
+        image.save()
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+        bpy.data.images.remove(image)
+
+
+def remove_texts(path: Path) -> None:
+    """Take out of the PNG file `path` what was noted there: when, how long and under which name it was rendered.
+
+    Pictures are the same files then wherever and whenever they are rendered.
+    """
+    content = path.read_bytes()
+    kept = [chunk for chunk in _chunks(content) if chunk[4:8] not in _TEXT_CHUNKS]
+    temporary = partial_picture(path)
+    temporary.write_bytes(content[:_SIGNATURE_BYTES] + b"".join(kept))
+    os.replace(temporary, path)
+
+
+def _chunks(content: bytes) -> Iterator[bytes]:
+    """The chunks of a PNG file (ISO/IEC 15948, section 5.3)."""
+    start = _SIGNATURE_BYTES
+    while start < len(content):
+        end = start + _FRAMING_BYTES + int.from_bytes(content[start : start + 4], "big")
+        yield content[start:end]
+        start = end

@@ -1,0 +1,59 @@
+"""Entry of the process that makes pictures of a batch: one JSON request on stdin, events on stdout.
+
+    python cvdgs_addon/batch/worker.py                                            with the bpy wheel
+    blender -b --factory-startup -P cvdgs_addon/batch/worker.py --
+
+    {"job": "frames", "out": "DIR", "arguments": {...}, "threads": N, "model": "machado"}
+    {"job": "video" | "sheet" | "previews", "out": "DIR", "arguments": {...}}
+    {"job": "try-eevee"}                                 renders one small picture; ends in one way or another
+
+The arguments are those of ``core/batch/arguments.py``. Events and exit codes: see `worker_process`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any, NoReturn
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def load_package() -> None:
+    """Load this very tree as the package ``cvdgs``, whatever its folder is called and whatever is installed."""
+    # Started as a file, Python puts this folder first on the path, where our module names would hide others'.
+    here = str(Path(__file__).resolve().parent)
+    sys.path[:] = [entry for entry in sys.path if os.path.abspath(entry or ".") != here]
+    sys.path.insert(0, str(ROOT / "core"))
+    import bootstrap
+
+    bootstrap.load()
+
+
+def main() -> NoReturn:
+    """Do the job and end the process."""
+    load_package()
+    from cvdgs.cvdgs_addon.worker_process import serve
+
+    serve(lambda: json.loads(sys.stdin.readline()), _perform, _clean_up)
+
+
+def _perform(request: dict[str, Any], reporter: Any) -> dict[str, Any]:
+    from cvdgs.cvdgs_addon.batch import jobs
+
+    return jobs.perform(request, reporter)
+
+
+def _clean_up(request: dict[str, Any]) -> None:
+    from cvdgs.cvdgs_addon.batch import jobs
+
+    for path in jobs.half_made(request):
+        with contextlib.suppress(OSError):
+            path.unlink(missing_ok=True)
+
+
+if __name__ == "__main__":
+    main()

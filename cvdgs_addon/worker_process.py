@@ -1,0 +1,84 @@
+"""A process that does one piece of Blender's work, whoever started it. Imports bpy only through the work itself.
+
+Speaks the protocol of ``core/events.py`` on stdout; everything that Blender prints goes to stderr. Exit codes: 0 done,
+2 unusable input or arguments, 130 cancelled by SIGINT or SIGTERM, 1 a defect of ours.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Mapping
+from typing import Any, NoReturn, TypeVar
+
+from ..core.errors import InputError
+from ..core.events import JsonReporter, Reporter, claim_stdout
+
+EXIT_DONE, EXIT_DEFECT, EXIT_INPUT, EXIT_CANCELLED = 0, 1, 2, 130
+
+Request = TypeVar("Request")
+
+
+def serve(
+    read: Callable[[], Request],
+    work: Callable[[Request, Reporter], Mapping[str, Any]],
+    clean_up: Callable[[Request], None],
+) -> NoReturn:
+    """Do what is asked for, report, and end the process.
+
+    Args:
+        read: says what is asked for.
+        work: does it and returns the fields of the result; imports bpy, which takes a second, only now.
+        clean_up: removes what `work` leaves half-written when it is cancelled; called from another thread.
+    """
+    reporter = JsonReporter(claim_stdout())
+    code = EXIT_DONE
+    try:
+        request = read()
+        _end_on_signal(lambda: clean_up(request))
+        reporter.emit("result", **work(request, reporter))
+    except InputError as error:
+        reporter.emit("error", kind="input", message=str(error))
+        code = EXIT_INPUT
+    except Exception as error:
+        traceback.print_exc()
+        reporter.emit("error", kind="defect", message=f"{type(error).__name__}: {error}".splitlines()[0])
+        code = EXIT_DEFECT
+    _end(code)
+
+
+def _end_on_signal(clean_up: Callable[[], None]) -> None:
+    """End the process within moments of SIGINT or SIGTERM, leaving nothing half-written.
+
+    Blender renders in one long call during which Python's signal handlers cannot run on the main thread; a thread that
+    Python wakes from the C handler can.
+    """
+    receiver, sender = socket.socketpair()
+    sender.setblocking(False)
+
+    def watch() -> None:
+        receiver.recv(1)
+        clean_up()
+        _end(EXIT_CANCELLED)
+
+    threading.Thread(target=watch, name="cancel", daemon=True).start()
+    signal.set_wakeup_fd(sender.detach())
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: None)
+
+
+def _end(code: int) -> NoReturn:
+    """End at once, because Blender 4.5 can hang in its own clean-up; what that would have removed is removed here."""
+    bpy = sys.modules.get("bpy")
+    if bpy is not None and getattr(bpy, "app", None) is not None:
+        shutil.rmtree(bpy.app.tempdir, ignore_errors=True)
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code)
