@@ -9,15 +9,16 @@ from typing import Any
 
 import bpy
 
-from ...core.batch.arguments import FramesArguments
+from ...core.batch.arguments import FramesArguments, VideoArguments
 from ...core.errors import InputError
 from ...core.events import Reporter
 from ..scene.remembered_settings import set_settings
 from ..scene.render_settings import Engine, engine_settings, png_settings
 from ..scene.stills import render_picture
-from . import frames
+from . import frames, video
 
 _TRIAL_SIZE = 16  # pixels
+_FULL_DISK = 4 << 20  # bytes; with less free, a failure to write has that reason
 
 
 def perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
@@ -40,8 +41,11 @@ def perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
 
 def half_made(request: dict[str, Any]) -> list[Path]:
     """What the job may have left when it is cut short."""
-    if request["job"] == "frames":
-        return frames.half_made(FramesArguments.from_dict(request["arguments"]), Path(request["out"]))
+    job, arguments, out = request["job"], request.get("arguments"), Path(request.get("out", "."))
+    if job == "frames":
+        return frames.half_made(FramesArguments.from_dict(arguments), out)
+    if job == "video":
+        return [video.partial_video(out / arguments["file"])]
     return []
 
 
@@ -54,6 +58,8 @@ def _perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
         asked = FramesArguments.from_dict(arguments)
         threads, model = int(request["threads"]), str(request["model"])
         return frames.render_frames(asked, out, threads=threads, model=model, reporter=reporter)
+    if job == "video":
+        return video.make_video(VideoArguments.from_dict(arguments), out, reporter=reporter)
     raise InputError(f"unknown job '{job}'", remedy="update the program that sends it")
 
 
@@ -68,6 +74,3 @@ def _try_eevee() -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         render_picture(scene, Path(folder) / "trial.png")
     return {}
-
-
-_FULL_DISK = 4 << 20  # bytes; with less free, a failure to write has that reason

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
@@ -27,22 +28,31 @@ def read_picture(path: Path) -> Pixels:
     Raises:
         InputError: there is no such picture, or it is damaged.
     """
-    remedy = "run the batch again"
-    if not path.is_file():
-        raise InputError("no such picture", where=path, remedy=remedy)
-    try:
-        image = bpy.data.images.load(str(path), check_existing=False)
-    except RuntimeError:
-        raise InputError("cannot be read as a picture", where=path, remedy=remedy) from None
-    try:
+    with _opened(path) as image:
         image.colorspace_settings.name = "Non-Color"
         width, height = image.size
-        if not (width and height):
-            raise InputError("cannot be read as a picture", where=path, remedy=remedy)
         values = np.empty(width * height * image.channels, np.float32)
         image.pixels.foreach_get(values)
         pixels = values.reshape(height, width, image.channels)[::-1, :, :3]
         return np.round(pixels * _LEVELS).astype(np.uint8)
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Width and height; errors as for `read_picture`."""
+    with _opened(path) as image:
+        return image.size[0], image.size[1]
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[bpy.types.Image]:
+    remedy = "run the batch again"
+    if not path.is_file():
+        raise InputError("no such picture", where=path, remedy=remedy)
+    image = bpy.data.images.load(str(path), check_existing=False)
+    try:
+        if not all(image.size):
+            raise InputError("cannot be read as a picture", where=path, remedy=remedy)
+        yield image
     finally:
         bpy.data.images.remove(image)
 
