@@ -46,10 +46,13 @@ class TrainArguments(_Arguments):
     """What makes a run.
 
     Attributes:
-        settings: `Settings.to_dict()` with the run's folder, relative to OUT, as ``out``; with the item's layers.
+        settings: `Settings.to_dict()` without its layers; ``out`` is the run's folder.
+        layers: those that are made along with it, as in `Settings.to_dict()`. They do not make it another run: those
+            that it lacks are added by tasks of their own.
     """
 
     settings: Mapping[str, Any]
+    layers: tuple[Mapping[str, Any], ...]
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ class LayerArguments(_Arguments):
     """What adds a layer to a run.
 
     Attributes:
-        settings: `Settings.to_dict()` of the addition, ``resume`` included, with one layer and the run's folder.
+        settings: `Settings.to_dict()` of the addition, with ``resume`` and one layer; ``out`` is the run's folder.
         source: a finished run outside of OUT that is copied into the run's folder first, so that it stays as it is;
             "" where the run is made by the batch.
     """

@@ -1,0 +1,370 @@
+"""The batch file: what to render for a whole collection, in TOML, checked as a whole. Standard library only.
+
+title = "Autumn collection"
+layers = ["original", "deutan-1.0"]        # "deutan" and "deutan-1.0" are the same
+
+[train]                                    # options of scripts/run.py, for items that are captures
+iterations = 3000
+
+[turntable]
+frames = 96
+size = [640, 480]
+engines = ["cycles"]
+
+[cameras.low]                              # a turn for each camera
+height = 0.1
+
+[[items]]
+capture = "captures/chair"                 # relative to the batch file
+layers = ["deutan-1.0", "protan-0.6"]      # an item's own values come before those above
+turntable.frames = 48
+
+[[items]]
+run = "finished/sofa"                      # a finished run is taken as it is
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from ..settings import CVD_TYPES, Layer, Settings
+from .arguments import DIGITS, ORIGINAL
+from .finished import check_finished_run
+from .table_reader import Problem, Problems, TableReader, UnusableFile
+from .train_options import read_train_options
+
+ENGINES = ("cycles", "eevee")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+_NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9_-]+")
+_LAYER = re.compile(rf"({'|'.join(CVD_TYPES)})(?:-([0-9.]+))?")
+_MAX_FRAMES = 10**DIGITS - 1
+_MAX_PIXELS = 16384  # of a side: Blender's own limit is 65536, and memory's is lower
+_MAX_RETRIES = 100
+_MAX_CORES, _MAX_MEMORY_MB = 1024, 2**24
+_FAR = 1e6  # scene units
+_REASONABLE_SYNTAX = "see the start of core/batch/batch_file.py, or scripts/turntable.py --example FILE"
+
+
+class Output(StrEnum):
+    """What is made of an item."""
+
+    FRAMES = "frames"
+    SIMULATED = "simulated"
+    """The same frames as the layer's observer sees them."""
+    VIDEO = "video"
+    SIDE_BY_SIDE = "side-by-side"
+    """A video of the frames beside the simulated ones."""
+    CONTACT_SHEET = "contact-sheet"
+    PAGE = "page"
+    """The item is shown on the batch's page."""
+
+
+@dataclass(frozen=True)
+class CameraPath:
+    """A camera on its way around the subject.
+
+    Attributes:
+        name: in file names.
+        radius: from the axis in scene units; 0: as far as the photographs were taken from.
+        height: above the subject's centre, as a share of the radius.
+        focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
+    """
+
+    name: str = "turn"
+    radius: float = 0.0
+    height: float = 0.25
+    focal_length: float = 0.0
+
+
+@dataclass(frozen=True)
+class TurntableSettings:
+    """How an item is shown.
+
+    Attributes:
+        frames: pictures of a turn.
+        frames_per_second: of videos.
+        size: width and height of the pictures in pixels.
+        engines: that render.
+        chunk: pictures that one task renders; the scene is loaded once for them.
+    """
+
+    frames: int = 96
+    frames_per_second: int = 24
+    size: tuple[int, int] = (640, 480)
+    engines: tuple[str, ...] = ("cycles",)
+    chunk: int = 24
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a task may take of a machine; one that has less gives it all that it has.
+
+    Attributes:
+        train_cores, train_memory_mb: for a run and for its layers.
+        frame_cores, frame_memory_mb: for a chunk of frames.
+    """
+
+    train_cores: int = 4
+    train_memory_mb: int = 4096
+    frame_cores: int = 1
+    frame_memory_mb: int = 2048
+
+
+@dataclass(frozen=True)
+class Item:
+    """An object of the collection.
+
+    Attributes:
+        name: in file names; unique.
+        capture: folder of photographs with cameras, absolute; None for a finished run.
+        run: folder of a finished run, absolute; None for a capture.
+        layers: in order; `ORIGINAL` is the scene's own colours.
+        present: layers that a finished run has already.
+        train: options of a run, by their names in `Settings`.
+    """
+
+    name: str
+    capture: Path | None
+    run: Path | None
+    layers: tuple[str, ...]
+    present: tuple[str, ...]
+    cameras: tuple[CameraPath, ...]
+    turntable: TurntableSettings
+    train: Mapping[str, Any]
+    outputs: frozenset[Output]
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A whole batch.
+
+    Attributes:
+        title: of its page.
+        items: at least one.
+        retries: how often a failed task is tried again.
+    """
+
+    title: str
+    items: tuple[Item, ...]
+    retries: int = 1
+    needs: Needs = field(default_factory=Needs)
+
+
+def read_batch(path: Path) -> Batch:
+    """Read and check the batch file `path`.
+
+    Raises:
+        UnusableFile: with everything that is wrong in it.
+        InputError: it cannot be read at all.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", where=path, remedy="give a batch file") from None
+    except UnicodeDecodeError:
+        raise InputError("is not UTF-8 text", where=path, remedy="give a batch file in TOML") from None
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise UnusableFile(path, [_syntax_problem(str(error))]) from None
+    problems = Problems(text)
+    batch = _read(TableReader(values, (), problems), path.absolute().parent)
+    if problems.found:
+        raise UnusableFile(path, problems.found)
+    return batch
+
+
+def layer_of(name: str) -> Layer | None:
+    """The layer that the batch file calls `name`: ``deutan``, ``deutan-0.6``; None for `ORIGINAL`.
+
+    Raises:
+        ValueError: there is no such layer.
+    """
+    if name == ORIGINAL:
+        return None
+    found = _LAYER.fullmatch(name)
+    severity = float(found[2] or 1.0) if found else -1.0
+    if found is None or not 0.0 <= severity <= 1.0:
+        raise ValueError(f"'{name}' is no layer")
+    return Layer(found[1], severity)
+
+
+@dataclass(frozen=True)
+class _Defaults:
+    """What holds for items that do not say otherwise."""
+
+    folder: Path
+    layers: tuple[str, ...]
+    cameras: Mapping[str, CameraPath]
+    turntable: TurntableSettings
+    train: Mapping[str, Any]
+    outputs: tuple[str, ...]
+
+
+def _read(table: TableReader, folder: Path) -> Batch:
+    defaults = _Defaults(
+        folder,
+        _read_layers(table, (ORIGINAL, Layer("deutan", 1.0).name)),
+        _read_cameras(table.table("cameras")),
+        _read_turntable(table.table("turntable"), TurntableSettings()),
+        read_train_options(table.table("train"), {}, folder),
+        table.choices("outputs", tuple(Output), tuple(Output)),
+    )
+    title = table.text("title", "Turntables")
+    retries = table.integer("retries", Batch.retries, 0, _MAX_RETRIES)
+    needs = _read_needs(table.table("needs"))
+    tables = table.tables("items")
+    if not tables and "items" not in table:
+        table.problems.add((), "the batch has no items", "add [[items]] with a capture or a run")
+    items = [_read_item(entry, defaults) for entry in tables]
+    table.refuse_others()
+    _refuse_equal_names(items, tables)
+    return Batch(title, tuple(items), retries, needs)
+
+
+def _read_item(table: TableReader, defaults: _Defaults) -> Item:
+    capture, run = _read_path(table, "capture", defaults.folder), _read_path(table, "run", defaults.folder)
+    if ("capture" in table) == ("run" in table):
+        table.problems.add(table.path, "needs either a capture or a run", "give one of the two")
+    name = table.text("name", _NOT_IN_A_NAME.sub("-", (capture or run or Path("item")).name).strip("-_") or "item")
+    if not _NAME.fullmatch(name):
+        table.add("name", f"'{name}' cannot be a folder's name", "use letters, digits, - and _")
+    layers = _read_layers(table, defaults.layers)
+    names = table.choices("cameras", tuple(defaults.cameras), tuple(defaults.cameras))
+    turntable = _read_turntable(table.table("turntable"), defaults.turntable)
+    train = read_train_options(table.table("train"), defaults.train, defaults.folder)
+    outputs = table.choices("outputs", defaults.outputs, tuple(Output))
+    table.refuse_others()
+    item = Item(
+        name,
+        capture,
+        run,
+        layers,
+        (),
+        tuple(defaults.cameras[name] for name in names),
+        turntable,
+        train,
+        frozenset(Output(output) for output in outputs),
+    )
+    return _with_source_checked(item, table)
+
+
+def _with_source_checked(item: Item, table: TableReader) -> Item:
+    """Look at the capture or the finished run as far as that takes no time."""
+    if item.run is not None:
+        try:
+            present = check_finished_run(item.run)
+        except InputError as error:
+            table.add("run", f"{error.where}: {error.what}", error.remedy)
+            present = []
+        return replace(item, present=tuple(present))
+    if item.capture is not None:
+        if not (item.capture.is_dir() or (item.capture.is_file() and item.capture.suffix.lower() == ".json")):
+            table.add("capture", f"no such folder: {item.capture}", "give a folder of photographs with cameras")
+        layers = tuple(filter(None, map(layer_of, item.layers)))
+        if not layers:
+            key = "layers" if "layers" in table else "capture"
+            table.add(key, "a capture needs a layer beside the original colours", 'add one, such as "deutan-1.0"')
+            return item
+        try:
+            Settings(str(item.capture), "out", layers, **item.train)
+        except InputError as error:
+            table.problems.add((*table.path, "train"), f"{error.where.lstrip('-')}: {error.what}", error.remedy)
+    return item
+
+
+def _read_path(table: TableReader, key: str, folder: Path) -> Path | None:
+    text = table.text(key)
+    return Path(os.path.normpath(folder / text)) if text else None
+
+
+def _read_layers(table: TableReader, default: tuple[str, ...]) -> tuple[str, ...]:
+    """Names as files and reports have them."""
+    names: list[str] = []
+    for index, text in enumerate(table.names("layers", default)):
+        try:
+            layer = layer_of(text)
+        except ValueError:
+            types = ", ".join(CVD_TYPES)
+            remedy = f'give "{ORIGINAL}", or one of {types} with a severity from 0 to 1, such as "deutan-0.6"'
+            table.problems.add((*table.path, "layers", index), f"'{text}' is not known", remedy)
+            continue
+        name = layer.name if layer else ORIGINAL
+        if name in names:
+            table.problems.add((*table.path, "layers", index), f"'{text}' is there twice", "name each once")
+        else:
+            names.append(name)
+    return tuple(names)
+
+
+def _read_cameras(table: TableReader) -> dict[str, CameraPath]:
+    cameras = {}
+    for name in table.values:
+        camera = table.table(name)
+        if not _NAME.fullmatch(name):
+            table.add(name, "cannot be part of a file's name", "use letters, digits, - and _")
+        usual = CameraPath()
+        cameras[name] = CameraPath(
+            name,
+            camera.number("radius", usual.radius, 0.0, _FAR),
+            camera.number("height", usual.height, -100.0, 100.0),
+            camera.number("focal_length", usual.focal_length, 0.0, 5000.0),
+        )
+        camera.refuse_others()
+    return cameras or {CameraPath.name: CameraPath()}
+
+
+def _read_turntable(table: TableReader, default: TurntableSettings) -> TurntableSettings:
+    settings = TurntableSettings(
+        table.integer("frames", default.frames, 1, _MAX_FRAMES),
+        table.integer("frames_per_second", default.frames_per_second, 1, 240),
+        _read_size(table, default.size),
+        table.choices("engines", default.engines, ENGINES),
+        table.integer("chunk", default.chunk, 1, _MAX_FRAMES),
+    )
+    table.refuse_others()
+    return settings
+
+
+def _read_size(table: TableReader, default: tuple[int, int]) -> tuple[int, int]:
+    size = table.pair_of_integers("size", default, 2, _MAX_PIXELS)
+    if "size" in table and any(side % 2 for side in size):
+        table.add("size", f"{size[0]} x {size[1]} has an odd side, which videos cannot have", "give even numbers")
+    return size
+
+
+def _read_needs(table: TableReader) -> Needs:
+    usual = Needs()
+    needs = Needs(
+        table.integer("train_cores", usual.train_cores, 1, _MAX_CORES),
+        table.integer("train_memory_mb", usual.train_memory_mb, 1, _MAX_MEMORY_MB),
+        table.integer("frame_cores", usual.frame_cores, 1, _MAX_CORES),
+        table.integer("frame_memory_mb", usual.frame_memory_mb, 1, _MAX_MEMORY_MB),
+    )
+    table.refuse_others()
+    return needs
+
+
+def _refuse_equal_names(items: Iterable[Item], tables: Sequence[TableReader]) -> None:
+    first: dict[str, int] = {}
+    for index, (item, table) in enumerate(zip(items, tables, strict=True)):
+        # Some file systems do not tell capitals from small letters.
+        other = first.setdefault(item.name.casefold(), index)
+        if other != index:
+            table.add("name", f"items {other + 1} and {index + 1} are both called '{item.name}'", "give one a name")
+
+
+def _syntax_problem(message: str) -> Problem:
+    found = re.search(r"\s*\(at line (\d+), column (\d+)\)|\s*\(at end of document\)", message)
+    line = int(found[1]) if found and found[1] else 1
+    what = message[: found.start()] if found else message
+    column = f" at column {found[2]}" if found and found[2] else ""
+    return Problem(line, f"no valid TOML{column}: {what} - {_REASONABLE_SYNTAX}")

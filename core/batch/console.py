@@ -1,0 +1,121 @@
+"""A batch as its user meets it on a console: the plan, progress, the summary, exit codes. Standard library only."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TextIO
+
+from ..errors import InputError
+from ..job import Event
+from ..job_console import EXIT_DONE, BarDisplay, JsonDisplay, Listener, in_console
+from ..progress import RunProgress, format_seconds
+from .course import STAGE
+from .done import is_done
+from .estimates import measured_pace
+from .local_pool import alone, run_locally
+from .machine import Resources
+from .outcome import BatchOutcome, summary
+from .progress import estimated_seconds
+from .task import Plan, Task, write_plan
+
+
+def run_in_console(plan: Plan, machine: Resources, *, cluster: str | None = None, json_events: bool) -> int:
+    """Do `plan` with progress on the console; returns the exit code of the contract.
+
+    Args:
+        machine: this one, as far as the batch may use it.
+        cluster: address of a Dask scheduler that does the tasks instead.
+        json_events: write the events to stdout as JSON lines instead of a progress bar on stderr.
+    """
+    outcomes: list[BatchOutcome] = []
+
+    def work(listen: Listener) -> Event:
+        with _alone(plan):
+            write_plan(plan)
+            outcomes.append(_run_on(cluster, plan, listen) if cluster else run_locally(plan, machine, listen))
+        return outcomes[0].to_event()
+
+    display: Listener = JsonDisplay(sys.stdout) if json_events else _bar(sys.stderr)
+    code = in_console(work, display)
+    return outcomes[0].exit_code if code == EXIT_DONE else code
+
+
+def _run_on(cluster: str, plan: Plan, listen: Listener) -> BatchOutcome:
+    from .dask_cluster import run_on_cluster  # Dask is there where the extra "farm" was asked for
+
+    return run_on_cluster(plan, cluster, listen)
+
+
+def export(plan: Plan, farm: str) -> int:
+    """Write `plan` for a render farm, "openjd" or "flamenco", and say where; returns the exit code.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    from .flamenco import export_flamenco
+    from .openjd import export_openjd
+
+    try:
+        print({"openjd": export_openjd, "flamenco": export_flamenco}[farm](plan))
+    except OSError as error:
+        raise _unwritable(plan, error) from None
+    return EXIT_DONE
+
+
+def print_plan(plan: Plan, machine: Resources, *, json_events: bool) -> None:
+    """Say what there is to do, and how long it may take on `machine`."""
+    done = done_tasks(plan)
+    pace = measured_pace(plan.tasks, plan.out)
+    seconds = estimated_seconds(plan, machine, pace, done)
+    if json_events:
+        tasks = [{**task.to_dict(), "done": task.name in done} for task in plan.tasks]
+        print(json.dumps({"event": "result", "out": str(plan.out), "seconds": round(seconds, 1), "tasks": tasks}))
+        return
+    width = max((len(task.name) for task in plan.tasks), default=0)
+    for task in plan.tasks:
+        estimate = task.seconds * pace.get(task.kind, 1.0)
+        state = "done" if task.name in done else format_seconds(estimate).rjust(7)
+        print(f"{task.name:<{width}}  {task.kind:<6}  {state:>7}  {_described_needs(task)}".rstrip())
+    to_do = len(plan.tasks) - len(done)
+    has = f"{machine.cores} cores, {machine.memory_mb} MiB" + (f", {machine.gpus} GPUs" if machine.gpus else "")
+    print(f"{to_do} of {len(plan.tasks)} tasks to do, about {format_seconds(seconds)} on this machine ({has})")
+
+
+def done_tasks(plan: Plan) -> set[str]:
+    """Names of the tasks that need not be done again: those that are done, as is everything before them."""
+    done: set[str] = set()
+    for task in plan.tasks:
+        if done.issuperset(task.after) and is_done(task, plan.out):
+            done.add(task.name)
+    return done
+
+
+def _described_needs(task: Task) -> str:
+    needs: Sequence[str] = [f"{task.cores} core" + ("s" if task.cores > 1 else ""), f"{task.memory_mb} MiB"]
+    return ", ".join([*needs, *([f"{task.gpu} GPU"] if task.gpu else [])])
+
+
+@contextmanager
+def _alone(plan: Plan) -> Iterator[None]:
+    """Keep other processes from working on the batch; say in one line what cannot be written.
+
+    Raises:
+        InputError: another process does, or the folder cannot be written.
+    """
+    try:
+        with alone(plan):
+            yield
+    except OSError as error:
+        raise _unwritable(plan, error) from None
+
+
+def _unwritable(plan: Plan, error: OSError) -> InputError:
+    remedy = "free space or choose another folder with --out"
+    return InputError(f"cannot be written to ({error.strerror})", where=plan.out, remedy=remedy)
+
+
+def _bar(stream: TextIO) -> Listener:
+    return BarDisplay(stream, "turntable.py", RunProgress((STAGE,), shares={STAGE: 1.0}), summary)

@@ -1,0 +1,80 @@
+"""A small batch file to begin with, on the capture that comes with the product. Standard library only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..errors import InputError
+from ..job import ROOT
+
+DEMO_CAPTURE = ROOT / "core" / "demo" / "showroom"
+
+_TEXT = """\
+# A batch of turntables. Try it:
+#
+#     python scripts/turntable.py {name} --out turntables --dry-run
+#     python scripts/turntable.py {name} --out turntables
+#
+# Paths are relative to this file. Everything below stands for its own default where it is left out, except [[items]].
+
+title = "Showroom"
+layers = ["original", "deutan-1.0"]     # protan, deutan, tritan, achromat with a severity from 0 to 1
+outputs = ["frames", "simulated", "video", "side-by-side", "contact-sheet", "page"]
+retries = 1                             # how often a failed task is tried again
+
+[train]                                 # options of scripts/run.py for items that are captures
+iterations = 1500                       # 5000 for the real thing
+enhancer = "lut"
+
+[turntable]
+frames = 24                             # of a turn
+frames_per_second = 12
+size = [320, 240]
+engines = ["cycles"]                    # and "eevee"
+chunk = 12                              # frames that are rendered at one go
+
+[cameras.level]                         # a turn for each camera
+radius = 0.0                            # in scene units; 0: as far away as the photographs were taken
+height = 0.25                           # above the middle, as a share of the radius
+focal_length = 0.0                      # millimetres; 0: that of the photographs
+
+[needs]                                 # what a task may take of a machine
+train_cores = 4
+train_memory_mb = 4096
+frame_cores = 1
+frame_memory_mb = 2048
+
+[[items]]
+name = "showroom"
+capture = {capture}
+
+# A finished run is taken as it is; an item's own values come before those above.
+#
+# [[items]]
+# run = "out/demo"
+# layers = ["original", "deutan-1.0", "protan-0.6"]
+# turntable.frames = 48
+# cameras = ["level"]
+"""
+
+
+def write_example(path: Path) -> Path:
+    """Write the batch file; returns `path`.
+
+    Raises:
+        InputError: it exists, or cannot be written.
+    """
+    text = _TEXT.format(name=path.name, capture=_quoted(str(DEMO_CAPTURE)))
+    try:
+        with open(path, "x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise InputError("is there already", where=path, remedy="choose another name") from None
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", where=path, remedy="choose another place") from None
+    return path
+
+
+def _quoted(text: str) -> str:
+    """A TOML string, literal where that is possible: paths of Windows have backslashes."""
+    return f"'{text}'" if "'" not in text else '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

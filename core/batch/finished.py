@@ -1,0 +1,47 @@
+"""What a finished run has, as far as its folder tells at a glance. Standard library only."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+from ..report import SCHEMA
+from ..run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
+
+CAMERAS = f"{CAPTURE_FOLDER}/transforms.json"
+_REMEDY = "give the output folder of a finished run of scripts/run.py"
+
+
+def check_finished_run(folder: Path) -> list[str]:
+    """The layers of the run in `folder`.
+
+    Raises:
+        InputError: there is no run, it is damaged, of another version, or a file of it is missing.
+    """
+    layers = list(read_report(folder)["layers"])
+    for name in (GAUSSIANS_FILE, CAMERAS, *map(layer_gaussians_file, layers)):
+        if not (folder / name).is_file():
+            raise InputError(f"the run has no {name}", where=folder, remedy=_REMEDY)
+    return layers
+
+
+def read_report(folder: Path) -> dict[str, Any]:
+    """The report of the run in `folder`.
+
+    Raises:
+        InputError: there is none, or it is damaged or of another version.
+    """
+    try:
+        report = json.loads((folder / REPORT_FILE).read_text(encoding="utf-8"))
+        schema = report["schema"]
+        if not isinstance(report["layers"], dict) or not isinstance(report["settings"], dict):
+            raise ValueError("no layers")
+    except FileNotFoundError:
+        raise InputError("no finished run is there", where=folder, remedy=_REMEDY) from None
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(f"{REPORT_FILE} of the finished run is damaged", where=folder, remedy=_REMEDY) from None
+    if schema != SCHEMA:
+        raise InputError(f"a run of another version ({schema})", where=folder, remedy="make the run again")
+    return report

@@ -1,0 +1,178 @@
+"""Does a plan on this machine: as many tasks at once as its cores, memory and graphics cards allow.
+
+Every task is a process of its own with the command of `task_command`, the one that every other engine runs. What is
+done already is left alone. A task that fails is tried again; what depends on it is given up, and everything else goes
+on. The processes end with this one, however it ends. Standard library only.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from ..errors import InputError
+from ..job import Event, Job
+from ..job_console import EXIT_DONE, EXIT_INPUT, Listener
+from ..run_folder import lock_exclusively
+from .course import TELL_SECONDS, Course
+from .machine import Resources
+from .outcome import BatchOutcome
+from .task import BATCH_FOLDER, Plan, Task, plan_path
+from .task_job import start_task
+
+_LOCK_FILE = "lock"
+# A task that needs much of the machine lets small ones go first for so long; then it is its turn.
+_PATIENCE_SECONDS = 120.0
+
+
+def run_locally(plan: Plan, machine: Resources, listen: Listener) -> BatchOutcome:
+    """Do the tasks of `plan`, whose file has been written.
+
+    Args:
+        machine: what the tasks may take at once.
+        listen: receives the batch's progress, a ``task`` event at every end of a task, and warnings.
+
+    Raises:
+        InputError: a process cannot be started.
+        Cancelled: all tasks were ended; what is done is kept.
+    """
+    return _Pool(plan, machine, listen).run()
+
+
+@contextmanager
+def alone(plan: Plan) -> Iterator[None]:
+    """Keep other processes from working on the batch, which would do its tasks twice.
+
+    Raises:
+        InputError: one does.
+    """
+    path = plan.out / BATCH_FOLDER / _LOCK_FILE
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(path, "w") as lock:
+        try:
+            lock_exclusively(lock)
+        except OSError:
+            remedy = "wait for it, or choose another folder with --out"
+            raise InputError("another process works on this batch", where=plan.out, remedy=remedy) from None
+        yield
+
+
+@dataclass
+class _Attempt:
+    """A process that does a task."""
+
+    task: Task
+    job: Job
+    share: Resources
+    cards: tuple[int, ...]
+    started: float = field(default_factory=time.monotonic)
+    complaint: str = ""
+    was_done: bool = False
+    code: int = 0
+
+
+class _Pool:
+    def __init__(self, plan: Plan, machine: Resources, listen: Listener) -> None:
+        self._plan, self._machine, self._free = plan, machine, machine
+        self._course = Course(plan, machine, listen)
+        self._cards = list(range(machine.gpus))
+        self._running: dict[str, _Attempt] = {}
+        self._ready_since: dict[str, float] = {}
+        self._said: queue.Queue[tuple[_Attempt, Event | None]] = queue.Queue()
+
+    def run(self) -> BatchOutcome:
+        try:
+            self._start_what_fits()
+            while not self._course.has_ended:
+                self._course.tell()
+                self._hear()
+                self._start_what_fits()
+            return self._course.outcome
+        except BaseException:
+            self._cancel()
+            raise
+
+    def _start_what_fits(self) -> None:
+        """Start ready tasks in the plan's order, later ones where an earlier one does not fit."""
+        for task in self._course.ready():
+            since = self._ready_since.setdefault(task.name, time.monotonic())
+            if self._free.covers(self._machine.share_of(task)):
+                self._start(task)
+            elif time.monotonic() - since > _PATIENCE_SECONDS:
+                break
+            if self._free.cores == 0:
+                break
+
+    def _start(self, task: Task) -> None:
+        share = self._machine.share_of(task)
+        cards = tuple(self._cards[: share.gpus])
+        job = start_task(plan_path(self._plan.out), task.name, _variables(share, cards))
+        attempt = self._running[task.name] = _Attempt(task, job, share, cards)
+        self._free -= share
+        self._cards = self._cards[share.gpus :]
+        self._course.begin(task)
+        threading.Thread(target=self._listen_to, args=(attempt,), name=task.name, daemon=True).start()
+
+    def _listen_to(self, attempt: _Attempt) -> None:
+        for event in attempt.job.events():
+            self._said.put((attempt, event))
+        attempt.code = attempt.job.wait()
+        self._said.put((attempt, None))
+
+    def _hear(self) -> None:
+        """Take in what a task has said, if one says something soon."""
+        try:
+            attempt, event = self._said.get(timeout=TELL_SECONDS)
+        except queue.Empty:
+            return
+        if event is None:
+            self._take_back(attempt)
+        elif event["event"] == "error":
+            attempt.complaint = str(event["message"])
+        elif event["event"] == "result":
+            attempt.was_done = bool(event["done_already"])
+        else:
+            self._course.hear(attempt.task, event)
+
+    def _take_back(self, attempt: _Attempt) -> None:
+        """A process has ended."""
+        task, seconds = attempt.task, time.monotonic() - attempt.started
+        del self._running[task.name]
+        self._free += attempt.share
+        self._cards = sorted([*self._cards, *attempt.cards])
+        self._ready_since.pop(task.name, None)
+        if attempt.code == EXIT_DONE:
+            self._course.succeed(task, seconds, was_done=attempt.was_done)
+        else:
+            message = attempt.complaint or _describe_end(attempt.code)
+            # Unusable input is the same the next time.
+            self._course.fail(task, seconds, message, for_good=attempt.code == EXIT_INPUT)
+
+    def _cancel(self) -> None:
+        """End all processes, at the same time."""
+        threads = [threading.Thread(target=attempt.job.cancel) for attempt in self._running.values()]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+
+
+def _variables(share: Resources, cards: tuple[int, ...]) -> dict[str, str]:
+    """Environment of a task's process: its part of the machine, and the Blender that this is."""
+    variables = {"OMP_NUM_THREADS": str(share.cores)}
+    if cards:
+        variables["CUDA_VISIBLE_DEVICES"] = ",".join(map(str, cards))
+    bpy = sys.modules.get("bpy")
+    if bpy is not None and bpy.app.binary_path:
+        variables["CVDGS_BLENDER"] = os.environ.get("CVDGS_BLENDER", bpy.app.binary_path)
+    return variables
+
+
+def _describe_end(code: int) -> str:
+    return f"its process was ended by signal {-code}" if code < 0 else f"its process ended with exit code {code}"

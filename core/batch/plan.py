@@ -1,0 +1,350 @@
+"""From a batch to its plan: the tasks of every item, in the order in which they may be done. Standard library only.
+
+    OUT/index.html
+    OUT/<item>/run/                                       the run, unless a finished one is taken as it is
+    OUT/<item>/<layer>/<engine>-<camera>/frames/0001.png  and simulated-<observer>/0001.png beside it
+    OUT/<item>/<layer>/<engine>-<camera>/turntable.mp4    and side-by-side-<observer>.mp4
+    OUT/<item>/contact-sheet.png
+    OUT/.batch/                                           plan, logs, records of what is done
+
+The original colours are seen by the observers of all the item's layers, a layer by its own.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ..run_files import GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
+from ..settings import Settings
+from . import estimates
+from .arguments import (
+    ORIGINAL,
+    FramesArguments,
+    LayerArguments,
+    PageArguments,
+    SheetArguments,
+    TrainArguments,
+    VideoArguments,
+    pictures,
+)
+from .batch_file import Batch, CameraPath, Item, Needs, Output, layer_of
+from .finished import CAMERAS
+from .task import Kind, Plan, Task
+
+PAGE_FILE = "index.html"
+_SHEET_COLUMNS = 8
+_SMALL_MEMORY_MB = 512  # of a video, a contact sheet, a page
+
+
+def make_plan(batch: Batch, out: Path, graphics_cards: int = 0) -> Plan:
+    """The plan of `batch` in the folder `out`.
+
+    Args:
+        graphics_cards: of the machines that train; where there are some, training with the device "auto" takes one.
+    """
+    tasks: list[Task] = []
+    shown = []
+    for item in batch.items:
+        planned = _PlannedItem(item, batch.needs, graphics_cards > 0)
+        tasks += planned.tasks
+        if Output.PAGE in item.outputs:
+            shown.append(planned)
+    if shown:
+        tasks.append(_page(batch, shown))
+    return Plan(out.absolute(), tuple(tasks), batch.retries)
+
+
+def count_graphics_cards() -> int:
+    """CUDA devices of this machine, as far as the driver's own program tells."""
+    program = shutil.which("nvidia-smi")
+    if program is None:
+        return 0
+    try:
+        listed = subprocess.run([program, "-L"], capture_output=True, text=True, timeout=20.0, check=True).stdout
+    except (OSError, subprocess.SubprocessError):
+        return 0
+    return sum(line.startswith("GPU ") for line in listed.splitlines())
+
+
+def _page(batch: Batch, shown: Sequence[_PlannedItem]) -> Task:
+    items = tuple(planned.entry for planned in shown)
+    return Task(
+        "page",
+        Kind.PAGE,
+        after=tuple(task.name for planned in shown for task in planned.tasks),
+        arguments=PageArguments(batch.title, items, PAGE_FILE).to_dict(),
+        inputs=tuple(name for planned in shown for name in planned.shown_files),
+        outputs=(PAGE_FILE,),
+        seconds=estimates.page_seconds(len(shown)),
+        memory_mb=_SMALL_MEMORY_MB,
+    )
+
+
+@dataclass(frozen=True)
+class _Turn:
+    """One turntable: a layer, an engine, a camera."""
+
+    item: Item
+    layer: str
+    engine: str
+    camera: CameraPath
+
+    @property
+    def name(self) -> str:
+        return f"{self.item.name}.{self.layer}.{self.engine}-{self.camera.name}"
+
+    @property
+    def folder(self) -> str:
+        return f"{self.item.name}/{self.layer}/{self.engine}-{self.camera.name}"
+
+    @property
+    def frames(self) -> str:
+        return f"{self.folder}/frames"
+
+    @property
+    def simulated(self) -> dict[str, str]:
+        """Folder of a sequence by observer."""
+        outputs = self.item.outputs
+        if Output.SIMULATED not in outputs and Output.SIDE_BY_SIDE not in outputs:
+            return {}
+        layers = self.item.layers if self.layer == ORIGINAL else (self.layer,)
+        return {layer: f"{self.folder}/simulated-{layer}" for layer in layers if layer != ORIGINAL}
+
+    @property
+    def video(self) -> str | None:
+        return f"{self.folder}/turntable.mp4" if Output.VIDEO in self.item.outputs else None
+
+    @property
+    def side_by_side(self) -> dict[str, str]:
+        """A video by observer."""
+        if Output.SIDE_BY_SIDE not in self.item.outputs:
+            return {}
+        return {observer: f"{self.folder}/side-by-side-{observer}.mp4" for observer in self.simulated}
+
+
+@dataclass
+class _PlannedItem:
+    """The tasks of an item.
+
+    Attributes:
+        tasks: in order.
+    """
+
+    item: Item
+    needs: Needs
+    has_graphics_card: bool
+    tasks: list[Task] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.tasks += self._make_run()
+        made = tuple(task.name for task in self.tasks)
+        for turn in self.turns:
+            chunks = list(self._chunks(turn, made))
+            self.tasks += chunks
+            self.tasks += self._videos(turn, tuple(task.name for task in chunks))
+        if Output.CONTACT_SHEET in self.item.outputs:
+            self.tasks.append(self._sheet(tuple(task.name for task in self.tasks if task.kind is Kind.FRAMES)))
+
+    @property
+    def turns(self) -> Iterator[_Turn]:
+        item = self.item
+        return (
+            _Turn(item, layer, engine, camera)
+            for layer in item.layers
+            for engine in item.turntable.engines
+            for camera in item.cameras
+        )
+
+    @property
+    def run(self) -> str:
+        """Folder of the run: a finished one that lacks nothing, or the batch's own."""
+        item = self.item
+        return str(item.run) if item.run is not None and not self._missing else f"{item.name}/run"
+
+    @property
+    def _missing(self) -> list[str]:
+        """Layers that the item's run lacks."""
+        return [layer for layer in self.item.layers if layer != ORIGINAL and layer not in self.item.present]
+
+    @property
+    def sheet(self) -> str | None:
+        return f"{self.item.name}/contact-sheet.png" if Output.CONTACT_SHEET in self.item.outputs else None
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """What the page is told of the item."""
+        turntable = self.item.turntable
+        turntables = [
+            {
+                "layer": turn.layer,
+                "engine": turn.engine,
+                "camera": turn.camera.name,
+                "folder": turn.frames,
+                "frames": turntable.frames,
+                "frames_per_second": turntable.frames_per_second,
+                "simulated": turn.simulated,
+                "video": turn.video,
+                "side_by_side": turn.side_by_side,
+            }
+            for turn in self.turns
+        ]
+        return {"name": self.item.name, "run": self.run, "sheet": self.sheet, "turntables": turntables}
+
+    @property
+    def shown_files(self) -> Iterator[str]:
+        """Files that the page shows, where they are there."""
+        frames = self.item.turntable.frames
+        yield f"{self.run}/{REPORT_FILE}"
+        for turn in self.turns:
+            for folder in (turn.frames, *turn.simulated.values()):
+                yield pictures(folder, 1, frames)
+            yield from filter(None, (turn.video, *turn.side_by_side.values()))
+        yield from filter(None, (self.sheet,))
+
+    def _make_run(self) -> Iterator[Task]:
+        """The tasks that make the run, or add to it what it lacks; none for a finished one that lacks nothing."""
+        item, name, run = self.item, self.item.name, self.run
+        if not self._missing:
+            return
+        after: tuple[str, ...] = ()
+        layers = [layer for layer in map(layer_of, self._missing) if layer is not None]
+        if item.capture is not None:
+            capture = str(item.capture)
+            settings = Settings(capture, run, tuple(layers), blend=False, **item.train).to_dict()
+            made_along = settings.pop("layers")
+            yield self._worker_task(
+                f"{name}.train",
+                Kind.TRAIN,
+                TrainArguments(settings, made_along).to_dict(),
+                inputs=(str(item.capture if item.capture.is_dir() else item.capture.parent),),
+                outputs=(
+                    *(f"{run}/{file}" for file in (GAUSSIANS_FILE, CAMERAS)),
+                    *(f"{run}/{layer_gaussians_file(layer.name)}" for layer in layers),
+                ),
+                seconds=estimates.train_seconds(item.train, len(layers)),
+            )
+            after = (f"{name}.train",)
+        for index, layer in enumerate(layers):
+            source = str(item.run) if item.run is not None and index == 0 else ""
+            options = item.train if item.run is None else _layer_options(item.train)
+            capture = str(item.capture) if item.run is None else f"{run}/{Path(CAMERAS).parent}"
+            settings = Settings(capture, run, (layer,), blend=False, resume=True, **options).to_dict()
+            outputs = [f"{run}/{layer_gaussians_file(layer.name)}"]
+            outputs += [f"{run}/{file}" for file in (GAUSSIANS_FILE, CAMERAS)] if source else []
+            yield self._worker_task(
+                f"{name}.layer.{layer.name}",
+                Kind.LAYER,
+                LayerArguments(settings, source).to_dict(),
+                inputs=(f"{source or run}/{GAUSSIANS_FILE}",),
+                outputs=tuple(outputs),
+                seconds=estimates.layer_seconds() if item.run else estimates.LAYER_KEPT_SECONDS,
+                after=after,
+            )
+            after = (f"{name}.layer.{layer.name}",)  # one after the other: they write the same folder
+
+    def _worker_task(self, name: str, kind: Kind, arguments: dict[str, Any], **others: Any) -> Task:
+        device = self.item.train.get("device", Settings.device)
+        return Task(
+            name,
+            kind,
+            arguments=arguments,
+            item=self.item.name,
+            cores=self.needs.train_cores,
+            memory_mb=self.needs.train_memory_mb,
+            gpu=int(device == "cuda" or (device == "auto" and self.has_graphics_card)),
+            **others,
+        )
+
+    def _chunks(self, turn: _Turn, after: tuple[str, ...]) -> Iterator[Task]:
+        settings, camera = self.item.turntable, turn.camera
+        width, height_pixels = settings.size
+        files = (GAUSSIANS_FILE, CAMERAS, *(() if turn.layer == ORIGINAL else (layer_gaussians_file(turn.layer),)))
+        for first in range(1, settings.frames + 1, settings.chunk):
+            last = min(first + settings.chunk - 1, settings.frames)
+            arguments = FramesArguments(
+                run=self.run,
+                layer=turn.layer,
+                engine=turn.engine,
+                folder=turn.frames,
+                first=first,
+                last=last,
+                frames=settings.frames,
+                radius=camera.radius,
+                height=camera.height,
+                focal_length=camera.focal_length,
+                width=width,
+                height_pixels=height_pixels,
+                simulated=turn.simulated,
+            )
+            folders = (turn.frames, *turn.simulated.values())
+            yield Task(
+                f"{turn.name}.frames.{first:04d}-{last:04d}",
+                Kind.FRAMES,
+                after=after,
+                arguments=arguments.to_dict(),
+                inputs=tuple(f"{self.run}/{file}" for file in files),
+                outputs=tuple(pictures(folder, first, last) for folder in folders),
+                item=self.item.name,
+                seconds=estimates.frames_seconds(last - first + 1, settings.size, len(turn.simulated)),
+                cores=self.needs.frame_cores,
+                memory_mb=self.needs.frame_memory_mb,
+            )
+
+    def _videos(self, turn: _Turn, after: tuple[str, ...]) -> Iterator[Task]:
+        if turn.video is not None:
+            yield self._video(f"{turn.name}.video", (turn.frames,), turn.video, after)
+        for observer, file in turn.side_by_side.items():
+            sequences = (turn.frames, turn.simulated[observer])
+            yield self._video(f"{turn.name}.side-by-side.{observer}", sequences, file, after)
+
+    def _video(self, name: str, sequences: tuple[str, ...], file: str, after: tuple[str, ...]) -> Task:
+        settings = self.item.turntable
+        return Task(
+            name,
+            Kind.VIDEO,
+            after=after,
+            arguments=VideoArguments(sequences, settings.frames, settings.frames_per_second, file).to_dict(),
+            inputs=tuple(pictures(folder, 1, settings.frames) for folder in sequences),
+            outputs=(file,),
+            item=self.item.name,
+            seconds=estimates.video_seconds(settings.frames, settings.size, len(sequences)),
+            memory_mb=_SMALL_MEMORY_MB,
+        )
+
+    def _sheet(self, after: tuple[str, ...]) -> Task:
+        rows: list[dict[str, Any]] = []
+        frames = self.item.turntable.frames
+        for turn in self.turns:
+            where = self._label(turn)
+            rows.append({"label": where, "folder": turn.frames, "frames": frames})
+            for observer, folder in turn.simulated.items():
+                rows.append({"label": f"{where}, as {observer} vision sees it", "folder": folder, "frames": frames})
+        file = f"{self.item.name}/contact-sheet.png"
+        return Task(
+            f"{self.item.name}.contact-sheet",
+            Kind.SHEET,
+            after=after,
+            arguments=SheetArguments(self.item.name, tuple(rows), min(_SHEET_COLUMNS, frames), file).to_dict(),
+            inputs=tuple(pictures(row["folder"], 1, frames) for row in rows),
+            outputs=(file,),
+            item=self.item.name,
+            seconds=estimates.sheet_seconds(),
+            memory_mb=_SMALL_MEMORY_MB,
+        )
+
+    def _label(self, turn: _Turn) -> str:
+        """The layer, and what tells its turntables apart where there are several."""
+        parts = [turn.layer]
+        parts += [turn.engine] if len(self.item.turntable.engines) > 1 else []
+        parts += [turn.camera.name] if len(self.item.cameras) > 1 else []
+        return ", ".join(parts)
+
+
+def _layer_options(train: Mapping[str, Any]) -> dict[str, Any]:
+    """Options that a finished run leaves open; the others are its own."""
+    return {name: train[name] for name in ("enhancer", "strength", "device") if name in train}

@@ -1,0 +1,61 @@
+"""The process that does one task: its log, its events, its signals, its exit code. Standard library only."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TextIO
+
+from ..job import Event
+from ..job_console import BarDisplay, JsonDisplay, Listener, Log, in_console
+from ..progress import RunProgress
+from .outcome import log_path
+from .run_task import run_task
+from .task import read_plan
+
+_PARENT_CHECK_SECONDS = 0.5
+
+
+def run_task_in_console(plan_file: Path, name: str, *, json_events: bool, parent: int | None = None) -> int:
+    """Do the task called `name`; returns the exit code of the contract.
+
+    Args:
+        plan_file: as `write_plan` wrote it.
+        json_events: write the events to stdout as JSON lines instead of a progress bar on stderr.
+        parent: process that this one belongs to; when it is gone, however it ended, the task is cancelled.
+    """
+    if parent is not None:
+        threading.Thread(target=_follow, args=(parent,), name="follow parent", daemon=True).start()
+
+    def work(listen: Listener) -> Event:
+        plan = read_plan(plan_file)
+        task = plan.task(name)
+        # Before anything counts the cores; whoever set it knows better.
+        os.environ.setdefault("OMP_NUM_THREADS", str(task.cores))
+        path = log_path(name, plan.out)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(path, "a", encoding="utf-8") as file:
+            file.write(f"--- {time.strftime('%Y-%m-%d %H:%M:%S')} {task.name}, process {os.getpid()}\n")
+            log = Log(file, listen)
+            try:
+                return {"task": name, "done_already": not run_task(plan, name, log.event)}
+            except BaseException as error:
+                log.line(f"{type(error).__name__}: {error}")
+                raise
+
+    return in_console(work, JsonDisplay(sys.stdout) if json_events else _bar(sys.stderr))
+
+
+def _bar(stream: TextIO) -> Listener:
+    progress = RunProgress(("task",), shares={"task": 1.0})
+    return BarDisplay(stream, "turntable.py", progress, lambda result: f"done: {result['task']}")
+
+
+def _follow(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(_PARENT_CHECK_SECONDS)
+    os.kill(os.getpid(), signal.SIGINT)

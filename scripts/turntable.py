@@ -1,0 +1,136 @@
+"""Turntables of a whole collection: captures or finished runs, each in several layers, from several cameras.
+
+    python scripts/turntable.py BATCH.toml --out DIR [options]
+    blender -b -P scripts/turntable.py -- BATCH.toml --out DIR [options]
+
+For example: python scripts/turntable.py --example batch.toml, then python scripts/turntable.py batch.toml --out show
+
+Run again with the same folder, it does what is missing or has changed. DIR/index.html shows the result, DIR/.batch has
+a log of every task. Exit codes: 0 all done, 2 unusable batch file or arguments, 3 something has failed (the summary
+says what), 130 cancelled, 1 a defect of ours. Needs the standard library only (see core/batch).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
+import bootstrap
+
+bootstrap.load()
+from cvdgs.core.arguments import OneLineParser  # noqa: E402
+from cvdgs.core.batch.batch_file import read_batch  # noqa: E402
+from cvdgs.core.batch.console import export, print_plan, run_in_console  # noqa: E402
+from cvdgs.core.batch.example import write_example  # noqa: E402
+from cvdgs.core.batch.machine import Resources, this_machine  # noqa: E402
+from cvdgs.core.batch.plan import make_plan  # noqa: E402
+from cvdgs.core.batch.table_reader import UnusableFile  # noqa: E402
+from cvdgs.core.batch.task import Plan  # noqa: E402
+from cvdgs.core.batch.task_process import run_task_in_console  # noqa: E402
+from cvdgs.core.errors import InputError  # noqa: E402
+from cvdgs.core.job_console import EXIT_DONE, EXIT_INPUT, JsonDisplay  # noqa: E402
+
+FARMS = ("openjd", "flamenco")
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The options of design.md."""
+    parser = OneLineParser(
+        prog="turntable.py",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add = parser.add_argument
+    add("batch", nargs="?", metavar="BATCH.toml", help="what to render; core/batch/batch_file.py tells its form")
+    add("--out", metavar="DIR", help="folder for the results; what is done there already is kept")
+    add("--dry-run", action="store_true", help="say what there is to do and how long it may take; write nothing")
+    add("--example", metavar="FILE", help="write a small batch file on the demo capture, and do nothing else")
+    add("--json", action="store_true", help="events on stdout, one JSON object a line, instead of a progress bar")
+    add("--cores", type=int, metavar="N", help="that the tasks may keep busy at once (all)")
+    add("--memory", type=int, metavar="MB", help="that the tasks may need at once (all)")
+    add("--gpus", type=int, metavar="N", help="graphics cards for training (all)")
+    add("--cluster", metavar="tcp://HOST:PORT", help="give the tasks to this Dask scheduler; DIR is a shared folder")
+    add("--export", choices=FARMS, help="write the plan for a render farm into DIR instead of doing it")
+    one = parser.add_argument_group("one task of a plan, as every engine does it")
+    one.add_argument("--plan", metavar="FILE", help="DIR/.batch/plan.json")
+    one.add_argument("--task", metavar="NAME", help="to do")
+    one.add_argument("--parent", type=int, metavar="PID", help="process with which the task ends")
+    return parser
+
+
+def main(arguments: list[str]) -> int:
+    """Parse, run, and return the exit code of the contract."""
+    as_json = "--json" in arguments
+    try:
+        options = build_parser().parse_args(arguments)
+        if options.plan or options.task:
+            _require(options.plan and options.task, "--plan and --task belong together")
+            plan_file = Path(options.plan)
+            return run_task_in_console(plan_file, options.task, json_events=as_json, parent=options.parent)
+        if options.example:
+            print(write_example(Path(options.example)))
+            return EXIT_DONE
+        _require(options.batch and options.out, "a batch file and --out are needed")
+        return run_batch(options)
+    except InputError as error:
+        complain(error, as_json=as_json)
+        return EXIT_INPUT
+
+
+def run_batch(options: argparse.Namespace) -> int:
+    """Plan a batch, and print, export or do it; returns the exit code.
+
+    Raises:
+        InputError: the batch file or an argument is unusable; nothing was written.
+    """
+    machine = _machine(options)
+    batch = read_batch(Path(options.batch))
+    out = Path(options.out).absolute()
+    _refuse_inside(out, [item.capture or item.run for item in batch.items])
+    plan: Plan = make_plan(batch, out, machine.gpus)
+    if options.dry_run:
+        print_plan(plan, machine, json_events=options.json)
+        return EXIT_DONE
+    if options.export:
+        return export(plan, options.export)
+    return run_in_console(plan, machine, cluster=options.cluster, json_events=options.json)
+
+
+def complain(error: InputError, *, as_json: bool) -> None:
+    """Say what is unusable; a line for each problem of a file."""
+    lines = list(error.lines()) if isinstance(error, UnusableFile) else [str(error)]
+    for line in lines:
+        if as_json:
+            JsonDisplay(sys.stdout)({"event": "error", "kind": "input", "message": line})
+        else:
+            print(f"turntable.py: {line}", file=sys.stderr)
+
+
+def _machine(options: argparse.Namespace) -> Resources:
+    for name, low in (("cores", 1), ("memory", 1), ("gpus", 0)):
+        value = getattr(options, name)
+        if value is not None and value < low:
+            raise InputError(f"{value} is too small", where=f"--{name}", remedy=f"give {low} or more")
+    return this_machine(options.cores, options.memory, options.gpus)
+
+
+def _refuse_inside(out: Path, sources: list[Path | None]) -> None:
+    """Results inside of what they are made from would make that something else."""
+    for source in sources:
+        if source is not None and out.is_relative_to(source):
+            raise InputError(f"is inside of {source}", where=f"--out {out}", remedy="choose another folder")
+
+
+def _require(condition: object, what: str) -> None:
+    if not condition:
+        raise InputError(what, remedy="see --help")
+
+
+if __name__ == "__main__":
+    inside_blender = "bpy" in sys.modules and "--" in sys.argv
+    code = main(sys.argv[sys.argv.index("--") + 1 :] if inside_blender else sys.argv[1:])
+    sys.stdout.flush()
+    sys.exit(code)
