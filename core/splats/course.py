@@ -10,11 +10,10 @@ from .strategy import Schedule
 class Course:
     """The schedule of one run, which growth may leave early.
 
-    A run grows for a share of its steps and settles in the rest, with ever smaller steps. When growth ends early, what
-    is left may be shortened to the same proportions.
+    A run grows for a share of its steps and settles in the rest, with ever smaller steps. Growth may end early.
 
     Attributes:
-        steps: the run's length as it stands.
+        steps: the run's length.
         grown: step at which growth ended early, or None.
     """
 
@@ -24,12 +23,9 @@ class Course:
         self.steps = plan.steps
         self.grown: int | None = None
 
-    def end_growth(self, step: int, *, shorten: bool) -> None:
-        """Nothing is added after `step`; the rest settles, sooner than planned if it is to be shortened."""
+    def end_growth(self, step: int) -> None:
+        """Nothing is added after `step`; the rest settles."""
         self.grown = step
-        if shorten:
-            share = min(self._schedule.stop, 1.0)
-            self.steps = min(max(round(step / share), step + 1), self._plan.steps)
 
     def due(self, step: int) -> bool:
         """Whether the set of Gaussians changes after `step`."""
@@ -54,11 +50,8 @@ class Course:
         return max(step - round(max((until for until, _ in self._plan.coarse), default=0.0) * self._plan.steps), 0)
 
     def progress(self, step: int) -> float:
-        """What the step sizes go by, from 0 to 1: the share of the run, and in a shortened rest of it faster."""
-        if self.grown is None:
-            return step / self._plan.steps
-        before = self.grown / self._plan.steps
-        return before + (1.0 - before) * (step - self.grown) / max(self.steps - self.grown, 1)
+        """What the step sizes go by: the share of the run, from 0 to 1."""
+        return step / self.steps
 
     def rates(self, step: int) -> LearningRates:
         """The step sizes at `step`: exponential from the start's to the end's."""

@@ -82,8 +82,6 @@ class GrowthRule:
             by one (FastGS 0.4 to 1.15 million, gsplat 1 to 2 million); here more is asked, since what training alone
             gains meanwhile counts in.
         work_gain: dB that a doubling of all the time spent so far has to bring.
-        plateau_gain: dB within the window; with less, the views gain nothing by more steps of this size either, and
-            what is left of the run is shortened.
         window: rounds over which a gain is taken, so that one noisy measurement does not decide.
         pixels_each: and never more than one Gaussian for so many pixels of the fitted views.
         fewest: which is never below this.
@@ -91,7 +89,6 @@ class GrowthRule:
 
     doubling_gain: float = 0.4
     work_gain: float = 0.4
-    plateau_gain: float = 0.1
     window: int = 2
     pixels_each: int = 120
     fewest: int = 1000
@@ -113,10 +110,6 @@ class GrowthRule:
         if gain < self.work_gain * doublings:
             return f"a doubling of the time brought {gain / doublings:.2f} dB, less than {self.work_gain:g}"
         return None
-
-    def on_plateau(self, rounds: Sequence[Measurement]) -> bool:
-        """Whether the last `window` rounds gained next to nothing."""
-        return len(rounds) > self.window and rounds[-1].psnr - rounds[-1 - self.window].psnr < self.plateau_gain
 
 
 @dataclass(frozen=True)

@@ -66,8 +66,6 @@ class Outcome:
         steps = f"{step:,} of {plan.steps:,}"
         if self.stopped is not None:
             steps += ": the deciding views gained nothing any more"
-        elif step < plan.steps:
-            steps += ": growth ended early, and the rest was shortened with it"
         degree = fit.parameters.sh_count**0.5 - 1
         return {
             "strategy": self.strategy,

@@ -179,7 +179,7 @@ class Trainer:
             rounds = self._decided.at_round(self._measure(step))
             verdict = plan.growth.verdict(rounds)
             if verdict is not None:
-                self._course.end_growth(step, shorten=plan.growth.on_plateau(rounds))
+                self._course.end_growth(step)
                 self._decided.growth = verdict
                 return
         budget = strategy.schedule.budget(step, plan.steps, self._initial, self._limit)

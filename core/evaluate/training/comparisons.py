@@ -40,19 +40,6 @@ class Reached:
     prototype: float
 
 
-@dataclass(frozen=True)
-class Seeds:
-    """Several seeds of the same run: the PSNR of each, dB, and their spread (largest minus smallest)."""
-
-    capture: str
-    psnr: tuple[float, ...]
-
-    @property
-    def spread(self) -> float:
-        """Largest minus smallest, dB."""
-        return max(self.psnr) - min(self.psnr)
-
-
 def compare_time_to_quality(
     capture: Capture, prototype_folder: Path, rounds: int, threads: int, reporter: Reporter
 ) -> list[Reached]:
@@ -103,15 +90,14 @@ def compare_strategies(
     return runs
 
 
-def compare_seeds(capture: Capture, iterations: int, seeds: int, reporter: Reporter) -> Seeds:
+def compare_seeds(capture: Capture, iterations: int, seeds: int, reporter: Reporter) -> list[TrainedRun]:
     """The automatic run with seeds from 0 on."""
     plan = TrainingPlan(steps=iterations, limit=None, sh_degree=0)
-    psnr = []
+    runs = []
     for seed in range(seeds):
-        run = train_once(capture, "auto", plan, seed=seed)
-        psnr.append(run.psnr)
-        reporter.progress(STAGE, (seed + 1) / seeds, _in_words(run))
-    return Seeds(capture.source.name, tuple(psnr))
+        runs.append(train_once(capture, f"auto, {iterations:,} steps", plan, seed=seed))
+        reporter.progress(STAGE, (seed + 1) / seeds, _in_words(runs[-1]))
+    return runs
 
 
 def warm_up() -> None:
@@ -176,11 +162,16 @@ def write_strategies(folder: Path, runs: Sequence[TrainedRun]) -> str:
     return _write(folder / "strategies.md", lines)
 
 
-def write_seeds(folder: Path, found: Seeds) -> str:
-    """Write ``seeds.md``; returns its text."""
-    values = ", ".join(number(value, 2) for value in found.psnr)
-    lines = [f"# Seeds, {found.capture}", "", f"PSNR {values} dB: spread {found.spread:.2f} dB."]
-    return _write(folder / "seeds.md", lines)
+def write_seeds(folder: Path, runs: Sequence[TrainedRun]) -> str:
+    """Write ``seeds.csv`` and ``seeds.md``; returns the text of the latter."""
+    _write_runs(folder / "seeds.csv", runs)
+    header = ["seed", "PSNR", "Gaussians", "seconds", "decision"]
+    body = [
+        [str(run.seed), number(run.psnr, 2), str(run.gaussians), number(run.seconds, 1), run.decision] for run in runs
+    ]
+    spread = max(run.psnr for run in runs) - min(run.psnr for run in runs)
+    lines = [f"# Seeds, {runs[0].capture}, {runs[0].label}", "", *markdown_table(header, body), ""]
+    return _write(folder / "seeds.md", [*lines, f"Largest minus smallest PSNR: {spread:.2f} dB."])
 
 
 def _at_equal_quality(runs: Sequence[TrainedRun]) -> list[str]:

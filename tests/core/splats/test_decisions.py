@@ -71,32 +71,18 @@ def test_the_views_that_judge_decide_only_where_too_few_others_are_there(trainin
     assert ("flattering" in roles.reason) == judges_decide
 
 
-def test_growth_that_does_not_pay_shortens_a_run_only_where_nothing_is_gained_any_more():
-    rule = GrowthRule()
-    assert rule.on_plateau(rounds([1000] * 4, [24.0, 24.2, 24.1, 24.05]))
-    assert not rule.on_plateau(rounds([1000] * 4, [24.0, 24.1, 24.2, 24.3]))
-    assert not rule.on_plateau(rounds([1000] * 2, [24.0, 24.0]))
-    course = Course(TrainingPlan(steps=1000), Schedule(0.1, 0.5, 10))
-    course.end_growth(300, shorten=False)
+def test_when_growth_ends_early_the_rest_settles_as_long_as_planned():
+    """A plateau at large steps says nothing about what ever smaller ones gain."""
+    course, whole = (Course(TrainingPlan(steps=1000), Schedule(0.1, 0.5, 10)) for _ in range(2))
+    course.end_growth(300)
     assert course.steps == 1000
-
-
-def test_when_growth_ends_early_the_rest_keeps_its_proportion_and_reaches_the_smallest_steps():
-    plan = TrainingPlan(steps=1000)
-    course, whole = (Course(plan, Schedule(0.1, 0.5, 10)) for _ in range(2))
-    course.end_growth(300, shorten=True)
-    assert course.steps == 600
-    assert course.rates(300) == whole.rates(300)
-    for ended, planned in zip(vars(course.rates(600)).values(), vars(whole.rates(1000)).values(), strict=True):
-        assert ended == pytest.approx(planned)
     assert not course.growing(301)
     assert not any(course.due(step) for step in range(301, 1001))
+    assert [course.rates(step) for step in range(1001)] == [whole.rates(step) for step in range(1001)]
 
 
-@given(st.integers(1, 5000), st.integers(1, 5000), st.booleans())
-def test_a_course_never_gets_longer_and_step_sizes_never_rise(steps, grown, shorten):
+@given(st.integers(1, 5000))
+def test_step_sizes_never_rise(steps):
     course = Course(TrainingPlan(steps=steps), Schedule(0.1, 0.6, 10))
-    course.end_growth(min(grown, steps), shorten=shorten)
-    assert course.steps <= steps
-    sizes = [course.rates(step).means for step in range(min(grown, steps), course.steps + 1)]
+    sizes = [course.rates(step).means for step in range(steps + 1)]
     assert sizes == sorted(sizes, reverse=True)
