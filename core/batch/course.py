@@ -63,7 +63,7 @@ class Course:
         return BatchOutcome(self._plan, self._outcomes, time.monotonic() - self._started)
 
     def ready(self) -> Iterator[Task]:
-        """The tasks that may begin, in the plan's order; call `begin` for those that do."""
+        """The tasks that may begin, in the plan's order; call `begin` for those that do, or `hand_out`."""
         position = 0
         while position < len(self._ready):
             place = self._ready[position]
@@ -81,11 +81,17 @@ class Course:
 
     def begin(self, task: Task) -> None:
         """An attempt at a task that was ready begins."""
-        self._ready.remove(self._order[task.name])
+        self.hand_out(task)
         self._progress.start(task)
 
+    def hand_out(self, task: Task) -> None:
+        """A task that was ready waits for its turn elsewhere; `hear` notices when that has come."""
+        self._ready.remove(self._order[task.name])
+
     def hear(self, task: Task, event: dict) -> None:
-        """A running task has said something."""
+        """A task has said something."""
+        if not self._progress.is_running(task):
+            self._progress.start(task)
         if event["event"] == "warning":
             self._listen({**event, "message": f"{task.name}: {event['message']}"})
         else:

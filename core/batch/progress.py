@@ -56,6 +56,10 @@ class BatchProgress:
         """An attempt at `task` begins."""
         self._running[task.name] = _Running(task, time.monotonic())
 
+    def is_running(self, task: Task) -> bool:
+        """Whether an attempt at `task` goes on."""
+        return task.name in self._running
+
     def update(self, task: Task, event: Event) -> None:
         """`task` has said something."""
         if task.name in self._running:

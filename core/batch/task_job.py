@@ -16,7 +16,9 @@ from .task import task_command
 _GRACE_SECONDS = 3.0 * GRACE_SECONDS
 
 
-def start_task(plan_file: Path, name: str, variables: Mapping[str, str] = MappingProxyType({})) -> Job:
+def start_task(
+    plan_file: Path, name: str, variables: Mapping[str, str] = MappingProxyType({}), *, note: str = ""
+) -> Job:
     """Start the process that does the task called `name`; it ends when this process does, however that ends.
 
     What it prints beside its events is added to the task's log.
@@ -24,18 +26,23 @@ def start_task(plan_file: Path, name: str, variables: Mapping[str, str] = Mappin
     Args:
         plan_file: as `write_plan` wrote it.
         variables: environment variables of the process, beside this process's.
+        note: for the task's log, about where it is done.
 
     Raises:
         InputError: it cannot be started.
     """
+    log = TaskLog(name, plan_file.absolute().parent.parent)
+    if note:
+        log(note)
     command = [*task_command(sys.executable, plan_file, name), "--parent", str(os.getpid())]
-    log = _AppendingLog(log_path(name, plan_file.absolute().parent.parent))
     return Job(command, log=log, variables=variables, grace_seconds=_GRACE_SECONDS)
 
 
-class _AppendingLog:
-    def __init__(self, path: Path) -> None:
-        self._path = path
+class TaskLog:
+    """Adds lines to the log of the task called `name`, beside those that its process writes."""
+
+    def __init__(self, name: str, out: Path) -> None:
+        self._path = log_path(name, out)
 
     def __call__(self, line: str) -> None:
         self._path.parent.mkdir(parents=True, exist_ok=True)
