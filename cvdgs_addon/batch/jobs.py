@@ -9,13 +9,13 @@ from typing import Any
 
 import bpy
 
-from ...core.batch.arguments import FramesArguments, VideoArguments
+from ...core.batch.arguments import FramesArguments, SheetArguments, VideoArguments
 from ...core.errors import InputError
 from ...core.events import Reporter
 from ..scene.remembered_settings import set_settings
 from ..scene.render_settings import Engine, engine_settings, png_settings
-from ..scene.stills import render_picture
-from . import frames, video
+from ..scene.stills import partial_picture, render_picture
+from . import contact_sheet, frames, video
 
 _TRIAL_SIZE = 16  # pixels
 _FULL_DISK = 4 << 20  # bytes; with less free, a failure to write has that reason
@@ -41,12 +41,14 @@ def perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
 
 def half_made(request: dict[str, Any]) -> list[Path]:
     """What the job may have left when it is cut short."""
-    job, arguments, out = request["job"], request.get("arguments"), Path(request.get("out", "."))
+    job = request["job"]
+    if job == "try-eevee":
+        return []
+    out, arguments = Path(request["out"]), request["arguments"]
     if job == "frames":
         return frames.half_made(FramesArguments.from_dict(arguments), out)
-    if job == "video":
-        return [video.partial_video(out / arguments["file"])]
-    return []
+    file = out / arguments["file"]
+    return [video.partial_video(file) if job == "video" else partial_picture(file)]
 
 
 def _perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
@@ -60,6 +62,8 @@ def _perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
         return frames.render_frames(asked, out, threads=threads, model=model, reporter=reporter)
     if job == "video":
         return video.make_video(VideoArguments.from_dict(arguments), out, reporter=reporter)
+    if job == "sheet":
+        return contact_sheet.make_sheet(SheetArguments.from_dict(arguments), out, reporter=reporter)
     raise InputError(f"unknown job '{job}'", remedy="update the program that sends it")
 
 
