@@ -7,11 +7,13 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from pathlib import Path
 from typing import TextIO
 
+from ..errors import Cancelled, InputError
 from ..job import Event
-from ..job_console import BarDisplay, JsonDisplay, Listener, Log, in_console
+from ..job_console import BarDisplay, JsonDisplay, Listener, Log, WorkerDefect, in_console
 from ..progress import RunProgress
 from .outcome import log_path
 from .run_task import run_task
@@ -43,9 +45,12 @@ def run_task_in_console(plan_file: Path, name: str, *, json_events: bool, parent
             log = Log(file, listen)
             try:
                 return {"task": name, "done_already": not run_task(plan, name, log.event)}
-            except BaseException as error:
+            except (InputError, WorkerDefect, Cancelled) as error:
                 log.line(f"{type(error).__name__}: {error}")
                 raise
+            except Exception as error:
+                log.line(traceback.format_exc())
+                raise WorkerDefect(f"{type(error).__name__}: {error}".splitlines()[0]) from None
 
     return in_console(work, JsonDisplay(sys.stdout) if json_events else _bar(sys.stderr))
 

@@ -1,0 +1,276 @@
+"""scripts/turntable.py on one machine: what is done, what is kept, what happens when something fails or is killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[3]
+
+TURNTABLE = "[turntable]\nframes = 4\nchunk = 4\nsize = [32, 24]\n"
+ONE = TURNTABLE + '[[items]]\ncapture = "chair"\n'
+CHAIR_FRAMES = "chair.deutan-1.0.cycles-turn.frames.0001-0004"
+TWO = ONE + '[[items]]\ncapture = "sofa"\n'
+
+
+def ends(events: list[dict]) -> dict[str, str]:
+    """State by task."""
+    return {event["task"]: event["state"] for event in events if event["event"] == "task"}
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.png")}
+
+
+def is_alive(process: int) -> bool:
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def test_a_batch_makes_every_picture_and_then_only_what_is_missing(collection):
+    for name in ("chair", "sofa"):
+        collection.add_capture(name)
+    collection.write_batch(TWO)
+    code, events = collection.run()
+    assert code == 0
+    assert set(ends(events).values()) == {"done"}
+    assert events[-1]["items"] == {"chair": True, "sofa": True}
+    made = contents(collection.out)
+    assert len(made) == 2 * 4
+
+    diary = collection.diary
+    code, events = collection.run()
+    assert code == 0
+    assert set(ends(events).values()) == {"kept"}
+    assert collection.diary == diary
+
+    (collection.out / "chair/deutan-1.0/cycles-turn/frames/0003.png").unlink()
+    _, events = collection.run()
+    assert [task for task, state in ends(events).items() if state == "done"] == [CHAIR_FRAMES]
+    assert contents(collection.out) == made
+
+
+@pytest.mark.slow
+def test_a_changed_photograph_makes_a_new_run_and_new_gaussians_new_pictures(collection):
+    capture = collection.add_capture("chair")
+    collection.write_batch(ONE)
+    collection.run()
+    (capture / "photo.png").write_bytes(b"another")
+    _, events = collection.run()
+    assert ends(events)["chair.train"] == "done"
+    assert ends(events)[CHAIR_FRAMES] == "kept"  # the worker of this test makes the same Gaussians of it
+    collection.write_batch(ONE + "train.iterations = 8\n")
+    _, events = collection.run()
+    assert ends(events)["chair.train"] == "done"
+    assert ends(events)[CHAIR_FRAMES] == "done"
+
+
+def test_a_further_layer_is_added_without_training_again(collection):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    collection.run()
+    collection.write_batch('outputs = ["frames"]\nlayers = ["protan-0.6", "deutan"]\n' + ONE)
+    code, events = collection.run()
+    states = ends(events)
+    assert code == 0
+    assert states["chair.train"] == "kept"
+    assert states["chair.layer.protan-0.6"] == "done"
+    assert states[CHAIR_FRAMES] == "kept"
+    assert states["chair.protan-0.6.cycles-turn.frames.0001-0004"] == "done"
+    assert sorted(json.loads((collection.out / "chair/run/report.json").read_text())["layers"]) == [
+        "deutan-1.0",
+        "protan-0.6",
+    ]
+
+
+def test_a_finished_run_is_taken_as_it_is_and_a_layer_that_it_lacks_is_added_to_a_copy(collection):
+    finished = collection.add_finished_run("finished", "deutan-1.0")
+    files = {path: path.stat().st_mtime_ns for path in finished.rglob("*")}
+    collection.write_batch(TURNTABLE + '[[items]]\nrun = "finished"\nlayers = ["original", "deutan"]\n')
+    code, events = collection.run()
+    assert code == 0
+    assert [task.partition(".frames")[0] for task in ends(events)] == [
+        "finished.original.cycles-turn",
+        "finished.deutan-1.0.cycles-turn",
+    ]
+    collection.write_batch(TURNTABLE + '[[items]]\nrun = "finished"\nlayers = ["deutan", "tritan"]\n')
+    code, events = collection.run()
+    assert code == 0
+    assert ends(events)["finished.layer.tritan-1.0"] == "done"
+    assert (collection.out / "finished/tritan-1.0/cycles-turn/frames/0001.png").exists()
+    assert {path: path.stat().st_mtime_ns for path in finished.rglob("*")} == files
+
+
+@pytest.mark.parametrize(("behaviour", "said"), [("break", "ValueError: odd"), ("refuse", "black")])
+def test_an_item_that_fails_does_not_stop_the_others(collection, behaviour, said):
+    collection.add_capture("chair", behaviour)
+    collection.add_capture("sofa")
+    collection.write_batch(TWO)
+    code, events = collection.run()
+    result = events[-1]
+    assert code == 3
+    assert result["items"] == {"chair": False, "sofa": True}
+    assert [failed["task"] for failed in result["failed"]] == ["chair.train"]
+    assert said in result["failed"][0]["message"]
+    assert said in Path(result["failed"][0]["log"]).read_text()
+    assert ends(events)[CHAIR_FRAMES] == "blocked"
+    attempts = [entry["what"] for entry in collection.diary if entry["subject"] == "chair"]
+    assert len(attempts) == {"break": 2, "refuse": 1}[behaviour]  # unusable input is the same the next time
+
+
+def test_a_task_that_fails_once_is_tried_again(collection):
+    collection.add_capture("chair", "once:break")
+    collection.write_batch(ONE)
+    code, events = collection.run()
+    assert code == 0
+    assert [event["name"] for event in events if event["event"] == "warning"] == ["task-retried"]
+
+
+def test_no_more_runs_at_once_than_there_are_cores(collection):
+    for name in "abc":
+        collection.add_capture(name, "meet 2")
+    items = "".join(f'[[items]]\ncapture = "{name}"\n' for name in "abc")
+    collection.write_batch(TURNTABLE + "[needs]\ntrain_cores = 1\n" + items)
+    assert collection.run(cores=2)[0] == 0
+    at_once = peak = 0
+    for entry in sorted(collection.diary, key=lambda entry: entry["at"]):
+        at_once += 1 if entry["what"] == "begin" else -1
+        peak = max(peak, at_once)
+    assert peak == 2
+
+
+def test_tasks_that_need_a_graphics_card_get_one_each(collection):
+    for name in ("a", "b", "c"):
+        collection.add_capture(name, "meet 2")
+    items = "".join(f'[[items]]\ncapture = "{name}"\n' for name in "abc")
+    collection.write_batch(TURNTABLE + "[needs]\ntrain_cores = 1\n" + '[train]\ndevice = "cuda"\n' + items)
+    assert collection.run("--gpus", "2", cores=8)[0] == 0
+    in_use: set[str] = set()
+    used = set()
+    for entry in sorted(collection.diary, key=lambda entry: entry["at"]):
+        if entry["subject"] in ("a", "b", "c"):
+            if entry["what"] == "begin":
+                assert entry["cards"] not in in_use
+                in_use.add(entry["cards"])
+            else:
+                in_use.remove(entry["cards"])
+            used.add(entry["cards"])
+    assert used == {"0", "1"}
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
+def test_killed_in_the_middle_its_processes_end_and_the_next_run_completes_it(collection):
+    collection.add_capture("chair")
+    sofa = collection.add_capture("sofa", "sleep 60")
+    collection.write_batch(TWO)
+    process = collection.start()
+    chair_pictures = collection.out / "chair/deutan-1.0/cycles-turn/frames"
+    collection.wait_for(lambda: (chair_pictures / "0004.png").exists() and sleeping(collection))
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+    collection.wait_for(lambda: not any(is_alive(entry["pid"]) for entry in collection.diary))
+    (sofa / "behaviour").unlink()
+    before = len(collection.diary)
+    code, events = collection.run()
+    assert code == 0
+    assert ends(events)["chair.train"] == "kept"
+    assert {entry["subject"].partition("/")[0] for entry in collection.diary[before:]} <= {"sofa", "chair"}
+    assert len(contents(collection.out)) == 2 * 4
+    assert not list(collection.out.rglob("*.partial"))
+    assert not (collection.out / "sofa/run/.partial").exists()
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
+def test_cancelled_it_ends_its_processes_and_leaves_nothing_half_written(collection):
+    collection.add_capture("chair", "sleep 60")
+    collection.write_batch(ONE)
+    process = collection.start()
+    collection.wait_for(lambda: bool(collection.diary))
+    process.send_signal(signal.SIGINT)
+    output, _ = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert json.loads(output.splitlines()[-1])["kind"] == "cancelled"
+    assert not any(is_alive(entry["pid"]) for entry in collection.diary)
+    assert not (collection.out / "chair" / "run").exists()
+
+
+def test_two_batches_do_not_work_in_the_same_folder(collection):
+    collection.add_capture("chair", "sleep 60")
+    collection.write_batch(ONE)
+    first = collection.start()
+    try:
+        collection.wait_for(lambda: bool(collection.diary))
+        code, events = collection.run()
+        assert code == 2
+        assert "another process" in events[-1]["message"]
+    finally:
+        first.send_signal(signal.SIGINT)
+        first.communicate(timeout=30)
+
+
+def test_progress_rises_and_tells_the_time_left(collection):
+    for name in "ab":
+        collection.add_capture(name, "sleep 1")
+    collection.write_batch(TURNTABLE + "".join(f'[[items]]\ncapture = "{name}"\n' for name in "ab"))
+    _, events = collection.run()
+    told = [event for event in events if event["event"] == "progress"]
+    fractions = [event["fraction"] for event in told]
+    assert len(told) >= 2
+    assert all(0.0 <= fraction <= 1.0 for fraction in fractions)
+    assert fractions[-1] > fractions[0]
+    assert all(event["seconds_left"] >= 0.0 for event in told)
+
+
+def test_a_dry_run_tells_every_task_and_writes_nothing(collection):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    code, events = collection.run("--dry-run")
+    assert code == 0
+    assert [task["name"] for task in events[-1]["tasks"]] == [
+        "chair.train",
+        "chair.layer.deutan-1.0",
+        "chair.deutan-1.0.cycles-turn.frames.0001-0004",
+    ]
+    assert events[-1]["seconds"] > 0.0
+    assert not collection.out.exists()
+
+
+def test_the_example_is_a_batch_that_can_be_planned(tmp_path):
+    script, example = str(ROOT / "scripts" / "turntable.py"), str(tmp_path / "example.toml")
+    subprocess.run([sys.executable, script, "--example", example], check=True, timeout=60)
+    planned = [sys.executable, script, example, "--out", str(tmp_path / "out"), "--dry-run"]
+    told = subprocess.run(planned, capture_output=True, text=True, timeout=60)
+    assert told.returncode == 0, told.stderr
+    assert "showroom.train" in told.stdout
+    assert subprocess.run([sys.executable, script, "--example", example], timeout=60).returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ([], "a batch file and --out are needed"),
+        (["nowhere.toml", "--out", "out"], "nowhere.toml"),
+        (["--plan", "plan.json"], "--task"),
+        (["b.toml", "--out", "out", "--cores", "0"], "--cores"),
+        (["b.toml", "--out", "out", "--export", "zip"], "--export"),
+    ],
+)
+def test_unusable_arguments_are_one_line_and_exit_code_two(tmp_path, options, said):
+    command = [sys.executable, str(ROOT / "scripts" / "turntable.py"), *options]
+    ended = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=60)
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1
+    assert said in ended.stderr
+
+
+def sleeping(collection) -> bool:
+    return sum(entry["what"] == "begin" for entry in collection.diary) > sum(
+        entry["what"] == "end" for entry in collection.diary
+    )
