@@ -1,6 +1,7 @@
 """The Open Job Description bundle, judged by the reference implementation (openjd-model and the openjd command)."""
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -58,10 +59,13 @@ def plans(draw):
     return Plan(Path("/farm/batch"), tuple(tasks))
 
 
-def openjd(*arguments):
-    return subprocess.run(
-        [sys.executable, "-m", "openjd", *map(str, arguments)], capture_output=True, text=True, timeout=120
-    )
+def openjd(*arguments, **variables):
+    command = [sys.executable, "-m", "openjd", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, env={**os.environ, **variables})
+
+
+def pictures(folder):
+    return {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*.png")}
 
 
 @settings(max_examples=30, deadline=None)
@@ -116,3 +120,15 @@ def test_the_bundle_keeps_the_plan_that_it_was_made_from(tmp_path):
     template = export_openjd(plan)
     (name,) = [p["default"] for p in json.loads(template.read_text())["parameterDefinitions"] if p["name"] == "Plan"]
     assert read_plan(template.parent / name) == plan
+
+
+def test_the_command_makes_the_files_that_one_machine_makes(collection):
+    collection.add_capture("chair")
+    collection.write_batch('[turntable]\nframes = 4\nchunk = 2\nsize = [32, 24]\n[[items]]\ncapture = "chair"\n')
+    assert collection.run()[0] == 0
+    made = pictures(collection.out)
+    collection.out.rename(collection.folder / "made by one machine")
+    collection.start("--export", "openjd").wait(timeout=60)
+    ran = openjd("run", collection.out / "openjd" / "template.json", **collection.variables)
+    assert ran.returncode == 0, ran.stdout
+    assert made == pictures(collection.out)
