@@ -222,7 +222,7 @@ def _read(table: TableReader, folder: Path) -> Batch:
     retries = table.integer("retries", Batch.retries, 0, _MAX_RETRIES)
     needs = _read_needs(table.table("needs"))
     tables = table.tables("items")
-    if not tables and "items" not in table:
+    if not table.values.get("items"):
         table.problems.add((), "the batch has no items", "add [[items]] with a capture or a run")
     items = [_read_item(entry, defaults) for entry in tables]
     table.refuse_others()
@@ -302,7 +302,7 @@ def _read_layers(table: TableReader, default: tuple[str, ...]) -> tuple[str, ...
             table.problems.add((*table.path, "layers", index), f"'{text}' is there twice", "name each once")
         else:
             names.append(name)
-    return tuple(names)
+    return tuple(names) or default
 
 
 def _read_cameras(table: TableReader) -> dict[str, CameraPath]:
