@@ -270,6 +270,9 @@ class Trainer:
         self._degree_undecided = False
         if not self._deciding:
             return
+        if not rule.trial_steps(self._plan.steps):
+            self._decided.degree = "the run is too short to try a higher one"
+            return
         chosen = self.fit.state
         start = self.fit.parameters.to_gaussians()
         before = self._try_degree(start, 0)
@@ -287,7 +290,7 @@ class Trainer:
         """PSNR of the deciding views after a trial of the colours: always from the same start and equally long."""
         rule = self._plan.harmonics
         self.fit.restart(with_sh_degree(start, degree))
-        steps = max(round(rule.steps * self._plan.steps), rule.fewest_steps)
+        steps = rule.trial_steps(self._plan.steps)
         for number in range(steps):
             self._fit_next(1, rule.rates(number / steps))
         return self.fit.psnr(self._deciding)

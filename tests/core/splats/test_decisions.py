@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cvdgs.core.splats.course import Course
-from cvdgs.core.splats.decisions import GrowthRule, Measurement, StopRule, assign_views
+from cvdgs.core.splats.decisions import GrowthRule, HarmonicsRule, Measurement, StopRule, assign_views
 from cvdgs.core.splats.plan import TrainingPlan
 from cvdgs.core.splats.strategy import Schedule
 
@@ -86,3 +86,11 @@ def test_step_sizes_never_rise(steps):
     course = Course(TrainingPlan(steps=steps), Schedule(0.1, 0.6, 10))
     sizes = [course.rates(step).means for step in range(steps + 1)]
     assert sizes == sorted(sizes, reverse=True)
+
+
+@given(st.integers(1, 50_000))
+def test_a_trial_of_a_degree_is_never_long_beside_its_run(steps):
+    trial = HarmonicsRule().trial_steps(steps)
+    assert 0 <= trial <= 0.1 * steps
+    assert trial == 0 or trial >= HarmonicsRule().fewest_steps
+    assert (trial > 0) == (steps >= 1200)
