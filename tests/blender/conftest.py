@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from .desktop import MISSING, PROGRAM, ROOT, Desktop
+from .small_capture import make_small_capture
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
@@ -43,3 +45,33 @@ def desktop(pictures: Path) -> Desktop:
     )
     subprocess.run([PROGRAM, "bind", ROOT, prefix.stdout.strip(), sys.prefix], check=True)
     return Desktop(pictures)
+
+
+@pytest.fixture(scope="module")
+def installed(desktop: Desktop, extension: Path):
+    """The extension, installed in a Blender that has never seen it, and a capture of a few thumbnails."""
+    shutil.copy(extension, desktop.share / extension.name)
+    desktop.command("--command", "extension", "validate", f"/share/{extension.name}")
+    desktop.command("--command", "extension", "install-file", "-r", "user_default", "-e", f"/share/{extension.name}")
+    make_small_capture(desktop.share / "small")
+    (desktop.share / "nothing").mkdir(exist_ok=True)
+    shutil.rmtree(desktop.share / "small CVD", ignore_errors=True)
+    (desktop.share / "scene.blend").unlink(missing_ok=True)
+    yield desktop
+    desktop.quit()
+    desktop.command("--command", "extension", "remove", "cvdgs")
+
+
+@pytest.fixture(scope="session")
+def finished_run(desktop: Desktop) -> str:
+    """A finished run where the Blender finds it: that in CVDGS_FINISHED_RUN, for its looks, else a small one."""
+    folder = desktop.share / "finished"
+    shutil.rmtree(folder, ignore_errors=True)
+    given = os.environ.get("CVDGS_FINISHED_RUN")
+    if given:
+        shutil.copytree(given, folder)
+    else:
+        make_small_capture(desktop.share / "small")
+        command = [sys.executable, REPOSITORY / "scripts" / "run.py", desktop.share / "small", "--out", folder]
+        subprocess.run([*command, "--no-blend", "--iterations", "300"], check=True)
+    return "/share/finished"

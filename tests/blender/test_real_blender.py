@@ -6,7 +6,6 @@ corner of the side bar. Every click is followed by a look at what it did.
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 import time
@@ -17,7 +16,6 @@ import pytest
 from PIL import Image
 
 from .desktop import Desktop
-from .small_capture import make_small_capture
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 
@@ -31,21 +29,6 @@ SIDE_BAR, GAP = (760, 82, 1022, 690), 12  # what docs/panel.png shows of the scr
 RUNNING, CANCELLED = "running", "cancelled"
 WORKER_MAY_TAKE = 900.0  # seconds; tens on an idle machine
 CLICKS, CLICK_MAY_TAKE = 3, 12.0  # seconds
-
-
-@pytest.fixture(scope="module")
-def installed(desktop: Desktop, extension: Path):
-    """The extension, installed in a Blender that has never seen it, and a capture of a few thumbnails."""
-    shutil.copy(extension, desktop.share / extension.name)
-    desktop.command("--command", "extension", "validate", f"/share/{extension.name}")
-    desktop.command("--command", "extension", "install-file", "-r", "user_default", "-e", f"/share/{extension.name}")
-    make_small_capture(desktop.share / "small")
-    (desktop.share / "nothing").mkdir(exist_ok=True)
-    shutil.rmtree(desktop.share / "small CVD", ignore_errors=True)
-    (desktop.share / "scene.blend").unlink(missing_ok=True)
-    yield desktop
-    desktop.quit()
-    desktop.command("--command", "extension", "remove", "cvdgs")
 
 
 def press(desktop: Desktop, place: tuple[int, int], **options: float) -> None:
@@ -79,11 +62,6 @@ def run_state(state: dict) -> str:
     return state["jobs"].get("run", {}).get("state", "")
 
 
-def worker_python() -> str:
-    """The interpreter of these tests, which the desktop can reach."""
-    return sys.executable
-
-
 def worker_processes() -> list[str]:
     """Command lines of all workers on this machine."""
     found = subprocess.run(["pgrep", "-af", "cvdgs/core/__main__.py"], capture_output=True, text=True)
@@ -101,7 +79,7 @@ def draw_panels(pictures: Path, *names: str) -> None:
 
 def test_an_artist_makes_a_scene(installed, pictures):
     desktop = installed
-    desktop.start(python=worker_python(), sidebar=True)
+    desktop.start(python=sys.executable, sidebar=True)
     desktop.picture("panel-empty")
     press(desktop, VIEWER_WHEN_CAPTURE_IS_EMPTY)
 
@@ -157,7 +135,7 @@ def test_an_artist_makes_a_scene(installed, pictures):
 
     desktop.ask("bpy.ops.wm.save_as_mainfile(filepath='/share/scene.blend')")
     desktop.quit()
-    state = desktop.start("/share/scene.blend", python=worker_python(), sidebar=True)
+    state = desktop.start("/share/scene.blend", python=sys.executable, sidebar=True)
     assert {"color_original", "color_deutan-1.0", "color_protan-1.0"} <= set(state["layers"])
     assert state["scene"]["run"] == "/share/small CVD"
     assert state["scene"]["cvd"] == "protan"
@@ -169,7 +147,7 @@ def test_an_artist_makes_a_scene(installed, pictures):
 def test_the_worker_ends_with_blender(installed, end):
     desktop = installed
     desktop.quit()
-    desktop.start(python=worker_python(), sidebar=True)
+    desktop.start(python=sys.executable, sidebar=True)
     desktop.ask(
         "bpy.context.scene.cvdgs.capture.folder = '/share/small'\n"
         f"bpy.context.scene.cvdgs.run.out = '/share/ended by {end}'\n"

@@ -115,6 +115,8 @@ def look() -> float:
             for attribute in found.data.attributes
             if attribute.name.startswith("color_")
         ],
+        "is_rendering": bpy.app.is_job_running("RENDER"),
+        "engine": scene.render.engine,
         "scene": {} if properties is None else {
             "folder": properties.capture.folder,
             "views": properties.capture.views,
