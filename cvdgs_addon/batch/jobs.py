@@ -15,7 +15,7 @@ from ...core.events import Reporter
 from ..scene.remembered_settings import set_settings
 from ..scene.render_settings import Engine, engine_settings, png_settings
 from ..scene.stills import partial_picture, render_picture
-from . import contact_sheet, frames, video
+from . import contact_sheet, frames, previews, video
 
 _TRIAL_SIZE = 16  # pixels
 _FULL_DISK = 4 << 20  # bytes; with less free, a failure to write has that reason
@@ -47,6 +47,8 @@ def half_made(request: dict[str, Any]) -> list[Path]:
     out, arguments = Path(request["out"]), request["arguments"]
     if job == "frames":
         return frames.half_made(FramesArguments.from_dict(arguments), out)
+    if job == "previews":
+        return previews.half_made(arguments, out)
     file = out / arguments["file"]
     return [video.partial_video(file) if job == "video" else partial_picture(file)]
 
@@ -64,6 +66,8 @@ def _perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
         return video.make_video(VideoArguments.from_dict(arguments), out, reporter=reporter)
     if job == "sheet":
         return contact_sheet.make_sheet(SheetArguments.from_dict(arguments), out, reporter=reporter)
+    if job == "previews":
+        return previews.make_previews(arguments, out, reporter=reporter)
     raise InputError(f"unknown job '{job}'", remedy="update the program that sends it")
 
 

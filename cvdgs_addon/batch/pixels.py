@@ -17,6 +17,8 @@ from ..scene.stills import partial_picture
 Pixels = NDArray[np.uint8]
 
 _LEVELS = 255.0
+_FORMATS = {".png": "PNG", ".bmp": "BMP", ".jpg": "JPEG"}  # Blender's names
+_JPEG_QUALITY = 88
 _SIGNATURE_BYTES = 8  # of a PNG file, before its first chunk
 _FRAMING_BYTES = 12  # of a chunk: length and type before its data, checksum behind
 _TEXT_CHUNKS = (b"tEXt", b"zTXt", b"iTXt", b"tIME")
@@ -58,7 +60,7 @@ def _opened(path: Path) -> Iterator[bpy.types.Image]:
 
 
 def write_picture(path: Path, pixels: Pixels) -> None:
-    """Write (H, W, 3) `pixels` as PNG; folders are made as needed.
+    """Write (H, W, 3) `pixels` as PNG, BMP or JPEG, by the suffix of `path`; folders are made as needed.
 
     Raises:
         OSError: it cannot be written.
@@ -73,8 +75,8 @@ def write_picture(path: Path, pixels: Pixels) -> None:
         values = np.ones((height, width, 4), np.float32)
         values[..., :3] = pixels[::-1] / np.float32(_LEVELS)
         image.pixels.foreach_set(values.ravel())
-        image.filepath_raw, image.file_format = str(temporary), "PNG"
-        image.save()
+        image.filepath_raw, image.file_format = str(temporary), _FORMATS[path.suffix]
+        image.save(quality=_JPEG_QUALITY)
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)

@@ -4,7 +4,8 @@
     blender -b --factory-startup -P cvdgs_addon/batch/worker.py --
 
     {"job": "frames", "out": "DIR", "arguments": {...}, "threads": N, "model": "machado"}
-    {"job": "video" | "sheet" | "previews", "out": "DIR", "arguments": {...}}
+    {"job": "video" | "sheet", "out": "DIR", "arguments": {...}}
+    {"job": "previews", "out": "DIR", "arguments": {"previews": [...], "width": PIXELS}}
     {"job": "try-eevee"}                                 renders one small picture; ends in one way or another
 
 The arguments are those of ``core/batch/arguments.py``. Events and exit codes: see `worker_process`.

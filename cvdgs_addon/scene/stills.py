@@ -41,7 +41,7 @@ def render_picture(scene: bpy.types.Scene, path: Path) -> None:
 
 def partial_picture(path: Path) -> Path:
     """Where the picture `path` is made before it gets its name."""
-    return path.with_name(f".{path.stem}.partial.png")
+    return path.with_name(f".{path.stem}.partial{path.suffix}")
 
 
 @contextmanager
