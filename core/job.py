@@ -21,6 +21,7 @@ from types import MappingProxyType
 from typing import IO, Any
 
 from .errors import Cancelled, InputError
+from .priority import BEHIND_FLAGS, put_behind
 
 ROOT = Path(__file__).resolve().parent.parent
 WORKER = ROOT / "core" / "__main__.py"
@@ -101,6 +102,7 @@ class Job:
         log: receives every line that the worker writes, stderr included.
         variables: environment variables of the worker, beside this process's.
         grace_seconds: that it has to stop after it was asked to.
+        behind: let other programs go first, because somebody works in one meanwhile.
     """
 
     def __init__(
@@ -110,6 +112,8 @@ class Job:
         log: Callable[[str], None] = lambda _: None,
         variables: Mapping[str, str] = MappingProxyType({}),
         grace_seconds: float = GRACE_SECONDS,
+        *,
+        behind: bool = False,
     ) -> None:
         environment = {**os.environ, **variables}
         # Blender sets these for its own Python; they would lead the worker's interpreter astray.
@@ -131,6 +135,7 @@ class Job:
                 stderr=subprocess.PIPE,
                 env=environment,
                 start_new_session=True,  # Ctrl-C reaches us, and we decide
+                creationflags=BEHIND_FLAGS if behind else 0,
                 text=True,
                 encoding="utf-8",
                 errors="replace",
@@ -139,6 +144,8 @@ class Job:
             raise InputError(
                 f"cannot be started ({error.strerror})", where=command[0], remedy="check the installation"
             ) from None
+        if behind:
+            put_behind(self._process.pid)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         assert self._process.stderr is not None
@@ -210,10 +217,14 @@ class Workers:
     Args:
         python: interpreter that has torch and Warp; None looks for one when it is needed (`find_python`).
         variables: environment variables of the workers, beside this process's.
+        behind: let other programs go before the workers, because somebody works in one meanwhile.
     """
 
-    def __init__(self, python: str | None = None, variables: Mapping[str, str] = MappingProxyType({})) -> None:
+    def __init__(
+        self, python: str | None = None, variables: Mapping[str, str] = MappingProxyType({}), *, behind: bool = False
+    ) -> None:
         self._python = python
+        self._behind = behind
         self._variables = dict(variables)
         self._lock = threading.Lock()
         self._current: Job | None = None
@@ -235,7 +246,7 @@ class Workers:
         with self._lock:
             if self._cancelled:
                 raise Cancelled
-            self._current = Job(command, request, log, self._variables)
+            self._current = Job(command, request, log, self._variables, behind=self._behind)
             return self._current
 
     def require_python(self) -> str:

@@ -43,6 +43,7 @@ STANDARD_LIBRARY_ONLY = [
     "photographs/front",
     "job",
     "job_console",
+    "priority",
     "progress",
     "report",
     "run_files",

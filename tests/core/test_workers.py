@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import textwrap
 import threading
@@ -77,6 +78,21 @@ def test_workers_get_their_variables(interpreter):
     body = """print(json.dumps({"event": "result", "folder": os.environ["CVDGS_TEST"]}), flush=True)"""
     job = Workers(interpreter(body), {"CVDGS_TEST": "here"}).start({"job": "inspect"})
     assert finish(job, lambda _: None)["folder"] == "here"
+
+
+@pytest.mark.skipif(not hasattr(os, "getpriority"), reason="this system has other priorities")
+@pytest.mark.parametrize("behind", [True, False])
+def test_workers_go_behind_a_program_that_somebody_works_in_if_asked(interpreter, behind):
+    body = """
+    sys.stdin.readline()  # comes after the process was told
+    group = open("/proc/self/autogroup").read() if os.path.exists("/proc/self/autogroup") else "nice 10"
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    print(json.dumps({"event": "result", "own": own, "group": int(group.split()[-1])}), flush=True)
+    """
+    found = finish(Workers(interpreter(body), behind=behind).start({"job": "inspect"}), lambda _: None)
+    ours = os.getpriority(os.PRIO_PROCESS, 0)
+    assert (found["own"] >= 10) == (behind or ours >= 10)
+    assert found["group"] == 10 or not behind
 
 
 def test_a_missing_interpreter_is_refused_before_a_folder_is_made(tmp_path, monkeypatch):
