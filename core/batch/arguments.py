@@ -7,7 +7,7 @@ A sequence is a folder with the pictures ``0001.png``, ``0002.png`` and so on, a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, Self
 
 ORIGINAL = "original"
@@ -29,7 +29,7 @@ def pictures(folder: str, first: int, last: int) -> str:
 class _Arguments:
     def to_dict(self) -> dict[str, Any]:
         """A JSON-ready dictionary; `from_dict` reads it back."""
-        return asdict(self)
+        return dict(vars(self))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:

@@ -16,6 +16,7 @@ import shutil
 import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -160,13 +161,13 @@ class _PlannedItem:
             for camera in item.cameras
         )
 
-    @property
+    @cached_property
     def run(self) -> str:
         """Folder of the run: a finished one that lacks nothing, or the batch's own."""
         item = self.item
         return str(item.run) if item.run is not None and not self._missing else f"{item.name}/run"
 
-    @property
+    @cached_property
     def _missing(self) -> list[str]:
         """Layers that the item's run lacks."""
         return [layer for layer in self.item.layers if layer != ORIGINAL and layer not in self.item.present]

@@ -23,7 +23,7 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -105,7 +105,7 @@ class Task:
 
     def to_dict(self) -> dict[str, Any]:
         """A JSON-ready dictionary; `from_dict` reads it back."""
-        return {**asdict(self), "kind": self.kind.value}
+        return {**vars(self), "kind": self.kind.value}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Task:
@@ -191,9 +191,10 @@ def write_plan(plan: Plan) -> Path:
     """
     path = plan_path(plan.out)
     path.parent.mkdir(parents=True, exist_ok=True)
-    values = {"format": _FORMAT, "retries": plan.retries, "tasks": [task.to_dict() for task in plan.tasks]}
+    tasks = ",\n".join(json.dumps(task.to_dict()) for task in plan.tasks)  # a line each, for people
+    text = f'{{"format": {_FORMAT}, "retries": {plan.retries}, "tasks": [\n{tasks}\n]}}\n'
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(json.dumps(values, indent=1) + "\n", encoding="utf-8")
+    temporary.write_text(text, encoding="utf-8")
     os.replace(temporary, path)
     return path
 
