@@ -17,6 +17,7 @@ from cvdgs.core.capture import read_capture  # noqa: E402
 from cvdgs.core.console import ConsoleReporter  # noqa: E402
 from cvdgs.core.demo import SHOWROOM  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
+from cvdgs.core.evaluate.batch import BatchBenchmark, write_batch_figures  # noqa: E402
 from cvdgs.core.evaluate.display import display_fidelity  # noqa: E402
 from cvdgs.core.evaluate.drift import (  # noqa: E402
     RECONSTRUCTION_STEPS,
@@ -78,6 +79,9 @@ def build_parser() -> argparse.ArgumentParser:
     _add_drift(parts.add_parser("drift", help="how much enhanced views contradict each other before reconstruction"))
     _add_modes(parts.add_parser("modes", help="layers, joint and post: contrast, view consistency and time"))
     _add_select(parts.add_parser("select", help="hard frames and sequences of a folder, and what easy frames keep"))
+    _add_batch(
+        parts.add_parser("batch", help="batches of turntables: workers, frames, kills, a thousand items, engines")
+    )
     for part in parts.choices.values():
         part.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the tables")
     return parser
@@ -139,6 +143,20 @@ def measure_trainer(options: argparse.Namespace) -> str:
         seeds = comparisons.compare_seeds(captures[0], options.strategy_iterations, options.seeds, reporter)
         texts.append(comparisons.write_seeds(out, seeds))
     return "\n".join(texts)
+
+
+def _add_batch(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--run", type=Path, default=Path("out/demo"), help="a finished run (out/demo)")
+    parser.add_argument("--frames", type=int, default=16, metavar="N", help="of a turn, in chunks of four (16)")
+    parser.add_argument("--rounds", type=int, default=3, help="repetitions; the medians count (3)")
+    parser.set_defaults(measure=measure_batch)
+
+
+def measure_batch(options: argparse.Namespace) -> str:
+    """Render turntables of a run in several ways; writes batch.csv and batch.md."""
+    with tempfile.TemporaryDirectory(prefix="cvdgs-batch-") as folder:
+        benchmark = BatchBenchmark(options.run, Path(folder), frames=options.frames, rounds=options.rounds)
+        return write_batch_figures(options.out, benchmark.measure(ConsoleReporter(sys.stderr)))
 
 
 def _add_display(parser: argparse.ArgumentParser) -> None:
