@@ -31,12 +31,15 @@ class WorkerRefusal(InputError):
         return self.what
 
 
-def in_console(work: Callable[[Listener], Event], display: Listener) -> int:
+def in_console(
+    work: Callable[[Listener], Event], display: Listener, *, cancelled: str = "cancelled; nothing was written"
+) -> int:
     """Do `work` so that Ctrl-C cancels it and every failure is one line; returns the exit code of the contract.
 
     Args:
         work: takes a listener for the events of its workers and returns the fields of the result.
         display: shows events, the final result or error included.
+        cancelled: what to say when the user has cancelled it.
     """
     previous = {number: signal.signal(number, _cancel) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -45,7 +48,7 @@ def in_console(work: Callable[[Listener], Event], display: Listener) -> int:
         display({"event": "error", "kind": "input", "message": str(error)})
         return EXIT_INPUT
     except Cancelled:
-        display({"event": "error", "kind": "cancelled", "message": "cancelled; nothing was written"})
+        display({"event": "error", "kind": "cancelled", "message": cancelled})
         return EXIT_CANCELLED
     except WorkerDefect as error:
         display({"event": "error", "kind": "defect", "message": str(error)})

@@ -89,7 +89,7 @@ def run_batch(options: argparse.Namespace) -> int:
     machine = _machine(options)
     batch = read_batch(Path(options.batch))
     out = Path(options.out).absolute()
-    _refuse_inside(out, [item.capture or item.run for item in batch.items])
+    _refuse_inside(out, [item.source for item in batch.items])
     plan: Plan = make_plan(batch, out, machine.gpus)
     if options.dry_run:
         print_plan(plan, machine, json_events=options.json)
@@ -117,10 +117,10 @@ def _machine(options: argparse.Namespace) -> Resources:
     return this_machine(options.cores, options.memory, options.gpus)
 
 
-def _refuse_inside(out: Path, sources: list[Path | None]) -> None:
+def _refuse_inside(out: Path, sources: list[Path]) -> None:
     """Results inside of what they are made from would make that something else."""
     for source in sources:
-        if source is not None and out.is_relative_to(source):
+        if out.is_relative_to(source):
             raise InputError(f"is inside of {source}", where=f"--out {out}", remedy="choose another folder")
 
 

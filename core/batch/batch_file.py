@@ -141,6 +141,13 @@ class Item:
     train: Mapping[str, Any]
     outputs: frozenset[Output]
 
+    @property
+    def source(self) -> Path:
+        """Folder of what the item is made from."""
+        path = self.capture or self.run
+        assert path is not None
+        return path.parent if path.suffix.lower() == ".json" and path.is_file() else path
+
 
 @dataclass(frozen=True)
 class Batch:

@@ -21,6 +21,8 @@ from .outcome import BatchOutcome, summary
 from .progress import estimated_seconds
 from .task import Plan, Task, write_plan
 
+_CANCELLED = "cancelled; what is done is kept, and the same command goes on from there"
+
 
 def run_in_console(plan: Plan, machine: Resources, *, cluster: str | None = None, json_events: bool) -> int:
     """Do `plan` with progress on the console; returns the exit code of the contract.
@@ -39,7 +41,7 @@ def run_in_console(plan: Plan, machine: Resources, *, cluster: str | None = None
         return outcomes[0].to_event()
 
     display: Listener = JsonDisplay(sys.stdout) if json_events else _bar(sys.stderr)
-    code = in_console(work, display)
+    code = in_console(work, display, cancelled=_CANCELLED)
     return outcomes[0].exit_code if code == EXIT_DONE else code
 
 

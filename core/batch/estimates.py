@@ -20,9 +20,9 @@ _START_SECONDS = 16.0  # reading, enhancing, evaluating
 _SECONDS_PER_ITERATION = 0.051
 _LAYER_SECONDS = 20.0
 LAYER_KEPT_SECONDS = 1.0  # for a layer that the run was made with
-# 36,000 Gaussians in Cycles.
+# 36,000 Gaussians in Cycles on one core; more cores share it.
 _LOAD_SECONDS = 3.0
-_SECONDS_PER_MEGAPIXEL = 40.0
+_SECONDS_PER_MEGAPIXEL = 170.0
 _SIMULATION_SECONDS_PER_MEGAPIXEL = 0.3
 _ENCODING_SECONDS_PER_MEGAPIXEL = 0.05
 _SHEET_SECONDS = 3.0
@@ -40,10 +40,10 @@ def layer_seconds() -> float:
     return _START_SECONDS + _LAYER_SECONDS
 
 
-def frames_seconds(frames: int, size: tuple[int, int], observers: int) -> float:
+def frames_seconds(frames: int, size: tuple[int, int], observers: int, cores: int) -> float:
     """Of a chunk of `frames` pictures that so many observers see."""
     megapixels = size[0] * size[1] / 1e6
-    each = _SECONDS_PER_MEGAPIXEL + _SIMULATION_SECONDS_PER_MEGAPIXEL * observers
+    each = _SECONDS_PER_MEGAPIXEL / cores + _SIMULATION_SECONDS_PER_MEGAPIXEL * observers
     return _LOAD_SECONDS + frames * megapixels * each
 
 

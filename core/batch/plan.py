@@ -222,7 +222,7 @@ class _PlannedItem:
                 f"{name}.train",
                 Kind.TRAIN,
                 TrainArguments(settings, made_along).to_dict(),
-                inputs=(str(item.capture if item.capture.is_dir() else item.capture.parent),),
+                inputs=(str(item.source),),
                 outputs=(
                     *(f"{run}/{file}" for file in (GAUSSIANS_FILE, CAMERAS)),
                     *(f"{run}/{layer_gaussians_file(layer.name)}" for layer in layers),
@@ -291,7 +291,9 @@ class _PlannedItem:
                 inputs=tuple(f"{self.run}/{file}" for file in files),
                 outputs=tuple(pictures(folder, first, last) for folder in folders),
                 item=self.item.name,
-                seconds=estimates.frames_seconds(last - first + 1, settings.size, len(turn.simulated)),
+                seconds=estimates.frames_seconds(
+                    last - first + 1, settings.size, len(turn.simulated), self.needs.frame_cores
+                ),
                 cores=self.needs.frame_cores,
                 memory_mb=self.needs.frame_memory_mb,
             )
