@@ -173,7 +173,7 @@ def _player(page: ShownPage, key: str, turn: ShownTurn) -> str:
     assert files is not None
     columns = len(preview.columns)
     captions = _captions(preview)
-    listed = "".join(f"<li>{escape(caption)}</li>" for caption in captions)
+    listed = "".join(f"<li><span>{escape(caption)}</span></li>" for caption in captions)
     said = escape(f"A turn around the scene: {'; '.join(captions)}", quote=True)
     step = 360.0 / preview.frames
     width, height = turn.size
