@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from . import turntables
 from .job import Event, Workers, blender_command
 from .job_console import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from .progress import RunProgress, format_seconds
@@ -42,6 +43,7 @@ def stages_of(settings: Settings) -> tuple[str, ...]:
         "layers",
         "evaluate",
         *(("blender",) if settings.blend else ()),
+        *((turntables.STAGE,) if settings.turntable else ()),
     )
 
 
@@ -92,6 +94,10 @@ def run(
             message = f"{BLEND_FILE} does not have the new layers; add them with another run without --no-blend"
             log.event({"event": "warning", "name": "old-scene", "message": message})
             report["warnings"].append({"name": "old-scene", "message": message})
+        if settings.turntable:
+            turntable_started = time.monotonic()
+            report[turntables.STAGE] = turntables.render_turntables(folder.staging, report, settings, workers, log)
+            seconds[turntables.STAGE] = round(time.monotonic() - turntable_started, 2)
         seconds["total"] = round(time.monotonic() - started, 2)
         finish_report(folder.staging, report)
     return report

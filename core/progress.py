@@ -18,6 +18,7 @@ STAGE_SHARES = {
     "layers": 0.06,
     "evaluate": 0.07,
     "blender": 0.12,
+    "turntable": 0.5,  # of 48 pictures in two layers; goes by their number
 }
 
 

@@ -9,7 +9,8 @@ import math
 from pathlib import Path
 from typing import Any
 
-from .run_files import REPORT_FILE, REPORT_PAGE
+from .batch.arguments import picture_name
+from .run_files import REPORT_FILE, REPORT_PAGE, TURNTABLE_FOLDER
 
 SCHEMA = "cvdgs-report-1"
 _VIEWS_SHOWN = 3
@@ -40,6 +41,9 @@ ul.notes { padding-left: 1.1rem; } code { background: var(--soft); padding: 0 .2
 """
 # Distinguishable for all kinds of colour vision by lightness (Okabe-Ito, ordered from dark to light).
 _STAGE_COLORS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
+
+
+_TURNTABLE_PICTURES = 4  # that the page shows
 
 
 def finish_report(folder: Path, report: dict[str, Any]) -> None:
@@ -83,7 +87,7 @@ def _page(folder: Path, report: dict[str, Any]) -> str:
         parts.append(f"<h2>{html.escape(name)}</h2>")
         parts += [_quad(folder, name, key) for key in report["views_shown"][:_VIEWS_SHOWN]]
         parts.append(_layer_table(layer))
-    parts.append(_stills(folder, report))
+    parts += [_stills(folder, report), _turntable(folder, report)]
     parts.append("<h2>Where the time went</h2>" + _timings(report["seconds"]))
     for added in report.get("resumed", ()):
         parts.append(f"<h3>Added later: {html.escape(', '.join(added['layers']))}</h3>" + _timings(added["seconds"]))
@@ -114,6 +118,18 @@ def _stills(folder: Path, report: dict[str, Any]) -> str:
         return ""
     figures = "".join(_figure(path, f"{name}, rendered by Blender's Cycles") for path, name in stills)
     return f"<h2>In Blender</h2><div class='pair'>{figures}</div>"
+
+
+def _turntable(folder: Path, report: dict[str, Any]) -> str:
+    """A few pictures of the newest layer's turn, evenly spread."""
+    turntable = report.get("turntable")
+    if not turntable:
+        return ""
+    layer, count = turntable["layers"][-1], turntable["frames"]
+    numbers = sorted({1 + i * count // _TURNTABLE_PICTURES for i in range(_TURNTABLE_PICTURES)})
+    sequence = folder / TURNTABLE_FOLDER / layer
+    figures = (_figure(sequence / picture_name(i), f"{layer}, picture {i} of {count}") for i in numbers)
+    return f"<h2>Turntable</h2><div class='quad'>{''.join(figures)}</div>"
 
 
 def _figure(path: Path, caption: str) -> str:

@@ -12,7 +12,7 @@ CVD_TYPES = ("protan", "deutan", "tritan", "achromat")
 SIMULATIONS = ("machado", "vienot", "brettel")
 MODES = ("layers", "joint", "post")
 DEVICES = ("auto", "cpu", "cuda")
-ENGINES = ("cycles", "eevee", "workbench")
+ENGINES = ("cycles", "eevee")  # Workbench draws no Gaussians
 ENHANCERS = ("cgan", "lut", "none")
 WEIGHTS_SUFFIX = ".safetensors"
 
@@ -58,8 +58,8 @@ class Settings:
         device: "auto", "cpu" or "cuda".
         seed: of everything random.
         refine_poses: whether to correct cameras that are a little off; those that are good stay as given.
-        turntable: frames of a turntable; 0 renders none.
-        engine: Blender's render engine for stills.
+        turntable: pictures of a turn around the subject, of each layer; 0 renders none.
+        engine: Blender's render engine for the turntable; stills are by Cycles.
         blend: whether to build scene.blend and render stills.
         resume: whether to add to a finished run.
         sfm: whether to estimate cameras when the folder has none.
@@ -137,17 +137,8 @@ class Settings:
         _within(self.seed, 0, 2**31 - 1, "--seed")
         _at_least(self.turntable, 0, "--turntable")
         _one_of(self.engine, ENGINES, "--engine")
-        self._refuse_what_is_not_there()
-
-    def _refuse_what_is_not_there(self) -> None:
-        """Options of the contract that this version does not implement are refused, never ignored."""
-        _check(self.turntable == 0, "turntables are not implemented yet", "--turntable", "leave it out")
-        _check(
-            self.engine == "cycles",
-            f"stills by '{self.engine}' are not implemented yet",
-            "--engine",
-            "use --engine cycles",
-        )
+        _check(self.turntable != 1, "one picture is no turn", "--turntable", "give 2 or more, or 0 for none")
+        _check(self.blend or not self.turntable, "Blender renders it", "--turntable", "leave out --no-blend")
 
     def to_dict(self) -> dict[str, Any]:
         """A JSON-ready dictionary; `from_dict` reads it back."""

@@ -47,13 +47,14 @@ def build_parser() -> argparse.ArgumentParser:
     add("--device", default="auto", metavar="DEVICE", help="|".join(DEVICES) + " (auto)")
     add("--seed", type=int, default=0, metavar="N", help="of everything random (0)")
     add("--refine-poses", action="store_true", help="correct cameras that are a little off; good ones stay as given")
-    add("--turntable", type=int, default=0, metavar="FRAMES", help="not there yet (0)")
     add(
-        "--engine",
-        default="cycles",
-        metavar="ENGINE",
-        help="|".join(ENGINES) + " (cycles; the others are not there yet)",
+        "--turntable",
+        type=int,
+        default=0,
+        metavar="FRAMES",
+        help="pictures of a turn around the subject, of each layer (0: none)",
     )
+    add("--engine", default="cycles", metavar="ENGINE", help="of the turntable: " + "|".join(ENGINES) + " (cycles)")
     add("--no-blend", action="store_true", help="no Blender: neither scene.blend nor stills")
     add("--resume", action="store_true", help="add the layers to the finished run in DIR")
     add("--sfm", action="store_true", help="estimate the cameras of a folder that has none (pycolmap)")

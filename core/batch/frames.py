@@ -3,36 +3,58 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from ..job import Workers
 from ..job_console import Listener, WorkerDefect
 from ..run_files import REPORT_FILE
 from ..settings import Settings
 from .arguments import FramesArguments
-from .pictures import make_pictures
+from .pictures import make_pictures, to_stderr
 from .task import Task
 
 _CYCLES, _EEVEE = "cycles", "eevee"
 
 
 def run(task: Task, out: Path, listen: Listener) -> None:
-    """Render the task's pictures, with as many threads as the task has cores.
+    """Render the task's pictures, with as many threads as the task has cores; for its errors see `render`."""
+    arguments = FramesArguments.from_dict(task.arguments)
+    render(arguments, out, listen, threads=task.cores, model=simulation_model(out / arguments.run))
+
+
+def render(
+    arguments: FramesArguments,
+    out: Path,
+    listen: Listener,
+    *,
+    threads: int,
+    model: str,
+    workers: Workers | None = None,
+    log: Callable[[str], None] = to_stderr,
+) -> None:
+    """Render pictures of a turntable.
 
     Where there is no OpenGL, Cycles takes EEVEE's place, and `listen` hears of it.
+
+    Args:
+        out: folder that the arguments' paths start from.
+        threads: of the renderer; 0: as many as the processor has.
+        model: of the simulation for observers.
+        workers, log: see `make_pictures`.
 
     Raises:
         InputError: the run, the layer or the engine cannot be used.
         WorkerDefect: Blender failed.
         Cancelled: no picture is half-written.
     """
-    arguments = FramesArguments.from_dict(task.arguments)
-    if arguments.engine == _EEVEE and not _has_eevee(out, listen):
+    if arguments.engine == _EEVEE and not _has_eevee(out, listen, workers, log):
         arguments = replace(arguments, engine=_CYCLES)
         message = "EEVEE needs OpenGL, which this machine does not have; the pictures are rendered by Cycles"
         listen({"event": "warning", "name": "no-eevee", "message": message})
-    model = simulation_model(out / arguments.run)
-    result = make_pictures("frames", arguments.to_dict(), out, listen, threads=task.cores, model=model)
+    fields = {"threads": threads, "model": model}
+    result = make_pictures("frames", arguments.to_dict(), out, listen, workers=workers, log=log, **fields)
     seconds = result["seconds"]
     message = f"{result['pictures']} pictures in {sum(seconds['pictures']):.1f} s, loaded in {seconds['loading']:.1f} s"
     listen({"event": "status", "stage": "frames", "message": message})
@@ -47,11 +69,11 @@ def simulation_model(run_folder: Path) -> str:
         return Settings.simulation
 
 
-def _has_eevee(out: Path, listen: Listener) -> bool:
+def _has_eevee(out: Path, listen: Listener, workers: Workers | None, log: Callable[[str], None]) -> bool:
     """Whether EEVEE renders here; asked of a process of its own, because without OpenGL Blender aborts."""
     listen({"event": "status", "stage": "frames", "message": "trying EEVEE"})
     try:
-        make_pictures("try-eevee", {}, out, lambda _: None)
+        make_pictures("try-eevee", {}, out, lambda _: None, workers=workers, log=log)
     except WorkerDefect:
         return False
     return True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,27 @@ from ..job import PICTURE_WORKER, Event, Workers, blender_command
 from ..job_console import Listener, finish
 
 
-def make_pictures(job: str, arguments: Mapping[str, Any], out: Path, listen: Listener, **fields: Any) -> Event:
-    """Let Blender do `job` with the task's `arguments` in the batch's folder `out`; returns the result.
+def to_stderr(line: str) -> None:
+    """What Blender prints beside its events goes to stderr, and so to the task's log."""
+    print(line, file=sys.stderr, flush=True)
 
-    What Blender prints beside its events goes to stderr, and so to the task's log.
+
+def make_pictures(
+    job: str,
+    arguments: Mapping[str, Any],
+    out: Path,
+    listen: Listener,
+    *,
+    workers: Workers | None = None,
+    log: Callable[[str], None] = to_stderr,
+    **fields: Any,
+) -> Event:
+    """Let Blender do `job` with the task's `arguments` in the batch's folder `out`; returns the result.
 
     Args:
         job: see ``cvdgs_addon/batch/worker.py``.
+        workers: starts Blender, and may be cancelled.
+        log: receives what Blender prints beside its events.
         fields: of the request, beside those.
 
     Raises:
@@ -26,8 +40,5 @@ def make_pictures(job: str, arguments: Mapping[str, Any], out: Path, listen: Lis
         Cancelled: nothing half-written is left.
     """
     request = {"job": job, "out": str(out), "arguments": dict(arguments), **fields}
-    return finish(Workers().start_command(blender_command([], PICTURE_WORKER), request, _log), listen)
-
-
-def _log(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
+    command = blender_command([], PICTURE_WORKER)
+    return finish((workers or Workers()).start_command(command, request, log), listen)
