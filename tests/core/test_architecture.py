@@ -21,6 +21,7 @@ STANDARD_LIBRARY_ONLY = [
     "batch/estimates",
     "batch/example",
     "batch/finished",
+    "batch/inspection",
     "batch/layer",
     "batch/local_pool",
     "batch/machine",
@@ -49,6 +50,7 @@ STANDARD_LIBRARY_ONLY = [
     "run_files",
     "run_folder",
     "settings",
+    "turntables",
 ]
 NUMPY_ONLY = [
     "splats/gaussians",
