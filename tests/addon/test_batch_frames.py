@@ -126,3 +126,28 @@ def test_cancelled_it_leaves_no_picture_half_written(run_folder, tmp_path):
     process.stdout.close()
     process.stderr.close()
     assert [path.name for path in (tmp_path / "turn").iterdir() if path.name.startswith(".")] == []
+
+
+STARTER = """
+import subprocess, sys
+worker = subprocess.Popen([sys.executable, sys.argv[1]], stdin=subprocess.PIPE, text=True)
+worker.stdin.write(sys.argv[2])
+worker.stdin.close()
+worker.wait()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process that has lost its parent is not told there")
+def test_it_ends_with_the_process_that_started_it(run_folder, tmp_path):
+    endless = request(tmp_path, run_folder, frames=9999, last=9999)
+    starter = subprocess.Popen(
+        [sys.executable, "-c", STARTER, str(WORKER), endless], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    while b"picture 1" not in starter.stdout.readline():
+        pass
+    starter.kill()
+    starter.wait()
+    starter.stdout.read()  # until the worker, too, has closed it
+    assert 0 < len(list((tmp_path / "turn").glob("*.png"))) < 9999
+    assert not list((tmp_path / "turn").glob(".*"))
+    starter.stdout.close()
