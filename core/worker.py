@@ -2,6 +2,7 @@
 
     {"job": "inspect", "capture": "FOLDER"}              what the folder holds, without reading pixels
         also with "sfm": true; "thumbnails": {"folder": "DIR", "count": N, "size": PIXELS} for small pictures
+    {"job": "inspect-all", "captures": [{"capture": "FOLDER", "sfm": false}, ...]}   what is wrong with each, or null
     {"job": "normalise", "capture": "FOLDER", "folder": "DIR"}   cameras, undistorted images, points, written into DIR
         also with "sfm": true
     {"job": "check", "device": "auto"}                   versions, device and speed; compiles the kernels
@@ -59,6 +60,8 @@ def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
     job = request.get("job")
     if job == "inspect":
         return _inspect(Path(request["capture"]), bool(request.get("sfm")), request.get("thumbnails"))
+    if job == "inspect-all":
+        return {"refusals": _inspect_all(request["captures"], reporter)}
     if job == "normalise":
         return _normalise(Path(request["capture"]), Path(request["folder"]), bool(request.get("sfm")), reporter)
     if job == "check":
@@ -97,6 +100,21 @@ def _inspect(capture: Path, sfm: bool, thumbnails: dict[str, Any] | None) -> dic
     count, size = int(thumbnails["count"]), int(thumbnails["size"])
     paths = write_thumbnails(capture, Path(thumbnails["folder"]), count=count, size=size, sfm=sfm)
     return {"summary": summary, "thumbnails": [str(path) for path in paths]}
+
+
+def _inspect_all(captures: list[dict[str, Any]], reporter: JsonReporter) -> list[str | None]:
+    from .capture import inspect_capture
+
+    refusals: list[str | None] = []
+    for entry in captures:
+        reporter.progress("check", len(refusals) / len(captures), entry["capture"])
+        try:
+            inspect_capture(entry["capture"], sfm=bool(entry["sfm"]))
+        except InputError as error:
+            refusals.append(str(error))
+        else:
+            refusals.append(None)
+    return refusals
 
 
 def is_out_of_memory(error: BaseException) -> bool:

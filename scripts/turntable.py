@@ -22,15 +22,24 @@ import bootstrap
 bootstrap.load()
 from cvdgs.core.arguments import OneLineParser  # noqa: E402
 from cvdgs.core.batch.batch_file import read_batch  # noqa: E402
-from cvdgs.core.batch.console import export, print_plan, run_in_console  # noqa: E402
+from cvdgs.core.batch.console import export, print_plan, run_in_console, start_display  # noqa: E402
 from cvdgs.core.batch.example import write_example  # noqa: E402
+from cvdgs.core.batch.inspection import STAGE as INSPECTION  # noqa: E402
+from cvdgs.core.batch.inspection import check_captures  # noqa: E402
 from cvdgs.core.batch.machine import Resources, this_machine  # noqa: E402
 from cvdgs.core.batch.plan import make_plan  # noqa: E402
 from cvdgs.core.batch.table_reader import UnusableFile  # noqa: E402
 from cvdgs.core.batch.task import Plan  # noqa: E402
 from cvdgs.core.batch.task_process import run_task_in_console  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
-from cvdgs.core.job_console import EXIT_DONE, EXIT_INPUT, JsonDisplay  # noqa: E402
+from cvdgs.core.job_console import (  # noqa: E402
+    EXIT_CANCELLED,
+    EXIT_DEFECT,
+    EXIT_DONE,
+    EXIT_INPUT,
+    JsonDisplay,
+    WorkerDefect,
+)
 
 FARMS = ("openjd", "flamenco")
 
@@ -78,6 +87,12 @@ def main(arguments: list[str]) -> int:
     except InputError as error:
         complain(error, as_json=as_json)
         return EXIT_INPUT
+    except WorkerDefect as error:
+        complain(InputError(str(error)), as_json=as_json)
+        return EXIT_DEFECT
+    except KeyboardInterrupt:
+        complain(InputError("cancelled; nothing was written"), as_json=as_json)
+        return EXIT_CANCELLED
 
 
 def run_batch(options: argparse.Namespace) -> int:
@@ -87,7 +102,9 @@ def run_batch(options: argparse.Namespace) -> int:
         InputError: the batch file or an argument is unusable; nothing was written.
     """
     machine = _machine(options)
-    batch = read_batch(Path(options.batch))
+    batch_file = Path(options.batch)
+    batch = read_batch(batch_file)
+    check_captures(batch, batch_file, start_display(INSPECTION, json_events=options.json))
     out = Path(options.out).absolute()
     _refuse_inside(out, [item.source for item in batch.items])
     plan: Plan = make_plan(batch, out, machine.gpus)

@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TextIO
 
 from ..errors import InputError
 from ..job import Event
@@ -40,9 +39,15 @@ def run_in_console(plan: Plan, machine: Resources, *, cluster: str | None = None
             outcomes.append(_run_on(cluster, plan, listen) if cluster else run_locally(plan, machine, listen))
         return outcomes[0].to_event()
 
-    display: Listener = JsonDisplay(sys.stdout) if json_events else _bar(sys.stderr)
-    code = in_console(work, display, cancelled=_CANCELLED)
+    code = in_console(work, start_display(STAGE, json_events=json_events), cancelled=_CANCELLED)
     return outcomes[0].exit_code if code == EXIT_DONE else code
+
+
+def start_display(stage: str, *, json_events: bool) -> Listener:
+    """Shows events of `stage`: as JSON lines on stdout, or as a progress bar on stderr."""
+    if json_events:
+        return JsonDisplay(sys.stdout)
+    return BarDisplay(sys.stderr, "turntable.py", RunProgress((stage,), shares={stage: 1.0}), summary)
 
 
 def _run_on(cluster: str, plan: Plan, listen: Listener) -> BatchOutcome:
@@ -117,7 +122,3 @@ def _alone(plan: Plan) -> Iterator[None]:
 def _unwritable(plan: Plan, error: OSError) -> InputError:
     remedy = "free space or choose another folder with --out"
     return InputError(f"cannot be written to ({error.strerror})", where=plan.out, remedy=remedy)
-
-
-def _bar(stream: TextIO) -> Listener:
-    return BarDisplay(stream, "turntable.py", RunProgress((STAGE,), shares={STAGE: 1.0}), summary)

@@ -71,6 +71,9 @@ WORKER = (
     PROLOGUE
     + f"""
 REPORT, LAYER = {REPORT!r}, {LAYER!r}
+if request["job"] == "inspect-all":
+    emit("result", refusals=[None for _ in request["captures"]])
+    sys.exit(0)
 settings, folder = request["settings"], Path(request["folder"])
 SUBJECT = Path(settings["capture"]).name
 emit("status", stage="geometry", message="training")

@@ -242,6 +242,21 @@ def test_a_dry_run_tells_every_task_and_writes_nothing(collection):
     assert not collection.out.exists()
 
 
+def test_captures_without_cameras_are_found_before_anything_starts(collection):
+    for name in ("chair", "sofa"):
+        collection.add_capture(name)
+    collection.write_batch(TWO + "train.sfm = true\n")
+    command = [sys.executable, str(ROOT / "scripts" / "turntable.py"), str(collection.folder / "batch.toml")]
+    ended = subprocess.run([*command, "--out", str(collection.out)], capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 2
+    refusals = [line for line in ended.stderr.splitlines() if "batch.toml, line" in line]
+    assert len(refusals) == 2
+    assert "line 8: items[1].capture" in refusals[0]
+    assert "no cameras" in refusals[0]
+    assert "line 10: items[2].capture" in refusals[1]
+    assert not collection.out.exists()
+
+
 def test_the_example_is_a_batch_that_can_be_planned(tmp_path):
     script, example = str(ROOT / "scripts" / "turntable.py"), str(tmp_path / "example.toml")
     subprocess.run([sys.executable, script, "--example", example], check=True, timeout=60)
