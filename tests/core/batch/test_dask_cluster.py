@@ -102,6 +102,7 @@ def test_a_task_that_breaks_once_is_tried_again(collection, cluster):
     assert [event["name"] for event in events if event["event"] == "warning"] == ["task-retried"]
 
 
+@pytest.mark.slow
 def test_cancelling_ends_the_tasks_on_all_workers(farm, collection, cluster):
     for name in ("chair", "sofa"):
         collection.add_capture(name, "sleep 60")
