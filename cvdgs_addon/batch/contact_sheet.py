@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ _PICTURE_WIDTH = 240  # pixels, at most
 _MARGIN, _GAP = 36, 8  # pixels around the sheet, and between pictures
 _HEADING, _LABEL, _ANGLE = 30, 17, 13  # pixels of type
 _HEADING_BAND, _LABEL_BAND, _ANGLE_BAND = 44, 42, 30  # pixels of height that the type takes
+_ADVANCE = 0.62  # widths of a character of Blender's typeface, which has even ones, in sizes of type
 # Even and near white: colours are judged against it, and it costs little ink.
 _PAPER = 242
 
@@ -39,7 +41,7 @@ def make_sheet(arguments: SheetArguments, out: Path, *, reporter: Reporter) -> d
         numbers = evenly_spread(int(row["frames"]), arguments.columns)
         paths = [out / row["folder"] / picture_name(number) for number in numbers]
         rows.append([downscale(read_picture(path), _PICTURE_WIDTH) for path in paths])
-    sheet, tops = _laid_out(rows)
+    sheet, tops = _laid_out(rows, _widest_line(arguments))
     file = out / arguments.file
     temporary = partial_picture(file)
     try:
@@ -58,9 +60,15 @@ def evenly_spread(frames: int, columns: int) -> list[int]:
     return [1 + column * frames // columns for column in range(columns)]
 
 
-def _laid_out(rows: list[list[Pixels]]) -> tuple[Pixels, list[int]]:
+def _widest_line(arguments: SheetArguments) -> int:
+    """Pixels that the longest line of type takes."""
+    lines = [(arguments.title, _HEADING), *((str(row["label"]), _LABEL) for row in arguments.rows)]
+    return math.ceil(max(len(text) * size * _ADVANCE for text, size in lines))
+
+
+def _laid_out(rows: list[list[Pixels]], least_width: int) -> tuple[Pixels, list[int]]:
     """The sheet without its type, and the top of each row's pictures."""
-    width = max(sum(picture.shape[1] + _GAP for picture in row) - _GAP for row in rows)
+    width = max(least_width, *(sum(picture.shape[1] + _GAP for picture in row) - _GAP for row in rows))
     heights = [max(picture.shape[0] for picture in row) for row in rows]
     total = _MARGIN + _HEADING_BAND + sum(height + _LABEL_BAND for height in heights) + _ANGLE_BAND + _MARGIN
     sheet = np.full((total, width + 2 * _MARGIN, 3), _PAPER, np.uint8)

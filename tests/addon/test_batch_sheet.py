@@ -72,8 +72,17 @@ def test_it_says_what_it_shows(turned):
     for band in (heading, label):
         assert (band < 90).any(), "dark letters"
         assert (band > 230).mean() > 0.7, "on light paper"
-    other = sheet(turned, title="Spring and Summer")
+    other = sheet(turned, title="Winter")
     assert np.abs(other[: top - 42].astype(int) - heading).max() > 90
+
+
+def test_a_long_line_has_room(turned):
+    title = "Autumn and winter, woven and knitted, for living rooms and halls"
+    made = sheet(turned, title=title)
+    heading = made[30:76]
+    columns = np.flatnonzero((heading < 90).any(axis=(0, 2)))
+    assert columns[-1] < made.shape[1] - 20
+    assert columns[-1] - columns[0] > 0.55 * 30 * len(title), "in one line"
 
 
 def test_a_short_turn_is_shown_whole(turned):
