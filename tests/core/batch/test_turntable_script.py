@@ -96,10 +96,10 @@ def test_a_finished_run_is_taken_as_it_is_and_a_layer_that_it_lacks_is_added_to_
     collection.write_batch(TURNTABLE + '[[items]]\nrun = "finished"\nlayers = ["original", "deutan"]\n')
     code, events = collection.run()
     assert code == 0
-    assert [task.partition(".frames")[0] for task in ends(events)] == [
+    assert {task.partition(".frames")[0] for task in ends(events)} == {
         "finished.original.cycles-turn",
         "finished.deutan-1.0.cycles-turn",
-    ]
+    }
     collection.write_batch(TURNTABLE + '[[items]]\nrun = "finished"\nlayers = ["deutan", "tritan"]\n')
     code, events = collection.run()
     assert code == 0
@@ -265,6 +265,18 @@ def test_the_example_is_a_batch_that_can_be_planned(tmp_path):
     assert told.returncode == 0, told.stderr
     assert "showroom.train" in told.stdout
     assert subprocess.run([sys.executable, script, "--example", example], timeout=60).returncode == 2
+
+
+def test_inside_blender_its_arguments_follow_the_double_dash(collection):
+    pytest.importorskip("bpy")
+    finished = collection.add_finished_run("finished", "deutan-1.0")
+    batch = collection.write_batch(TURNTABLE + f"[[items]]\nrun = '{finished}'\n")
+    script = str(ROOT / "scripts" / "turntable.py")
+    arguments = ["blender", "-b", "-P", script, "--", str(batch), "--out", str(collection.out), "--dry-run"]
+    started = f"import bpy, runpy, sys; sys.argv = {arguments!r}; runpy.run_path({script!r}, run_name='__main__')"
+    told = subprocess.run([sys.executable, "-c", started], capture_output=True, text=True, timeout=60)
+    assert told.returncode == 0, told.stderr
+    assert "finished.deutan-1.0.cycles-turn.frames.0001-0004" in told.stdout
 
 
 @pytest.mark.parametrize(
