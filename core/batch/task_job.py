@@ -12,8 +12,8 @@ from ..job import GRACE_SECONDS, Job
 from .outcome import log_path
 from .task import task_command
 
-# A cancelled task first ends its own workers, which takes it `GRACE_SECONDS`. On a busy machine everything takes longer,
-# and a task that is killed cannot end them.
+# A cancelled task first ends its own workers, which takes it `GRACE_SECONDS`. On a busy machine everything takes
+# longer, and a task that is killed cannot end them.
 _GRACE_SECONDS = 10.0 * GRACE_SECONDS
 
 

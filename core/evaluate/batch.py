@@ -110,7 +110,9 @@ class BatchBenchmark:
         first = FramesArguments.from_dict(plan.tasks[0].arguments)
         plain = replace(first, last=min(self.frames, 2 * _CHUNK))
         observed = replace(plain, simulated={_OBSERVER: "observed"})
-        loading, overhead, overhead_observed = [], [], []
+        loading: list[float] = []
+        overhead: list[float] = []
+        overhead_observed: list[float] = []
         for _ in range(self.rounds):
             for arguments, found in ((plain, overhead), (observed, overhead_observed)):
                 result = make_pictures(
