@@ -38,6 +38,7 @@ from cvdgs.core.job_console import (  # noqa: E402
     EXIT_DONE,
     EXIT_INPUT,
     JsonDisplay,
+    Listener,
     WorkerDefect,
 )
 
@@ -104,7 +105,7 @@ def run_batch(options: argparse.Namespace) -> int:
     machine = _machine(options)
     batch_file = Path(options.batch)
     batch = read_batch(batch_file)
-    check_captures(batch, batch_file, start_display(INSPECTION, json_events=options.json))
+    check_captures(batch, batch_file, _inspection_display(options))
     out = Path(options.out).absolute()
     _refuse_inside(out, [item.source for item in batch.items])
     plan: Plan = make_plan(batch, out, machine.gpus)
@@ -132,6 +133,13 @@ def _machine(options: argparse.Namespace) -> Resources:
         if value is not None and value < low:
             raise InputError(f"{value} is too small", where=f"--{name}", remedy=f"give {low} or more")
     return this_machine(options.cores, options.memory, options.gpus)
+
+
+def _inspection_display(options: argparse.Namespace) -> Listener:
+    """Progress while captures are looked at; none where stdout has the answer, which a bar would get into."""
+    if (options.dry_run or options.export) and not options.json:
+        return lambda _: None
+    return start_display(INSPECTION, json_events=options.json)
 
 
 def _refuse_inside(out: Path, sources: list[Path]) -> None:
