@@ -65,6 +65,7 @@ NUMPY_ONLY = [
     "splats/scene_frame",
     "capture/model",
     "color/matrices",
+    "color/simulated_bytes",
     "color/srgb",
     *(f"splats/strategy/{path.stem}" for path in sorted((ROOT / "core/splats/strategy").glob("*.py"))),
 ]
