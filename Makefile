@@ -8,6 +8,9 @@ BIN := $(VENV)/bin
 DEMO_OUT ?= out/demo
 BENCH_OUT ?= out/bench
 
+# A process for each core; the tests of a file stay together, because they share what was made for them.
+SIDE_BY_SIDE := -n auto --dist loadfile
+
 # Spinning OpenMP threads make everything ten times slower beside one busy neighbour.
 export OMP_WAIT_POLICY = passive
 
@@ -34,8 +37,8 @@ demo: venv
 	$(BIN)/python scripts/run.py core/demo/showroom --iterations 3000 --out $(DEMO_OUT)
 
 test: lint $(VENV_BPY45)/.ready
-	$(BIN)/python -m pytest
-	$(VENV_BPY45)/bin/python -m pytest tests/addon
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
+	$(VENV_BPY45)/bin/python -m pytest $(SIDE_BY_SIDE) tests/addon
 
 test-all: venv $(VENV_BPY45)/.ready
 	$(BIN)/python -m pytest -m "slow or not slow"

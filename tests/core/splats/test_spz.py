@@ -131,7 +131,7 @@ def test_a_scene_too_far_out_is_refused_and_nothing_is_written(tmp_path):
 
 
 def gzip_of(version: int = 3, count: int = 3, degree: int = 0, bits: int = 12, body: bytes = bytes(60)) -> bytes:
-    return gzip.compress(struct.pack("<4sIIBBBB", b"NGSP", version, count, degree, bits, 0, 0) + body)
+    return gzip.compress(struct.pack("<4sIIBBBB", b"NGSP", version, count, degree, bits, 0, 0) + body, mtime=0)
 
 
 def streams_of(count: int, streams: int, offset: int, body: bytes) -> bytes:
@@ -142,7 +142,7 @@ def streams_of(count: int, streams: int, offset: int, body: bytes) -> bytes:
     ("content", "said"),
     [
         (b"", "not an SPZ file"),
-        (gzip.compress(b"something else altogether"), "not an SPZ file"),
+        (gzip.compress(b"something else altogether", mtime=0), "not an SPZ file"),
         (gzip_of()[:-8], "cut short"),
         (gzip_of(body=bytes(59)), "cut short"),
         (gzip_of(count=2**32 - 1), "cut short"),
