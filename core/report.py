@@ -9,7 +9,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from .batch.arguments import picture_name
+from .batch.arguments import evenly_spread, picture_name
 from .run_files import REPORT_FILE, REPORT_PAGE, TURNTABLE_FOLDER
 
 SCHEMA = "cvdgs-report-1"
@@ -126,7 +126,7 @@ def _turntable(folder: Path, report: dict[str, Any]) -> str:
     if not turntable:
         return ""
     layer, count = turntable["layers"][-1], turntable["frames"]
-    numbers = sorted({1 + i * count // _TURNTABLE_PICTURES for i in range(_TURNTABLE_PICTURES)})
+    numbers = evenly_spread(count, _TURNTABLE_PICTURES)
     sequence = folder / TURNTABLE_FOLDER / layer
     figures = (_figure(sequence / picture_name(i), f"{layer}, picture {i} of {count}") for i in numbers)
     return f"<h2>Turntable</h2><div class='quad'>{''.join(figures)}</div>"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+ORIGINAL = "original"  # the layer of the photographs' own colours
+
 CAPTURE_FOLDER = "capture"  # the photographs and cameras that the run used
 ENHANCED_FOLDER = "enhanced"
 RENDERS_FOLDER = "renders"

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from .batch import frames
-from .batch.arguments import ORIGINAL, FramesArguments
+from .batch.arguments import FramesArguments
+from .batch.batch_file import CameraPath
 from .job import Event, Workers
 from .job_console import Listener, Log
-from .run_files import TURNTABLE_FOLDER
+from .run_files import ORIGINAL, TURNTABLE_FOLDER
 from .settings import Settings
 
 STAGE = "turntable"
-_HEIGHT = 0.25  # of the camera above the middle, as a share of its distance: looks a little down on what is shown
 
 
 def render_turntables(
@@ -35,6 +35,7 @@ def render_turntables(
         WorkerDefect: Blender failed.
         Cancelled: nothing half-written is left.
     """
+    camera = CameraPath()
     layers = [ORIGINAL, *report["layers"]]
     missing = [layer for layer in layers if not _is_there(folder / TURNTABLE_FOLDER / layer, settings.turntable)]
     for done, layer in enumerate(missing):
@@ -47,9 +48,9 @@ def render_turntables(
             first=1,
             last=settings.turntable,
             frames=settings.turntable,
-            radius=0.0,
-            height=_HEIGHT,
-            focal_length=0.0,
+            radius=camera.radius,
+            height=camera.height,
+            focal_length=camera.focal_length,
             width=report["capture"]["width"],
             height_pixels=report["capture"]["height"],
             simulated={},

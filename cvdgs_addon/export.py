@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.run_files import layer_cube_file
+from ..core.run_files import ORIGINAL, layer_cube_file
 from ..core.splats.files import write_gaussians
 from ..core.splats.gaussians import SH_C0, Gaussians
 from .scene.harmonics_nodes import coefficient_attribute, coefficient_count
 from .scene.selection import inside_crop_box, within_budget
-from .scene.splat_attributes import ORIGINAL, Attribute, Frame, color_attribute
+from .scene.splat_attributes import Attribute, Frame, color_attribute
 from .shown import require_object_mode
 
 # A logit beyond this is as good as 0 or 1, and finite.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import bpy
 
 from ..core.errors import InputError
-from .scene.splat_attributes import ORIGINAL, color_attribute
+from ..core.run_files import ORIGINAL
+from .scene.splat_attributes import color_attribute
 from .scene.splat_nodes import Input
 from .scene.splats import get_input, is_splats
 

@@ -10,14 +10,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Self
 
-ORIGINAL = "original"
-"""The layer of a scene's own colours."""
 DIGITS = 4  # of a picture's number in its file name
 
 
 def picture_name(number: int) -> str:
     """File name of a sequence's picture; the first one has the number 1."""
     return f"{number:0{DIGITS}d}.png"
+
+
+def evenly_spread(frames: int, count: int) -> list[int]:
+    """Numbers of `count` pictures of a turn of `frames`, as far apart as can be; fewer where the turn has fewer."""
+    count = min(count, frames)
+    return [1 + place * frames // count for place in range(count)]
 
 
 def pictures(folder: str, first: int, last: int) -> str:

@@ -35,13 +35,13 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..settings import CVD_TYPES, Layer, Settings
-from .arguments import DIGITS, ORIGINAL
+from ..run_files import ORIGINAL
+from ..settings import CVD_TYPES, ENGINES, Layer, Settings
+from .arguments import DIGITS
 from .finished import check_finished_run
 from .table_reader import Problem, Problems, TableReader, UnusableFile
 from .train_options import read_train_options
 
-ENGINES = ("cycles", "eevee")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9_-]+")
 _LAYER = re.compile(rf"({'|'.join(CVD_TYPES)})(?:-([0-9.]+))?")

@@ -15,7 +15,7 @@ from ..settings import Settings
 from .done import read_record
 from .task import Kind, Task
 
-# The demo: 24 photographs of 480 x 360 (`make demo`).
+# The demo: 40 photographs of 480 x 360 (`make demo`).
 _START_SECONDS = 16.0  # reading, enhancing, evaluating
 _SECONDS_PER_ITERATION = 0.051
 _LAYER_SECONDS = 20.0

@@ -27,6 +27,15 @@ def check_finished_run(folder: Path) -> list[str]:
     return layers
 
 
+def report_or_nothing(folder: Path) -> dict[str, Any]:
+    """What the report of the run in `folder` says, for who can do without; empty where it cannot be read."""
+    try:
+        report = json.loads((folder / REPORT_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return report if isinstance(report, dict) else {}
+
+
 def read_report(folder: Path) -> dict[str, Any]:
     """The report of the run in `folder`.
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from ..job import Workers
 from ..job_console import Listener, WorkerDefect
-from ..run_files import REPORT_FILE
 from ..settings import Settings
 from .arguments import FramesArguments
+from .finished import report_or_nothing
 from .pictures import make_pictures, to_stderr
 from .task import Task
 
@@ -62,11 +61,8 @@ def render(
 
 def simulation_model(run_folder: Path) -> str:
     """The model that the run's own simulations are made with; the usual one where its report does not say."""
-    try:
-        report = json.loads((run_folder / REPORT_FILE).read_text(encoding="utf-8"))
-        return str(report["settings"]["simulation"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return Settings.simulation
+    settings = report_or_nothing(run_folder).get("settings")
+    return str(settings.get("simulation", Settings.simulation)) if isinstance(settings, dict) else Settings.simulation
 
 
 def _has_eevee(out: Path, listen: Listener, workers: Workers | None, log: Callable[[str], None]) -> bool:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import shutil
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from .plan import count_graphics_cards
 from .task import Task
 
 _CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
@@ -42,7 +43,7 @@ def this_machine(cores: int | None = None, memory_mb: int | None = None, gpus: i
     return Resources(
         _cores() if cores is None else cores,
         _memory_mb() if memory_mb is None else memory_mb,
-        count_graphics_cards() if gpus is None else gpus,
+        _graphics_cards() if gpus is None else gpus,
     )
 
 
@@ -62,3 +63,15 @@ def _memory_mb() -> int:
         return min(memory, int(_CONTAINER_LIMIT.read_text()) // _MIB)
     except (OSError, ValueError):  # no container, or one without a limit ("max")
         return memory
+
+
+def _graphics_cards() -> int:
+    """CUDA devices of this machine, as far as the driver's own program tells."""
+    program = shutil.which("nvidia-smi")
+    if program is None:
+        return 0
+    try:
+        listed = subprocess.run([program, "-L"], capture_output=True, text=True, timeout=20.0, check=True).stdout
+    except (OSError, subprocess.SubprocessError):
+        return 0
+    return sum(line.startswith("GPU ") for line in listed.splitlines())

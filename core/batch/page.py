@@ -5,15 +5,15 @@ Nothing is fetched from anywhere, so it opens from a disk. Standard library only
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from ..job_console import Listener
-from ..run_files import REPORT_FILE
-from .arguments import ORIGINAL, PageArguments, picture_name
+from ..run_files import ORIGINAL
+from .arguments import PageArguments, picture_name
+from .finished import report_or_nothing
 from .frames import simulation_model
 from .page_html import ShownItem, ShownPage, ShownTurn, page_text
 from .previews import Preview, PreviewFiles, make_previews
@@ -68,7 +68,7 @@ def _view(turn: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def _shown_item(item: Mapping[str, Any], out: Path, files: Mapping[Preview, PreviewFiles]) -> ShownItem:
-    report = _read_report(out / item["run"])
+    report = report_or_nothing(out / item["run"])
     pairs = list(_turns(item, out))
     views = {_view(turn) for turn, _ in pairs}
     turns = []
@@ -95,14 +95,6 @@ def _links(turn: Mapping[str, Any], out: Path) -> Iterator[tuple[str, str]]:
     paths += [(f"beside what {observer} vision sees", path) for observer, path in turn["side_by_side"].items()]
     paths.append(("pictures", turn["folder"]))
     return ((text, path) for text, path in paths if path and (out / path).exists())
-
-
-def _read_report(run_folder: Path) -> dict[str, Any]:
-    try:
-        report = json.loads((run_folder / REPORT_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return report if isinstance(report, dict) else {}
 
 
 def _size(picture: Path) -> tuple[int, int]:

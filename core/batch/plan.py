@@ -12,19 +12,16 @@ The original colours are seen by the observers of all the item's layers, a layer
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ..run_files import GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
+from ..run_files import GAUSSIANS_FILE, ORIGINAL, REPORT_FILE, layer_gaussians_file
 from ..settings import Settings
 from . import estimates
 from .arguments import (
-    ORIGINAL,
     FramesArguments,
     LayerArguments,
     PageArguments,
@@ -58,18 +55,6 @@ def make_plan(batch: Batch, out: Path, graphics_cards: int = 0) -> Plan:
     if shown:
         tasks.append(_page(batch, shown))
     return Plan(out.absolute(), tuple(tasks), batch.retries)
-
-
-def count_graphics_cards() -> int:
-    """CUDA devices of this machine, as far as the driver's own program tells."""
-    program = shutil.which("nvidia-smi")
-    if program is None:
-        return 0
-    try:
-        listed = subprocess.run([program, "-L"], capture_output=True, text=True, timeout=20.0, check=True).stdout
-    except (OSError, subprocess.SubprocessError):
-        return 0
-    return sum(line.startswith("GPU ") for line in listed.splitlines())
 
 
 def _page(batch: Batch, shown: Sequence[_PlannedItem]) -> Task:
@@ -148,8 +133,9 @@ class _PlannedItem:
             chunks = list(self._chunks(turn, made))
             self.tasks += chunks
             self.tasks += self._videos(turn, tuple(task.name for task in chunks))
-        if Output.CONTACT_SHEET in self.item.outputs:
-            self.tasks.append(self._sheet(tuple(task.name for task in self.tasks if task.kind is Kind.FRAMES)))
+        if self.sheet is not None:
+            frames = tuple(task.name for task in self.tasks if task.kind is Kind.FRAMES)
+            self.tasks.append(self._sheet(self.sheet, frames))
 
     @property
     def turns(self) -> Iterator[_Turn]:
@@ -319,7 +305,7 @@ class _PlannedItem:
             memory_mb=_SMALL_MEMORY_MB,
         )
 
-    def _sheet(self, after: tuple[str, ...]) -> Task:
+    def _sheet(self, file: str, after: tuple[str, ...]) -> Task:
         rows: list[dict[str, Any]] = []
         frames = self.item.turntable.frames
         for turn in self.turns:
@@ -327,7 +313,6 @@ class _PlannedItem:
             rows.append({"label": where, "folder": turn.frames, "frames": frames})
             for observer, folder in turn.simulated.items():
                 rows.append({"label": f"{where}, as {observer} vision sees it", "folder": folder, "frames": frames})
-        file = f"{self.item.name}/contact-sheet.png"
         return Task(
             f"{self.item.name}.contact-sheet",
             Kind.SHEET,

@@ -7,20 +7,24 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
+from ..front import stages_of
 from ..job import Event
-from ..progress import STAGE_SHARES, RunProgress
+from ..progress import RunProgress
+from ..settings import Settings
 from .machine import Resources
 from .task import Kind, Plan, Task
-
-_RUN_STAGES = tuple(stage for stage in STAGE_SHARES if stage != "blender")
 
 
 @dataclass
 class _Running:
     task: Task
     started: float
-    stages: RunProgress = field(default_factory=lambda: RunProgress(_RUN_STAGES))
     last: float = 0.0
+    stages: RunProgress = field(init=False)
+
+    def __post_init__(self) -> None:
+        adds_layer = self.task.kind is Kind.LAYER
+        self.stages = RunProgress(stages_of(Settings("capture", "out", blend=False, resume=adds_layer)))
 
     def update(self, event: Event) -> None:
         self.stages.update(event)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.batch.arguments import SheetArguments, picture_name
+from ...core.batch.arguments import SheetArguments, evenly_spread, picture_name
 from ...core.events import Reporter
 from ..scene.stills import partial_picture
 from .lettering import Label, add_labels
@@ -52,12 +52,6 @@ def make_sheet(arguments: SheetArguments, out: Path, *, reporter: Reporter) -> d
         temporary.unlink(missing_ok=True)
     reporter.progress(STAGE, 1.0, file.name)
     return {"pictures": sum(map(len, rows))}
-
-
-def evenly_spread(frames: int, columns: int) -> list[int]:
-    """Numbers of `columns` pictures of a turn of `frames`, as far apart as can be; fewer where the turn has fewer."""
-    columns = min(columns, frames)
-    return [1 + column * frames // columns for column in range(columns)]
 
 
 def _widest_line(arguments: SheetArguments) -> int:

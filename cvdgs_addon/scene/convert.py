@@ -14,7 +14,7 @@ import numpy as np
 from ...core.color import srgb
 from ...core.errors import InputError
 from ...core.events import Reporter
-from ...core.run_files import BLEND_FILE, STILLS_FOLDER
+from ...core.run_files import BLEND_FILE, ORIGINAL, STILLS_FOLDER
 from .cameras import use_camera
 from .capture_folder import CaptureView
 from .display import BACKGROUND_PROPERTY
@@ -22,7 +22,6 @@ from .finished_run import PARTIAL_FOLDER, FinishedRun, read_run
 from .import_capture import add_cameras
 from .placement import placement
 from .render_settings import Display, display_of, set_background, set_cycles, set_display
-from .splat_attributes import ORIGINAL
 from .splat_nodes import Input
 from .splats import add_gaussians, check_gaussians, core_bounds, set_input, show_layer
 from .stills import render_still, turned_to

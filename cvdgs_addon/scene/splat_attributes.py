@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from enum import IntEnum, StrEnum
 
-ORIGINAL = "original"  # the layer of the photographs' own colours
-
 
 class Attribute(StrEnum):
     """Attributes of the mesh's points, and of the instances. Colour layers are called ``color_<layer>``."""

@@ -23,12 +23,13 @@ from enum import StrEnum
 
 import bpy
 
+from ...core.run_files import ORIGINAL
 from .color_nodes import add_decoding_nodes
 from .harmonics_nodes import view_dependent_part
 from .nodes import NodeWriter, Sockets, Value, add_input, new_group
 from .projection_nodes import ALPHA_MIN, Camera, Splat, add_camera_nodes, add_frame_nodes, add_hull_nodes
 from .selection_nodes import as_points, inside_box, within_budget
-from .splat_attributes import ORIGINAL, Attribute, color_attribute
+from .splat_attributes import Attribute, color_attribute
 
 GROUP_NAME = "CVD Gaussians"
 

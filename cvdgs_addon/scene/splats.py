@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.run_files import ORIGINAL
 from ...core.splats.gaussians import SH_C0, Gaussians
 from .harmonics_nodes import coefficient_attribute, coefficient_count
 from .modifier_inputs import (
@@ -19,7 +20,7 @@ from .modifier_inputs import (
     modifier_input_property,
     set_modifier_input,
 )
-from .splat_attributes import ORIGINAL, Attribute, Frame, color_attribute
+from .splat_attributes import Attribute, Frame, color_attribute
 from .splat_material import (
     DISC_NAME,
     ELLIPSOID_NAME,

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
+from cvdgs.core.run_files import ORIGINAL
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.cvdgs_addon.scene import render_settings, splats
-from cvdgs.cvdgs_addon.scene.splat_attributes import ORIGINAL, Attribute
+from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 
 from . import ewa

@@ -34,14 +34,9 @@ print(json.dumps({{"event": "result", **result}}), flush=True)
 
 
 @pytest.fixture
-def blender(tmp_path, monkeypatch) -> Path:
+def blender(as_blender) -> Path:
     """Folder of the program; what it was asked for stands in ``requests``."""
-    folder = tmp_path / "program"
-    folder.mkdir()
-    (folder / "blender").write_text(BLENDER)
-    (folder / "blender").chmod(0o755)
-    monkeypatch.setenv("CVDGS_BLENDER", str(folder / "blender"))
-    return folder
+    return as_blender(BLENDER)
 
 
 def turn(folder: Path, pictures: int, *layers: str) -> tuple[dict, list[dict]]:

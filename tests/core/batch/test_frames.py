@@ -33,14 +33,9 @@ REFUSE = "print(json.dumps({'event': 'error', 'kind': 'input', 'message': 'no ru
 
 
 @pytest.fixture
-def blender(tmp_path, monkeypatch) -> Path:
+def blender(as_blender) -> Path:
     """Folder of the program: how a job ends stands in a file of the job's name, and what was asked in ``requests``."""
-    folder = tmp_path / "program"
-    folder.mkdir()
-    (folder / "blender").write_text(BLENDER)
-    (folder / "blender").chmod(0o755)
-    monkeypatch.setenv("CVDGS_BLENDER", str(folder / "blender"))
-    return folder
+    return as_blender(BLENDER)
 
 
 def render(out: Path, engine: str) -> list[dict]:

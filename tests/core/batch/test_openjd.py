@@ -56,7 +56,7 @@ def plans(draw):
         kind, item = draw(st.sampled_from(list(Kind))), draw(st.sampled_from(["", "vase", "x" * 80]))
         cores, memory, gpu = draw(st.tuples(st.integers(1, 4), st.sampled_from([0, 2000]), st.integers(0, 1)))
         tasks.append(Task(f"t{number}", kind, after, item=item, cores=cores, memory_mb=memory, gpu=gpu))
-    return Plan(Path("/farm/batch"), tuple(tasks))
+    return Plan(Path("batch").absolute(), tuple(tasks))
 
 
 def openjd(*arguments, **variables):
