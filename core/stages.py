@@ -78,6 +78,23 @@ class Reconstruction:
 
 
 @dataclass(frozen=True)
+class Plans:
+    """How the fits are done where the settings leave it open; comparisons vary it.
+
+    Attributes:
+        training: of the geometry; steps, limit, SH degree and poses are those of the settings.
+        joint: of the last part of a joint training.
+        layer: of a layer's colours.
+        guided: whether pixels that vary with the view count less, and the views agree on colours.
+    """
+
+    training: TrainingPlan = field(default_factory=TrainingPlan)
+    joint: JointPlan = field(default_factory=JointPlan)
+    layer: LayerPlan = field(default_factory=LayerPlan)
+    guided: bool = True
+
+
+@dataclass(frozen=True)
 class Stages:
     """What the stages after the capture have in common, and the stages."""
 
@@ -90,6 +107,7 @@ class Stages:
     background: Background
     scene: SceneRenderer
     preview: Preview | None = None
+    plans: Plans = field(default_factory=Plans)
 
     @classmethod
     def of(
@@ -102,13 +120,15 @@ class Stages:
         rasterizer: raster.Rasterizer,
         *,
         previews: bool = False,
+        plans: Plans | None = None,
     ) -> Stages:
         """The stages of a run on `capture` whose files go into `folder`; `previews`: show how far they are."""
         background = Background.of(capture.views)
         scene = SceneRenderer(rasterizer, capture.views, background)
         shown = split.test or split.train
         preview = Preview(scene, shown[len(shown) // 2], folder, reporter) if previews else None
-        return cls(settings, folder, reporter, capture, split, rasterizer, background, scene, preview)
+        plans = plans or Plans()
+        return cls(settings, folder, reporter, capture, split, rasterizer, background, scene, preview, plans)
 
     def end_previews(self) -> None:
         """Leave no picture behind that is not a result."""
@@ -180,7 +200,7 @@ class Stages:
             message = f"{layer.name}: fitting colours"
             self.reporter.status("layers", message)
             span = StageSpan(self.reporter, "layers", done / len(enhancers), (done + 1) / len(enhancers), message)
-            gaussians = made.layers.get(layer) or self._fit_layer(made, layer, enhancer, span)
+            gaussians = self.fit_layer(made, layer, enhancer, span)
             write_ply(self.folder / layer_gaussians_file(layer.name), gaussians)
             if self.preview is not None:
                 self.preview.show(gaussians)
@@ -219,27 +239,30 @@ class Stages:
             self._views_from(enhanced_path, layer, self.split.train),
             self._views_from(enhanced_path, layer, self.split.test),
             replace(self._training_plan(), sh_degree=0),
-            JointPlan(),
+            self.plans.joint,
             self.background,
             self.settings.seed,
         )
 
-        def guides_of(geometry: Gaussians) -> Sequence[ViewGuide]:
-            agreement = self.reconstruction(geometry, "geometry", 1.0 - JointPlan.share).agreement
+        def guides_of(geometry: Gaussians) -> Sequence[ViewGuide] | None:
+            agreement = self.reconstruction(geometry, "geometry", 1.0 - self.plans.joint.share).agreement
             return self._guides(agreement, training.views)
 
         return training.train(self.capture.points, self.capture.point_colors, guides_of, self.reporter)
 
     def _training_plan(self) -> TrainingPlan:
-        return TrainingPlan(
+        return replace(
+            self.plans.training,
             steps=self.settings.iterations,
             limit=self.settings.gaussians,
             sh_degree=self.settings.sh_degree,
             poses=PosePlan() if self.settings.refine_poses else None,
         )
 
-    def _fit_layer(self, made: Reconstruction, layer: Layer, enhancer: Enhancer, reporter: Reporter) -> Gaussians:
-        """The colours of a layer for a geometry that is there."""
+    def fit_layer(self, made: Reconstruction, layer: Layer, enhancer: Enhancer, reporter: Reporter) -> Gaussians:
+        """A layer's Gaussians: those that came with the geometry, else it with colours that are fitted to it."""
+        if layer in made.layers:
+            return made.layers[layer]
         train = self.split.train
         if self.settings.mode == "post":
             self._enhance_renderings(made.original, layer, enhancer)
@@ -254,14 +277,16 @@ class Stages:
         self,
         made: Reconstruction,
         views: Sequence[View],
-        guides: Sequence[ViewGuide],
+        guides: Sequence[ViewGuide] | None,
         progress: Callable[[float], None] = lambda _: None,
     ) -> Gaussians:
-        plan, seed = LayerPlan(), self.settings.seed
+        plan, seed = self.plans.layer, self.settings.seed
         return fit_layer(self.rasterizer, made.original, views, plan, self.background, seed, progress, guides)
 
-    def _guides(self, agreement: SceneAgreement, enhanced: Sequence[View] | None = None) -> list[ViewGuide]:
+    def _guides(self, agreement: SceneAgreement, enhanced: Sequence[View] | None = None) -> list[ViewGuide] | None:
         """For each training view the weights of its pixels, and with `enhanced` training views their consensus."""
+        if not self.plans.guided:
+            return None
         train = self.split.train
         if enhanced is None:
             return [ViewGuide(agreement.weights[i]) for i in train]

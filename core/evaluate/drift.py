@@ -6,6 +6,7 @@ enhancer and can be kept in a file between runs.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -131,7 +132,9 @@ def save_matches(path: Path, matches: SceneMatches) -> None:
         for number_, pair in enumerate(pairs):
             arrays |= {f"{range_name}.{number_}.{field}": np.asarray(getattr(pair, field)) for field in _PAIR_FIELDS}
     path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(path, **arrays)  # type: ignore[arg-type]
+    unfinished = path.with_suffix(f".{os.getpid()}.npz")  # another process may want the same file
+    np.savez_compressed(unfinished, **arrays)  # type: ignore[arg-type]
+    unfinished.replace(path)
 
 
 def load_matches(path: Path) -> SceneMatches:

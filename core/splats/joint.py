@@ -26,8 +26,8 @@ from .scene_frame import SceneFrame
 from .targets import Background, ViewOrder, prepare_targets
 from .trainer import STAGE, Trainer
 
-GuidesOfGeometry = Callable[[Gaussians], Sequence[ViewGuide]]
-"""What the views say about each other, given the geometry by which their pixels correspond; one guide a view."""
+GuidesOfGeometry = Callable[[Gaussians], Sequence[ViewGuide] | None]
+"""What the views say about each other, given the geometry by which their pixels correspond; None for no guides."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class JointTraining:
         )
 
     def _agree(
-        self, gaussians: Gaussians, guides: Sequence[ViewGuide], steps: int, reporter: Reporter
+        self, gaussians: Gaussians, guides: Sequence[ViewGuide] | None, steps: int, reporter: Reporter
     ) -> tuple[Gaussians, int]:
         """The steps with the multi-view loss; also returns how many of them were skipped."""
         frame = SceneFrame.around(self.views, gaussians.means)

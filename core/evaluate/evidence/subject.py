@@ -1,0 +1,88 @@
+"""A capture as recipes are tried on it: what they are given, and what their results are judged by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from ...capture import Capture, read_capture
+from ..evaluation import Split
+
+HOLDOUT = 8
+"""Every so many views is held out, from the first on, as the field does."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A capture, and the capture that its results are judged by.
+
+    They are the same unless something is wrong with the given one on purpose.
+
+    Attributes:
+        given: with the views that are trained on.
+        split: of `given`; its test views are for the curve and the product's own decisions.
+        judged: with the views that figures are measured on.
+        judged_split: of `judged`.
+    """
+
+    given: Capture
+    split: Split
+    judged: Capture
+    judged_split: Split
+
+    @classmethod
+    def of(cls, capture: Capture, holdout: int = HOLDOUT) -> Subject:
+        """The ordinary case: every `holdout`-th view of the capture is held out."""
+        views = range(len(capture.views))
+        split = Split([i for i in views if i % holdout], [i for i in views if i % holdout == 0])
+        return cls(capture, split, capture, split)
+
+    @property
+    def is_ordinary(self) -> bool:
+        """Whether results are judged by the capture that was given."""
+        return self.judged is self.given
+
+
+class SubjectSource(Protocol):
+    """Where a subject comes from; small enough to be sent to another process.
+
+    Attributes:
+        name: what tables call it.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def key(self) -> str:
+        """Changes when the subject does; the same in every session."""
+        ...
+
+    def load(self) -> Subject:
+        """Read it."""
+        ...
+
+
+@dataclass(frozen=True)
+class CaptureFolder:
+    """A capture in a folder.
+
+    Attributes:
+        name: what tables call it.
+        folder: any capture that the product reads.
+        max_size: longer side of the views in pixels.
+    """
+
+    name: str
+    folder: Path
+    max_size: int
+
+    @property
+    def key(self) -> str:
+        files = sorted(path for path in self.folder.rglob("*") if path.is_file())
+        sizes = [(path.relative_to(self.folder).as_posix(), path.stat().st_size) for path in files]
+        return repr((self.name, self.max_size, sizes))
+
+    def load(self) -> Subject:
+        return Subject.of(read_capture(self.folder, max_size=self.max_size))

@@ -1,0 +1,238 @@
+"""Makes the scenes of several recipes on one capture, sharing what they have in common, and measures them."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...consistency import relative_warping_error
+from ...enhance import Enhancer
+from ...events import Reporter
+from ...images import to_bytes, write_png
+from ...run_facts import peak_memory_mb
+from ...run_files import ENHANCED_FOLDER
+from ...settings import Layer
+from ...splats import raster
+from ...splats.gaussians import Gaussians
+from ...splats.renderer import SceneRenderer
+from ...splats.targets import Background
+from ...splats.trainer import TrainingResult
+from ...stages import Reconstruction, Stages
+from ..evaluation import MOST_SCORED_VIEWS, Evaluation, enhanced_path, spread
+from ..matches import SceneMatches
+from .enhancers import recipe_enhancer
+from .recipe import Recipe, Trial, described
+from .subject import Subject
+
+_MODE_OF_SHARED_GEOMETRY = "layers"  # the same as that of `post`
+
+
+@dataclass(frozen=True)
+class _Cost:
+    """Seconds of a piece of work."""
+
+    wall: float
+    processor: float
+
+
+@dataclass(frozen=True)
+class _Enhanced:
+    """A fitted enhancer, and the folders that have its pictures of the given and of the judged views."""
+
+    enhancer: Enhancer
+    folder: Path
+    judged: Path
+    cost: _Cost
+
+
+@dataclass(frozen=True)
+class _Geometry:
+    """A trained geometry."""
+
+    result: TrainingResult
+    made: Reconstruction
+    warnings: tuple[str, ...]
+    cost: _Cost
+    rwe: float
+
+
+class CaptureTrials:
+    """Tries recipes on one subject.
+
+    Args:
+        name: what tables call the subject.
+        subject: the capture.
+        matches: between the views of the judged capture; the same for every recipe.
+        folder: for the recipes' files; those of a label are under ``<label>/``.
+        threads: of the rasteriser; None takes all cores.
+    """
+
+    def __init__(
+        self, name: str, subject: Subject, matches: SceneMatches, folder: Path, threads: int | None = None
+    ) -> None:
+        self._name = name
+        self.subject = subject
+        self._matches = matches
+        self._folder = folder
+        self._rasterizer = raster.Rasterizer("cpu", threads)
+        background = Background.of(subject.judged.views)
+        self._scene = SceneRenderer(self._rasterizer, subject.judged.views, background)
+        self._enhanced: dict[str, _Enhanced] = {}
+        self._geometries: dict[str, _Geometry] = {}
+
+    def try_recipe(self, recipe: Recipe) -> Trial:
+        """Make its scene and measure it.
+
+        Raises:
+            InputError: the recipe or the capture cannot be used.
+        """
+        enhanced = self._enhance(recipe)
+        geometry = self._reconstruct(recipe, enhanced)
+        folder = self._folder / recipe.label
+        stages = self._stages(recipe, enhanced.folder, Reporter())
+        started = _Clock()
+        picture = self._picture(recipe, stages, geometry.made, enhanced)
+        layer_cost = started.cost()
+        shutil.copytree(enhanced.judged / ENHANCED_FOLDER, folder / ENHANCED_FOLDER, dirs_exist_ok=True)
+        evaluation = Evaluation(
+            self.subject.judged, self.subject.judged_split, recipe.simulation, self._scene, folder, Reporter()
+        )
+        figures = evaluation.run(geometry.made.original, {recipe.layer: picture}, self._matches)
+        return Trial(
+            **described(self._name, recipe),
+            **_figures(figures),
+            gaussians=len(geometry.made.original),
+            sh_degree=geometry.made.original.sh_degree,
+            rwe_unenhanced=geometry.rwe,
+            geometry_seconds=geometry.cost.wall,
+            enhance_seconds=enhanced.cost.wall,
+            layer_seconds=layer_cost.wall,
+            processor_seconds=geometry.cost.processor + enhanced.cost.processor + layer_cost.processor,
+            peak_memory_mb=peak_memory_mb() or 0,
+            skipped_steps=geometry.result.skipped,
+            warnings=" ".join(geometry.warnings),
+            decision=str(geometry.result.decision.get("gaussians", "")),
+        )
+
+    def _stages(self, recipe: Recipe, folder: Path, reporter: Reporter) -> Stages:
+        given, split = self.subject.given, self.subject.split
+        settings = recipe.settings(str(given.source), str(folder))
+        return Stages.of(settings, folder, reporter, given, split, self._rasterizer, plans=recipe.plans)
+
+    def _enhance(self, recipe: Recipe) -> _Enhanced:
+        """The enhancer, fitted to the given training views, and its pictures of all given views."""
+        key = recipe.enhancement_key
+        if key not in self._enhanced:
+            folder = self._folder / f"enhanced-{len(self._enhanced)}"
+            folder.mkdir(parents=True, exist_ok=True)
+            enhancer, started = recipe_enhancer(recipe), _Clock()
+            self._stages(recipe, folder, Reporter()).enhance({recipe.layer: enhancer})
+            cost = started.cost()
+            judged = folder if self.subject.is_ordinary else folder / "judged"
+            self._enhanced[key] = _Enhanced(enhancer, folder, judged, cost)
+            if not self.subject.is_ordinary:
+                self._enhance_judged(recipe.layer, self._enhanced[key])
+        return self._enhanced[key]
+
+    def _reconstruct(self, recipe: Recipe, enhanced: _Enhanced) -> _Geometry:
+        key = recipe.geometry_key
+        if key not in self._geometries:
+            recipe = recipe if recipe.mode == "joint" else replace(recipe, mode=_MODE_OF_SHARED_GEOMETRY)
+            noted, started = _Warnings(), _Clock()
+            stages = self._stages(recipe, enhanced.folder, noted)
+            result = stages.train()
+            made = stages.after(result).reconstruct(result)
+            cost = started.cost()
+            self._geometries[key] = _Geometry(result, made, tuple(noted.names), cost, self._unenhanced_rwe(made))
+        return self._geometries[key]
+
+    def _unenhanced_rwe(self, made: Reconstruction) -> float:
+        """What reconstruction and resampling leave of the warping error even without any enhancement."""
+        photographs = [self.subject.judged.views[i].image for i in self._matches.views]
+        rendered = [self._scene.color(made.original, i) for i in self._matches.views]
+        return relative_warping_error(photographs, rendered, self._matches.short).ratio
+
+    def _picture(
+        self, recipe: Recipe, stages: Stages, made: Reconstruction, enhanced: _Enhanced
+    ) -> Callable[[int], NDArray[np.uint8]]:
+        """How the layer looks from a view of the judged capture."""
+        if recipe.mode == "post":
+            return _Remembered(lambda i: to_bytes(enhanced.enhancer(self._scene.color(made.original, i))))
+        gaussians: Gaussians = stages.fit_layer(made, recipe.layer, enhanced.enhancer, Reporter())
+        return lambda i: self._scene.color(gaussians, i)
+
+    def _enhance_judged(self, layer: Layer, enhanced: _Enhanced) -> None:
+        """Write the enhanced photographs that evaluations compare with."""
+        needed = {*spread(self.subject.judged_split.test, MOST_SCORED_VIEWS), *self._matches.views}
+        for view in (self.subject.judged.views[i] for i in sorted(needed)):
+            write_png(enhanced_path(enhanced.judged, layer, view), to_bytes(enhanced.enhancer(view.image)))
+
+
+class _Remembered:
+    """A picture of each view, made once."""
+
+    def __init__(self, make: Callable[[int], NDArray[np.uint8]]) -> None:
+        self._make = make
+        self._made: dict[int, NDArray[np.uint8]] = {}
+
+    def __call__(self, index: int) -> NDArray[np.uint8]:
+        if index not in self._made:
+            self._made[index] = self._make(index)
+        return self._made[index]
+
+
+class _Clock:
+    """Started when it is made."""
+
+    def __init__(self) -> None:
+        self._wall, self._processor = time.perf_counter(), time.process_time()
+
+    def cost(self) -> _Cost:
+        """Since then."""
+        return _Cost(time.perf_counter() - self._wall, time.process_time() - self._processor)
+
+
+class _Warnings(Reporter):
+    """Keeps the names of the warnings."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+
+    def warning(self, name: str, message: str) -> None:
+        self.names.append(name)
+
+
+def _figures(report: dict[str, Any]) -> dict[str, float]:
+    """A trial's figures out of a report with one layer."""
+    (layer,) = report["layers"].values()
+    ccpr, spread_ccpr, simulated = layer["ccpr"], layer["ccpr_global"], layer["ssim_simulated"]
+    natural, rwe = layer["naturalness"], layer["rwe"]
+    return {
+        "psnr": report["reconstruction"]["psnr"],
+        "ssim": report["reconstruction"]["ssim"],
+        "ccpr_input": ccpr["input"],
+        "ccpr_enhanced": ccpr["enhanced"],
+        "ccpr_unenhanced": ccpr["unenhanced"],
+        "ccpr": ccpr["rendered"],
+        "global_ccpr_input": spread_ccpr["input"],
+        "global_ccpr": spread_ccpr["rendered"],
+        "ccfr": layer["ccfr"]["rendered"],
+        "ssim_input": simulated["input"],
+        "ssim_simulated": simulated["rendered"],
+        "natural_ssim": natural["ssim"],
+        "natural_psnr": natural["psnr"],
+        "delta_e": natural["delta_e"],
+        "psnr_to_enhanced": layer["psnr_to_enhanced"],
+        "rwe": rwe["ratio"],
+        "rwe_absolute": rwe["absolute"],
+        "rwe_long": rwe["long_range_ratio"],
+        "rwe_normalised": rwe["normalised_ratio"],
+        "rwe_enhanced": rwe["enhanced_ratio"],
+    }
