@@ -209,7 +209,7 @@ class _Warnings(Reporter):
         self.names.append(name)
 
 
-def _figures(report: dict[str, Any]) -> dict[str, float]:
+def _figures(report: dict[str, Any]) -> dict[str, Any]:
     """A trial's figures out of a report with one layer."""
     (layer,) = report["layers"].values()
     ccpr, spread_ccpr, simulated = layer["ccpr"], layer["ccpr_global"], layer["ssim_simulated"]
