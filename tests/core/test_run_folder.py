@@ -1,10 +1,15 @@
 """The output folder: an earlier result stays whole until the new one is complete."""
 
+import errno
+import os
+import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from cvdgs.core import run_folder
 from cvdgs.core.errors import InputError
 from cvdgs.core.run_folder import RunFolder
 
@@ -105,3 +110,117 @@ def test_a_run_that_adds_starts_from_a_copy_of_the_earlier_one(tmp_path):
     assert (tmp_path / "report.json").read_text() == "extended"
     assert (tmp_path / "splats.protan-1.0.ply").read_text() == "layer"
     assert (tmp_path / "notes.txt").read_text() == "the artist's own"
+
+
+OLD = {"report.json": "old", "splats.protan-1.0.ply": "old layer", "renders/old.png": "old"}
+NEW = {"report.json": "new", "splats.ply": "new", "renders/new.png": "new"}
+CHANGES_THE_DISK = ("os.rename", "os.rmdir", "os.remove", "os.mkdir")
+
+
+def write(folder: Path, files: dict[str, str]) -> None:
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+
+
+def files_in(folder: Path) -> dict[str, str]:
+    return {p.relative_to(folder).as_posix(): p.read_text() for p in folder.rglob("*") if p.is_file()}
+
+
+def commit_and_be_killed(out: Path, survived: int) -> bool:
+    """Let a process replace the files of `OLD` by those of `NEW`; whether it was killed before a change of the disk."""
+    process = os.fork()
+    if process == 0:
+        try:
+            folder = RunFolder(out)
+            write(folder.staging, NEW)
+            left = survived
+
+            def watch(event: str, _arguments: object) -> None:
+                nonlocal left
+                if event in CHANGES_THE_DISK:
+                    if left == 0:
+                        os.kill(os.getpid(), signal.SIGKILL)
+                    left -= 1
+
+            sys.addaudithook(watch)
+            folder.commit()
+        finally:
+            os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == -signal.SIGKILL
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are killed by a signal")
+def test_a_run_killed_while_it_replaces_a_result_leaves_the_old_one_or_the_new_one(tmp_path):
+    seen = []
+    for survived in range(100):
+        out = tmp_path / str(survived)
+        write(out, OLD)
+        killed = commit_and_be_killed(out, survived)
+        # A folder without the file that vouches for the others is not taken for a result.
+        half = {name: text for name, text in files_in(out).items() if not name.startswith(".")}
+        assert half in (OLD, NEW) or "report.json" not in half
+        folder = RunFolder(out)
+        found = {name: text for name, text in files_in(out).items() if name != ".lock"}
+        folder.abort()
+        assert found in (OLD, NEW)
+        assert files_in(out) == found
+        assert bool(folder.mended) or half == found
+        seen.append(found == NEW)
+        if not killed:
+            break
+    assert seen == sorted(seen)  # once the new result is there, it stays
+    assert not seen[0]
+    assert seen[-1]
+    assert len(seen) > 8
+
+
+@pytest.mark.parametrize("failing", range(7))
+def test_a_result_that_cannot_be_replaced_stays_as_it_was(tmp_path, monkeypatch, failing):
+    write(tmp_path, OLD)
+    folder = RunFolder(tmp_path)
+    write(folder.staging, NEW)
+    rename, calls = os.replace, []
+
+    def fail_once(source, target):
+        calls.append(source)
+        if len(calls) == failing + 1:
+            raise OSError(errno.EBUSY, "Device or resource busy")
+        rename(source, target)
+
+    monkeypatch.setattr(os, "replace", fail_once)
+    with pytest.raises(OSError, match="busy"):
+        folder.commit()
+    folder.abort()
+    assert files_in(tmp_path) == OLD
+
+
+def test_a_lock_that_a_finished_run_has_removed_keeps_nobody_out(tmp_path, monkeypatch):
+    first = RunFolder(tmp_path)
+    take, removed = run_folder.lock_exclusively, []
+
+    def finish_meanwhile(file):
+        if not removed:
+            first.abort()  # between the opening of the lock file and its locking
+            removed.append(file)
+        take(file)
+
+    monkeypatch.setattr(run_folder, "lock_exclusively", finish_meanwhile)
+    second = RunFolder(tmp_path)
+    monkeypatch.undo()
+    with pytest.raises(InputError, match="another run"):
+        RunFolder(tmp_path)
+    second.abort()
+
+
+def test_a_run_that_may_not_take_the_lock_leaves_the_other_ones_files(tmp_path, monkeypatch):
+    first = RunFolder(tmp_path)
+    (first.staging / "splats.ply").write_text("new")
+
+    def refuse(_file):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(run_folder, "lock_exclusively", refuse)
+    with pytest.raises(InputError, match="No locks available"):
+        RunFolder(tmp_path)
+    assert (first.staging / "splats.ply").exists()
