@@ -56,17 +56,19 @@ def find_python() -> str:
     )
 
 
-def blender_command(arguments: list[str], worker: Path = BLENDER_WORKER) -> list[str]:
+def blender_command(arguments: list[str], worker: Path = BLENDER_WORKER, threads: int = 0) -> list[str]:
     """The command that runs Blender's side of a job: this Blender, a Python with the bpy wheel, or ``CVDGS_BLENDER``.
 
     Args:
         arguments: of `worker`.
         worker: the file that Blender runs.
+        threads: that a Blender starts, which it has to know before `worker` runs; 0: one for each processor.
 
     Raises:
         InputError: there is neither.
     """
-    in_blender = ["-b", "--factory-startup", "--python-exit-code", "1", "-P", str(worker), "--", *arguments]
+    limit = ["-t", str(threads)] if threads else []
+    in_blender = ["-b", "--factory-startup", *limit, "--python-exit-code", "1", "-P", str(worker), "--", *arguments]
     program = os.environ.get("CVDGS_BLENDER")
     if program:
         return [program, *in_blender]

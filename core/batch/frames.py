@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ..job import Workers
 from ..job_console import Listener, WorkerDefect
@@ -52,8 +53,8 @@ def render(
         arguments = replace(arguments, engine=_CYCLES)
         message = "EEVEE needs OpenGL, which this machine does not have; the pictures are rendered by Cycles"
         listen({"event": "warning", "name": "no-eevee", "message": message})
-    fields = {"threads": threads, "model": model}
-    result = make_pictures("frames", arguments.to_dict(), out, listen, workers=workers, log=log, **fields)
+    fields: dict[str, Any] = {"threads": threads, "workers": workers, "log": log, "model": model}
+    result = make_pictures("frames", arguments.to_dict(), out, listen, **fields)
     seconds = result["seconds"]
     message = f"{result['pictures']} pictures in {sum(seconds['pictures']):.1f} s, loaded in {seconds['loading']:.1f} s"
     listen({"event": "status", "stage": "frames", "message": message})

@@ -22,6 +22,7 @@ def make_pictures(
     out: Path,
     listen: Listener,
     *,
+    threads: int = 0,
     workers: Workers | None = None,
     log: Callable[[str], None] = to_stderr,
     **fields: Any,
@@ -30,6 +31,7 @@ def make_pictures(
 
     Args:
         job: see ``cvdgs_addon/batch/worker.py``.
+        threads: that Blender takes; 0: as many as there are processors.
         workers: starts Blender, and may be cancelled.
         log: receives what Blender prints beside its events.
         fields: of the request, beside those.
@@ -39,6 +41,6 @@ def make_pictures(
         WorkerDefect: it failed.
         Cancelled: nothing half-written is left.
     """
-    request = {"job": job, "out": str(out), "arguments": dict(arguments), **fields}
-    command = blender_command([], PICTURE_WORKER)
+    request = {"job": job, "out": str(out), "arguments": dict(arguments), "threads": threads, **fields}
+    command = blender_command([], PICTURE_WORKER, threads)
     return finish((workers or Workers()).start_command(command, request, log), listen)

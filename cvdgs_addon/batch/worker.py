@@ -3,7 +3,7 @@
     python cvdgs_addon/batch/worker.py                                            with the bpy wheel
     blender -b --factory-startup -P cvdgs_addon/batch/worker.py --
 
-    {"job": "frames", "out": "DIR", "arguments": {...}, "threads": N, "model": "machado"}
+    {"job": "frames", "out": "DIR", "arguments": {...}, "threads": N, "model": "machado"}       N 0: all processors
     {"job": "video" | "sheet", "out": "DIR", "arguments": {...}}
     {"job": "previews", "out": "DIR", "arguments": {"previews": [...], "width": PIXELS}}
     {"job": "try-eevee"}                                 renders one small picture; ends in one way or another
@@ -43,7 +43,10 @@ def main() -> NoReturn:
 
 
 def _perform(request: dict[str, Any], reporter: Any) -> dict[str, Any]:
-    from cvdgs.cvdgs_addon.batch import jobs
+    from cvdgs.cvdgs_addon.processors import as_if_on
+
+    with as_if_on(int(request.get("threads") or 0)):
+        from cvdgs.cvdgs_addon.batch import jobs  # and with them Blender
 
     return jobs.perform(request, reporter)
 
