@@ -1,0 +1,160 @@
+"""The look of all charts: light and dark, as SVG and PNG, and readable with any colour vision.
+
+Series differ in colour, marker and dash at once. matplotlib comes with the extra ``bench`` and is imported when a chart
+is drawn, so that whatever draws none does without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+PIXELS_PER_INCH = 110
+_DARK_SUFFIX = "-dark"
+
+
+@dataclass(frozen=True)
+class SeriesStyle:
+    """How one series is drawn.
+
+    Attributes:
+        color: sRGB as ``#rrggbb``.
+        marker, dash: as matplotlib names them.
+    """
+
+    color: str
+    marker: str
+    dash: str | tuple[int, tuple[int, ...]]
+
+
+# Okabe and Ito (2008), "Color universal design", without its yellow, which white swallows; black is the theme's ink.
+_HUES = ("#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+_DASHES = ("solid", (0, (6, 2)), (0, (2, 2)), (0, (8, 2, 2, 2)), (0, (4, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (10, 3)))
+
+
+@dataclass(frozen=True)
+class Theme:
+    """The colours of a page.
+
+    Attributes:
+        name: "light" or "dark".
+        background, ink, muted, grid: sRGB as ``#rrggbb``; `muted` is text that stands back.
+    """
+
+    name: str
+    background: str
+    ink: str
+    muted: str
+    grid: str
+
+    @property
+    def suffix(self) -> str:
+        """Of the files' names."""
+        return _DARK_SUFFIX if self is DARK else ""
+
+    @property
+    def series(self) -> tuple[SeriesStyle, ...]:
+        """The styles of up to seven series; the last is in ink."""
+        colors = (*_HUES, self.ink)
+        return tuple(SeriesStyle(*style) for style in zip(colors, _MARKERS, _DASHES, strict=True))
+
+
+LIGHT = Theme("light", background="#ffffff", ink="#111111", muted="#555555", grid="#dddddd")
+DARK = Theme("dark", background="#0d1117", ink="#f0f0f0", muted="#aaaaaa", grid="#333a44")
+
+Draw = Callable[["Figure", Theme], None]
+
+
+def write_charts(folder: Path, name: str, size: tuple[float, float], draw: Draw) -> list[Path]:
+    """Write ``<name>.svg``, ``<name>.png`` and both with ``-dark``; the same data give the same bytes of SVG.
+
+    Args:
+        size: width and height in inches.
+        draw: puts axes and what they show on an empty figure.
+
+    Raises:
+        InputError: matplotlib is missing.
+    """
+    try:
+        import matplotlib
+        from matplotlib.figure import Figure
+    except ImportError:
+        remedy = "install the extra 'bench' (pip install -e .[bench])"
+        raise InputError("charts are drawn with matplotlib, which is missing", remedy=remedy) from None
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for theme in (LIGHT, DARK):
+        with matplotlib.rc_context(_parameters(theme, salt=name)):
+            figure = Figure(figsize=size, layout="constrained")
+            draw(figure, theme)
+            for suffix, metadata in ((".svg", {"Date": None}), (".png", None)):
+                written.append(folder / f"{name}{theme.suffix}{suffix}")
+                figure.savefig(written[-1], dpi=PIXELS_PER_INCH, metadata=metadata)
+    return written
+
+
+def picture(name: str, alternative: str) -> str:
+    """HTML for a Markdown page that shows the chart `name` beside it, dark where the reader's pages are.
+
+    Args:
+        alternative: what the chart shows, in a sentence, for those who cannot see it.
+    """
+    return (
+        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{name}{_DARK_SUFFIX}.svg">'
+        f'<img src="{name}.svg" alt="{escape(alternative)}"></picture>'
+    )
+
+
+def plot_series(
+    axes: Axes, x: Any, y: Any, style: SeriesStyle, label: str, *, joined: bool = True, **more: Any
+) -> None:
+    """Draw a series in its style.
+
+    Args:
+        x, y: (N,) each.
+        joined: with a line through the points, in their order.
+        more: for `Axes.plot`.
+    """
+    dash = style.dash if joined else "none"
+    axes.plot(x, y, color=style.color, marker=style.marker, linestyle=dash, label=label, **more)
+
+
+def _parameters(theme: Theme, salt: str) -> dict[str, Any]:
+    """matplotlib's settings for a theme; a fixed `salt` keeps the SVG's identifiers from changing."""
+    return {
+        "figure.facecolor": theme.background,
+        "savefig.facecolor": theme.background,
+        "axes.facecolor": theme.background,
+        "axes.edgecolor": theme.muted,
+        "axes.labelcolor": theme.ink,
+        "axes.titlecolor": theme.ink,
+        "axes.titlesize": "medium",
+        "axes.titlelocation": "left",
+        "axes.grid": True,
+        "axes.axisbelow": True,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "grid.color": theme.grid,
+        "grid.linewidth": 0.6,
+        "text.color": theme.ink,
+        "xtick.color": theme.muted,
+        "ytick.color": theme.muted,
+        "legend.frameon": False,
+        "legend.fontsize": "small",
+        "font.family": "sans-serif",
+        "font.size": 9,
+        "lines.linewidth": 1.5,
+        "lines.markersize": 5,
+        "svg.fonttype": "none",  # text stays text
+        "svg.hashsalt": salt,
+    }
