@@ -15,13 +15,28 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+OLDEST_PYTHON = (3, 11)
 
 
-def load() -> None:
+def require_python(oldest: tuple[int, int] = OLDEST_PYTHON) -> None:
+    """End the process with a line and exit code 2 where Python is too old for the imports to come."""
+    if sys.version_info >= oldest:
+        return
+    wanted, best = ".".join(map(str, oldest)), ".".join(map(str, OLDEST_PYTHON))
+    found = ".".join(map(str, sys.version_info[:3]))
+    print(f"{sys.executable}: Python {found} is too old ({wanted} is needed) - try python{best}", file=sys.stderr)
+    sys.exit(2)
+
+
+def load(oldest: tuple[int, int] = OLDEST_PYTHON) -> None:
     """Put the package that this file belongs to into ``sys.modules`` as ``cvdgs``, and take ``core/`` off the path.
 
     On the path, the modules of ``core/`` would hide others of the same names.
+
+    Args:
+        oldest: Python for what the script imports; ends the process where this one is older.
     """
+    require_python(oldest)
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != ROOT / "core"]
     loaded = sys.modules.get("cvdgs")
     if loaded is not None and Path(loaded.__file__ or "").resolve().parent == ROOT:

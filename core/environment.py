@@ -12,7 +12,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 import venv
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,8 +22,9 @@ from .job import ROOT
 
 STAGE = "environment"
 OLDEST_PYTHON = (3, 11)
-_PINNED_PYTHON = (3, 11)  # what constraints.txt is for
+TESTED_PYTHON = (3, 11)  # what constraints.txt is for
 _COMPLETE = ".complete"
+_PROBE_SECONDS = 10.0  # for a Python to say whether it can make environments
 _LOG_LINES = 12  # of pip's last words, kept for the message when it fails
 # From pip's own words: "Collecting numpy", "Downloading numpy-2.whl (15 MB)".
 _COLLECTING = re.compile(r"^Collecting (\S+)")
@@ -43,10 +43,21 @@ def is_complete(folder: Path) -> bool:
     return (folder / _COMPLETE).is_file() and python_in(folder).is_file()
 
 
+def can_make_environments(python: str) -> bool:
+    """Whether `python` can be run, is not too old, and has what `make_environment` needs."""
+    probe = f"import sys, venv, ensurepip; sys.exit(sys.version_info[:2] < {OLDEST_PYTHON})"
+    try:
+        return subprocess.run([python, "-I", "-c", probe], capture_output=True, timeout=_PROBE_SECONDS).returncode == 0
+    except (OSError, subprocess.SubprocessError):
+        return False
+
+
 def requirements() -> list[str]:
     """What the worker needs, for the Python that runs this."""
+    import tomllib  # Python 3.10, which shall be able to run the doctor, has none
+
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    if sys.version_info[:2] == _PINNED_PYTHON:
+    if sys.version_info[:2] == TESTED_PYTHON:
         return list(project["dependencies"])
     # numpy's upper bound is the bpy wheel's, which the worker does not use; later Pythons have no builds of 1.x.
     return [re.sub(r"^(numpy>=[^,]+),<2$", r"\1", requirement) for requirement in project["dependencies"]]
@@ -94,7 +105,7 @@ def _install(python: Path, wanted: Sequence[str], progress: _PipProgress) -> Non
         "--only-binary",
         ":all:",
     ]
-    if sys.version_info[:2] == _PINNED_PYTHON:
+    if sys.version_info[:2] == TESTED_PYTHON:
         command += ["--constraint", str(ROOT / "constraints.txt")]
     command += wanted
     last: list[str] = []

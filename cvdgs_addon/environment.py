@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
 import sys
 from functools import partial
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 
 import bpy
 
-from ..core.environment import OLDEST_PYTHON, STAGE, is_complete, python_in
+from ..core.environment import OLDEST_PYTHON, STAGE, can_make_environments, is_complete, python_in
 from ..core.errors import InputError
 from ..core.job import WORKER, Workers, find_python
 from ..core.job_console import Listener, finish
@@ -30,8 +29,6 @@ _FOLDER = "environment"
 _SET_UP = "open the add-on's preferences and set up the worker"
 # The first is the version that everything was tested and pinned with; Blender's own comes next.
 _TESTED_NAME, _NAMES = "python3.11", ("python3.12", "python3.13", "python3", "python")
-_PROBE = "import sys, venv, ensurepip; sys.exit(sys.version_info[:2] < {oldest})"
-_PROBE_SECONDS = 10.0
 
 
 def environment_folder() -> Path:
@@ -109,7 +106,7 @@ def find_base_python() -> str:
     chosen = bpy.path.abspath(get_preferences().base_python)
     candidates = [chosen] if chosen else [shutil.which(_TESTED_NAME), sys.executable, *map(shutil.which, _NAMES)]
     for candidate in candidates:
-        if candidate and _can_make_environments(candidate):
+        if candidate and can_make_environments(candidate):
             return candidate
     version = ".".join(map(str, OLDEST_PYTHON))
     raise InputError(
@@ -117,14 +114,6 @@ def find_base_python() -> str:
         where=chosen,
         remedy="install one from python.org (Debian: python3-venv), and name it under Made From",
     )
-
-
-def _can_make_environments(python: str) -> bool:
-    command = [python, "-I", "-c", _PROBE.format(oldest=OLDEST_PYTHON)]
-    try:
-        return subprocess.run(command, capture_output=True, timeout=_PROBE_SECONDS).returncode == 0
-    except (OSError, subprocess.SubprocessError):
-        return False
 
 
 def _make(base_python: str, folder: Path, workers: Workers, listen: Listener) -> str:

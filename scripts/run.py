@@ -2,6 +2,7 @@
 
     python scripts/run.py CAPTURE --out DIR [options]
     blender -b -P scripts/run.py -- CAPTURE --out DIR [options]
+    python scripts/run.py --doctor                              what is here, what is missing, how to get it
 
 Needs the standard library only: the work is done by worker processes with their own interpreters (see core/job.py).
 """
@@ -15,7 +16,15 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
-bootstrap.load()
+bootstrap.load(oldest=(3, 10))
+from cvdgs.core.doctor.console import DOCTOR, diagnose_in_console  # noqa: E402
+
+# It is for machines where little is right yet: it comes before the imports that need a newer Python, and before the
+# parser, which wants a capture and --out.
+if __name__ == "__main__" and DOCTOR in sys.argv:
+    sys.exit(diagnose_in_console(as_json="--json" in sys.argv))
+
+bootstrap.require_python()
 from cvdgs.core.arguments import OneLineParser  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.front import run_in_console  # noqa: E402
@@ -59,6 +68,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--resume", action="store_true", help="add the layers to the finished run in DIR")
     add("--sfm", action="store_true", help="estimate the cameras of a folder that has none (pycolmap)")
     add("--json", action="store_true", help="events on stdout, one JSON object a line, instead of a progress bar")
+    add(DOCTOR, action="store_true", help="instead of a run: what is here, what is missing, how to get it; also --json")
     return parser
 
 

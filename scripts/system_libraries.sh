@@ -1,6 +1,7 @@
 #!/bin/sh
 # Looks for the system libraries that the bpy wheel loads. Installs what is missing where that is possible without asking
 # (root on a Debian-like system), else says what to type. Never fails on systems that it does not know.
+# With --check it only prints the packages that are missing.
 set -eu
 
 [ "$(uname -s)" = Linux ] || exit 0
@@ -12,6 +13,10 @@ for pair in libX11.so.6=libx11-6 libXrender.so.1=libxrender1 libXfixes.so.3=libx
             libxkbcommon.so.0=libxkbcommon0 libXext.so.6=libxext6 libSM.so.6=libsm6 libICE.so.6=libice6 libGL.so.1=libgl1; do
     ldconfig -p | grep -q "${pair%%=*}" || missing="$missing ${pair##*=}"
 done
+if [ "${1:-}" = --check ]; then
+    echo $missing
+    exit 0
+fi
 [ -n "$missing" ] || exit 0
 
 if ! command -v apt-get >/dev/null 2>&1; then

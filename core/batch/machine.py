@@ -7,8 +7,10 @@ import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from .task import Task
+if TYPE_CHECKING:  # the doctor runs in a Python that is too old for tasks
+    from .task import Task
 
 _CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
 _UNKNOWN_MEMORY_MB = 8192  # where the system does not tell

@@ -40,6 +40,7 @@ STANDARD_LIBRARY_ONLY = [
     "batch/train_options",
     "bootstrap",
     "console",
+    *(f"doctor/{path.stem}" for path in sorted((ROOT / "core/doctor").glob("*.py"))),
     "environment",
     "errors",
     "events",

@@ -1,0 +1,60 @@
+"""The doctor's look at Blender: as a program, as this process, or as the bpy wheel. Standard library only."""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+
+from ..errors import InputError
+from ..job import ROOT, blender_command
+from .finding import Finding, State
+from .interpreters import ask, blender_version
+
+SYSTEM_LIBRARIES = ROOT / "scripts" / "system_libraries.sh"
+
+
+def examine_blender() -> Iterator[Finding]:
+    """The Blender that makes scene.blend, and what it needs of the system."""
+    yield _blender()
+    yield from _system_libraries()
+    if sys.platform.startswith("linux") and ctypes.util.find_library("EGL") is None:
+        remedy = "install it (Debian: libegl1 and libgl1-mesa-dri)"
+        yield Finding("EGL", State.NOTE, "is not found; only --engine eevee and workbench need it", remedy)
+
+
+def _blender() -> Finding:
+    this = sys.modules.get("bpy")
+    if this is not None and this.app.binary_path and not os.environ.get("CVDGS_BLENDER"):
+        return Finding("Blender", State.OK, f"{this.app.version_string} ({this.app.binary_path})")
+    try:
+        program, *arguments = blender_command([])
+        if "-b" in arguments:
+            return Finding("Blender", State.OK, f"{blender_version(program)} ({program})")
+        module = ask(program, {"bpy": "bpy"})["packages"]["bpy"]
+    except InputError as error:
+        found = f"{error.where}: {error.what}" if error.where else error.what
+        return Finding("Blender", State.MISSING, found, error.remedy)
+    if module["problem"]:
+        found = f"the bpy module {module['version'] or ''} of {program}: {module['problem']}"
+        remedy = f"run 'sh {SYSTEM_LIBRARIES}', or do without Blender: --no-blend"
+        return Finding("Blender", State.MISSING, found, remedy)
+    return Finding("Blender", State.OK, f"bpy module {module['version']} ({program})")
+
+
+def _system_libraries() -> Iterator[Finding]:
+    """Packages that the bpy wheel needs, as `SYSTEM_LIBRARIES` knows them; nothing where there is no such knowledge."""
+    if not SYSTEM_LIBRARIES.is_file() or os.name != "posix":
+        return
+    try:
+        command = ["sh", str(SYSTEM_LIBRARIES), "--check"]
+        missing = subprocess.run(command, capture_output=True, text=True, check=True, timeout=20.0).stdout.split()
+    except (OSError, subprocess.SubprocessError):
+        return
+    if missing:
+        found = f"{len(missing)} that Blender's module loads are missing"
+        yield Finding("libraries", State.MISSING, found, f"sudo apt-get install {' '.join(missing)}")
+    else:
+        yield Finding("libraries", State.OK, "all that Blender's module loads")

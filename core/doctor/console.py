@@ -1,0 +1,51 @@
+"""The doctor on a console: a line for each finding, or JSON for programs. Standard library only."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+
+from ..console import ConsoleReporter
+from ..events import Reporter
+from .examination import examine
+from .finding import Finding, State
+
+DOCTOR = "--doctor"
+NAME_WIDTH = max(len("temporary files"), len("colour-science")) + 1
+
+
+def diagnose_in_console(*, as_json: bool) -> int:
+    """Examine and print; returns the exit code: 0 when the main job can run here, 2 when something is missing."""
+    reporter = ConsoleReporter(sys.stderr) if sys.stderr.isatty() else Reporter()
+    findings: list[Finding] = []
+    for finding in examine(reporter):
+        findings.append(finding)
+        if not as_json:
+            print(format_finding(finding), flush=True)
+    if as_json:
+        document = {"ready": not missing(findings), "findings": [finding.to_dict() for finding in findings]}
+        print(json.dumps(document, indent=2))
+    else:
+        print(_last_word(findings))
+    return 2 if missing(findings) else 0
+
+
+def missing(findings: Sequence[Finding]) -> list[str]:
+    """The names of what has to be there and is not."""
+    return [finding.name for finding in findings if finding.state is State.MISSING]
+
+
+def format_finding(finding: Finding) -> str:
+    """Its line, and one with the remedy if there is any."""
+    line = f"{finding.state.value:<8}{finding.name:<{NAME_WIDTH}} {finding.found}"
+    if finding.remedy:
+        line += f"\n{'':<8}{'':<{NAME_WIDTH}} -> {finding.remedy}"
+    return line
+
+
+def _last_word(findings: Sequence[Finding]) -> str:
+    names = missing(findings)
+    if names:
+        return f"Missing: {', '.join(names)}. Follow the arrows from the top, then ask again."
+    return "Everything that a run needs is here."

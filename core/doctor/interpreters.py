@@ -1,0 +1,66 @@
+"""Asks interpreters and Blenders what they have. Standard library only."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from ..errors import InputError
+
+PROBE = Path(__file__).with_name("probe.py")
+# A cold disk takes a minute to import torch; a program that never answers is not waited for.
+_PATIENCE_SECONDS = 180.0
+
+Answer = dict[str, Any]
+
+
+def ask(python: str, modules: dict[str, str]) -> Answer:
+    """What `python` has of `modules` (module to distribution), as `probe.main` tells it.
+
+    Raises:
+        InputError: it cannot be run, or does not answer.
+    """
+    arguments = [f"{module}={distribution}" for module, distribution in modules.items()]
+    lines = _run([python, str(PROBE), *arguments]).splitlines()
+    try:
+        answer = json.loads(lines[-1])
+    except (IndexError, ValueError):
+        raise InputError("does not answer like a Python", where=python, remedy="name a Python 3") from None
+    if not isinstance(answer, dict) or "packages" not in answer:
+        raise InputError("does not answer like a Python", where=python, remedy="name a Python 3")
+    return answer
+
+
+def blender_version(program: str) -> str:
+    """The first line of what `program` says of its version.
+
+    Raises:
+        InputError: it cannot be run.
+    """
+    first, *_ = _run([program, "--version"]).strip().splitlines() or [""]
+    return first
+
+
+def _run(command: list[str]) -> str:
+    # Blender sets these for its own Python; they would lead another one astray.
+    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONHOME", "PYTHONPATH")}
+    try:
+        result = subprocess.run(
+            command,
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            env=environment,
+            timeout=_PATIENCE_SECONDS,
+        )
+    except (OSError, subprocess.SubprocessError) as error:
+        reason = getattr(error, "strerror", None) or f"no answer in {_PATIENCE_SECONDS:.0f} s"
+        raise InputError(f"cannot be run ({reason})", where=command[0], remedy="check the installation") from None
+    if result.returncode != 0:
+        last = result.stderr.strip().splitlines()[-1:] or [f"exit code {result.returncode}"]
+        raise InputError(f"fails ({last[0]})", where=command[0], remedy="check the installation")
+    return result.stdout

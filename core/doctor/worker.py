@@ -1,0 +1,95 @@
+"""The doctor's look at the worker's interpreter and its packages. Standard library only."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Iterator
+
+from ..environment import TESTED_PYTHON, can_make_environments
+from ..errors import InputError
+from ..job import ROOT, find_python
+from .finding import Finding, State
+from .interpreters import Answer, ask
+
+# Module to distribution: what the main job imports, in the order in which a user would miss it.
+REQUIRED = {
+    "numpy": "numpy",
+    "torch": "torch",
+    "warp": "warp-lang",
+    "pycolmap": "pycolmap",
+    "OpenImageIO": "OpenImageIO",
+    "kornia": "kornia",
+    "colour": "colour-science",
+    "safetensors": "safetensors",
+    "plyfile": "plyfile",
+    "scipy": "scipy",
+    "zstandard": "zstandard",
+}
+OPTIONAL = {
+    "distributed": ("distributed", "batches with --cluster"),
+    "openjd.cli": ("openjd-cli", "running what --export openjd writes"),
+}
+
+
+def examine_worker() -> Iterator[Finding]:
+    """The interpreter that workers are started with, its packages, and its kernels' cache."""
+    try:
+        python = find_python()
+        answer = ask(python, {**REQUIRED, **{module: name for module, (name, _) in OPTIONAL.items()}})
+    except InputError as error:
+        found = f"{error.where}: {error.what}" if error.where else error.what
+        yield Finding("worker", State.MISSING, found, error.remedy)
+        yield from _what_makes_one()
+        return
+    yield Finding("worker", State.OK, f"Python {answer['python']} ({python})")
+    packages = answer["packages"]
+    for name in REQUIRED.values():
+        version, problem = packages[name]["version"], packages[name]["problem"]
+        if problem is None:
+            yield Finding(name, State.OK, version)
+        else:
+            found = problem if version is None else f"{version} cannot be imported ({problem})"
+            yield Finding(name, State.MISSING, found, _package_remedy(name, python))
+    for name, purpose in OPTIONAL.values():
+        if packages[name]["problem"] is None:
+            yield Finding(name, State.OK, packages[name]["version"])
+        else:
+            yield Finding(name, State.NOTE, f"is not installed; only for {purpose}", f"{python} -m pip install {name}")
+    yield from _kernels(answer)
+
+
+def _package_remedy(name: str, python: str) -> str:
+    if python.startswith(str(ROOT)):
+        return f"run 'make clean venv' in {ROOT}"
+    return f"{python} -m pip install {name}"
+
+
+def _kernels(answer: Answer) -> Iterator[Finding]:
+    cache = answer["cache"]
+    if cache is None:
+        return  # Warp is missing, which has been said
+    if cache["problem"]:
+        remedy = "set WARP_CACHE_PATH to a folder that you can write to"
+        yield Finding("kernels", State.MISSING, f"{cache['folder']} cannot be written to ({cache['problem']})", remedy)
+    else:
+        yield Finding("kernels", State.OK, f"kept in {cache['folder']}")
+    devices = answer["cuda"]
+    yield Finding("CUDA", State.OK if devices else State.NOTE, ", ".join(devices or ()) or "no device; the CPU is used")
+
+
+def _what_makes_one() -> Iterator[Finding]:
+    """What `make venv` needs."""
+    version = ".".join(map(str, TESTED_PYTHON))
+    python = shutil.which(f"python{version}") or (sys.executable if sys.version_info[:2] == TESTED_PYTHON else None)
+    if python is None:
+        remedy = f"install Python {version} (Debian 12: python3 and python3-venv; elsewhere from python.org or pyenv)"
+        yield Finding("Python", State.MISSING, f"no python{version} is found, which 'make venv' needs", remedy)
+    elif not can_make_environments(python):
+        remedy = "install its venv and ensurepip (Debian: python3-venv)"
+        yield Finding("Python", State.MISSING, f"{python} cannot make environments", remedy)
+    else:
+        yield Finding("Python", State.OK, f"{python} can make the worker's environment")
+    if shutil.which("make") is None:
+        remedy = f"install make, or type what the Makefile's venv does, in {ROOT}"
+        yield Finding("make", State.MISSING, "is not found", remedy)
