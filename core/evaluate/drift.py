@@ -6,6 +6,7 @@ enhancer and can be kept in a file between runs.
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -38,6 +39,7 @@ STAGE = "drift"
 RECONSTRUCTION_STEPS = 1200  # depth is settled long before colour detail is
 _GAUSSIANS = 20_000
 _SCORED_VIEWS = 12  # CCPR of more moves the mean little
+_DIGITS = 12  # of a fingerprint; names stay readable
 _PAIR_FIELDS = tuple(field.name for field in fields(Correspondences))
 
 
@@ -115,14 +117,22 @@ def reconstruct_matches(
 def cached_matches(
     folder: Path, capture: Capture, steps: int = RECONSTRUCTION_STEPS, reporter: Reporter | None = None
 ) -> SceneMatches:
-    """As `reconstruct_matches`, kept in `folder` for the next call with the same photographs, sizes and steps."""
-    first = capture.views[0].camera
-    path = folder / f"matches-{capture.source.name}-{len(capture.views)}x{first.width}x{first.height}-{steps}.npz"
+    """As `reconstruct_matches`, kept in `folder` for the next call with the same photographs, cameras and steps."""
+    path = folder / f"matches-{capture.source.name}-{_fingerprint(capture)}-{steps}.npz"
     if path.is_file():
         return load_matches(path)
     matches = reconstruct_matches(capture, steps, reporter)
     save_matches(path, matches)
     return matches
+
+
+def _fingerprint(capture: Capture) -> str:
+    """Differs between captures that happen to have the same name."""
+    digest = hashlib.sha256()
+    for view in capture.views:
+        digest.update(np.ascontiguousarray(view.image).tobytes())
+        digest.update(repr((view.camera, view.world_to_camera.tolist())).encode())
+    return digest.hexdigest()[:_DIGITS]
 
 
 def save_matches(path: Path, matches: SceneMatches) -> None:

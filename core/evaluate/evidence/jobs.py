@@ -11,7 +11,7 @@ import math
 import multiprocessing
 import threading
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from multiprocessing.connection import Connection
@@ -28,7 +28,7 @@ from ...splats.raster.runner_cpu import available_processors
 from ..drift import cached_matches
 from .recipe import Recipe, Trial
 from .subject import SubjectSource
-from .trials import CaptureTrials
+from .trials import CaptureTrials, recipe_folder
 
 STAGE = "trials"
 TRIALS_FILE = "trials.jsonl"
@@ -42,7 +42,8 @@ class Job:
 
     Attributes:
         source: of the subject.
-        recipes: of one seed, with labels that differ.
+        recipes: labels differ between those of one seed. Those that have enhanced views or a geometry in common should
+            be in one job, which makes them once.
     """
 
     source: SubjectSource
@@ -62,20 +63,40 @@ def run_jobs(
     store = TrialStore(folder / TRIALS_FILE, again=again)
     missing = [Job(job.source, recipes) for job in jobs if (recipes := store.missing(job))]
     threads = max(available_processors() // processes, 1)
-    total, done = sum(len(job.recipes) for job in missing), 0
     if missing:
         raster.load("cpu", reporter)
+    progress = _Progress(reporter, sum(len(job.recipes) for job in missing))
+
+    def keep(source: SubjectSource, recipe: Recipe, trial: Trial) -> None:
+        store.add(source, recipe, trial)
+        progress.advance()
+
     with ThreadPoolExecutor(processes) as pool:
-        running = [pool.submit(_run_in_process, job, folder, threads, store) for job in missing]
+        running = [pool.submit(_run_in_process, job, folder, threads, keep) for job in missing]
         for finished in as_completed(running):
-            done += finished.result()
-            reporter.progress(STAGE, done / total, f"{done} of {total} trials")
+            finished.result()
     return [store.trial(job.source, recipe) for job in jobs for recipe in job.recipes]
 
 
 def pictures_of(folder: Path, source: SubjectSource, recipe: Recipe) -> Path:
     """Where a trial's ``renders`` and ``enhanced`` folders are, under the folder of its comparison."""
-    return folder / PICTURES_FOLDER / source.name / str(recipe.seed) / recipe.label
+    return recipe_folder(folder / PICTURES_FOLDER / source.name, recipe)
+
+
+class _Progress:
+    """Counts trials that several threads bring in."""
+
+    def __init__(self, reporter: Reporter, total: int) -> None:
+        self._reporter, self._total, self._done = reporter, total, 0
+        self._lock = threading.Lock()
+        if total:
+            reporter.progress(STAGE, 0.0, f"0 of {total} trials")
+
+    def advance(self) -> None:
+        """One more is there."""
+        with self._lock:
+            self._done += 1
+            self._reporter.progress(STAGE, self._done / self._total, f"{self._done} of {self._total} trials")
 
 
 class TrialStore:
@@ -95,6 +116,7 @@ class TrialStore:
             path.unlink(missing_ok=True)
         if path.exists():
             self._trials = dict(_read(path))
+            _end_with_a_line(path)
 
     def missing(self, job: Job) -> tuple[Recipe, ...]:
         """The job's recipes that have not been tried yet."""
@@ -130,6 +152,13 @@ def _read(path: Path) -> Iterator[tuple[str, Trial]]:
                 raise InputError(f"line {number} is no trial", where=path, remedy="remove the file") from None
 
 
+def _end_with_a_line(path: Path) -> None:
+    """Remove what a power cut left of a line, so that the next one does not continue it."""
+    text = path.read_bytes()
+    if not text.endswith(b"\n"):
+        path.write_bytes(text[: text.rfind(b"\n") + 1])
+
+
 def _to_json(value: Any) -> Any:
     """JSON has neither NaN nor infinity."""
     return value if not isinstance(value, float) or math.isfinite(value) else str(value)
@@ -139,8 +168,17 @@ def _from_json(name: str, value: Any) -> Any:
     return float(value) if Trial.__annotations__[name] == "float" else value
 
 
-def _run_in_process(job: Job, folder: Path, threads: int, store: TrialStore) -> int:
-    """Run a job in a fresh process and keep its trials; returns how many there were."""
+def _run_in_process(job: Job, folder: Path, threads: int, keep: Callable[[SubjectSource, Recipe, Trial], None]) -> None:
+    """Run a job in a fresh process and keep its trials; where one kills the process, go on behind it in another."""
+    waiting = list(job.recipes)
+    while waiting:
+        waiting = _run_until_it_dies(Job(job.source, tuple(waiting)), folder, threads, keep)
+
+
+def _run_until_it_dies(
+    job: Job, folder: Path, threads: int, keep: Callable[[SubjectSource, Recipe, Trial], None]
+) -> list[Recipe]:
+    """Run a job in one process and keep its trials; returns the recipes behind the one that it died of."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_try_all, args=(job, folder, threads, sender), daemon=True)
@@ -149,15 +187,15 @@ def _run_in_process(job: Job, folder: Path, threads: int, store: TrialStore) -> 
     waiting = list(job.recipes)
     try:
         while waiting:
-            store.add(job.source, waiting[0], receiver.recv())
+            keep(job.source, waiting[0], receiver.recv())
             waiting.pop(0)
     except EOFError:
         process.join()
         reason = f"the process ended with exit code {process.exitcode}"
-        for recipe in waiting:
-            store.add(job.source, recipe, Trial.failed(job.source.name, recipe, reason))
+        keep(job.source, waiting[0], Trial.failed(job.source.name, waiting[0], reason))
+        waiting.pop(0)
     process.join()
-    return len(job.recipes)
+    return waiting
 
 
 def _try_all(job: Job, folder: Path, threads: int, sender: Connection) -> None:
@@ -169,7 +207,7 @@ def _try_all(job: Job, folder: Path, threads: int, sender: Connection) -> None:
             if trials is None:
                 subject = job.source.load()
                 matches = cached_matches(folder / MATCHES_FOLDER, subject.judged)
-                place = pictures_of(folder, job.source, recipe).parent
+                place = folder / PICTURES_FOLDER / job.source.name
                 trials = CaptureTrials(job.source.name, subject, matches, place, threads)
             trial = trials.try_recipe(recipe)
         except Exception as error:  # whatever a method does under stress is a result
@@ -177,4 +215,6 @@ def _try_all(job: Job, folder: Path, threads: int, sender: Connection) -> None:
             if not isinstance(error, InputError):
                 traceback.print_exc()
         sender.send(trial)
+    if trials is not None:
+        trials.close()
     sender.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -70,7 +71,7 @@ class CaptureTrials:
         name: what tables call the subject.
         subject: the capture.
         matches: between the views of the judged capture; the same for every recipe.
-        folder: for the recipes' files; those of a label are under ``<label>/``.
+        folder: for the recipes' files; those of one are under ``<seed>/<label>/``.
         threads: of the rasteriser; None takes all cores.
     """
 
@@ -87,6 +88,11 @@ class CaptureTrials:
         self._enhanced: dict[str, _Enhanced] = {}
         self._geometries: dict[str, _Geometry] = {}
 
+    def close(self) -> None:
+        """Remove what only further recipes would need."""
+        for enhanced in self._enhanced.values():
+            shutil.rmtree(enhanced.folder, ignore_errors=True)
+
     def try_recipe(self, recipe: Recipe) -> Trial:
         """Make its scene and measure it.
 
@@ -95,7 +101,7 @@ class CaptureTrials:
         """
         enhanced = self._enhance(recipe)
         geometry = self._reconstruct(recipe, enhanced)
-        folder = self._folder / recipe.label
+        folder = recipe_folder(self._folder, recipe)
         stages = self._stages(recipe, enhanced.folder, Reporter())
         started = _Clock()
         picture = self._picture(recipe, stages, geometry.made, enhanced)
@@ -130,8 +136,9 @@ class CaptureTrials:
         """The enhancer, fitted to the given training views, and its pictures of all given views."""
         key = recipe.enhancement_key
         if key not in self._enhanced:
-            folder = self._folder / f"enhanced-{len(self._enhanced)}"
-            folder.mkdir(parents=True, exist_ok=True)
+            self._folder.mkdir(parents=True, exist_ok=True)
+            # Another process may be at the same subject, with other recipes.
+            folder = Path(tempfile.mkdtemp(prefix="enhanced-", dir=self._folder))
             enhancer, started = recipe_enhancer(recipe), _Clock()
             self._stages(recipe, folder, Reporter()).enhance({recipe.layer: enhancer})
             cost = started.cost()
@@ -173,6 +180,11 @@ class CaptureTrials:
         needed = {*spread(self.subject.judged_split.test, MOST_SCORED_VIEWS), *self._matches.views}
         for view in (self.subject.judged.views[i] for i in sorted(needed)):
             write_png(enhanced_path(enhanced.judged, layer, view), to_bytes(enhanced.enhancer(view.image)))
+
+
+def recipe_folder(folder: Path, recipe: Recipe) -> Path:
+    """Where a recipe's files are, under the folder of its subject."""
+    return folder / str(recipe.seed) / recipe.label
 
 
 class _Remembered:
