@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..events import Reporter
 from .images import MIN_SIDE, read_header
 from .locate import photographs_without_cameras, read_cameras
-from .model import Capture, CaptureSummary, View
+from .model import Capture, CaptureSummary, CaptureWarning, View
 from .sfm import estimate_cameras
 from .source import SourceModel
 from .views import STAGE, plan_views, read_views
@@ -95,11 +95,20 @@ def _drop_unusable_points(model: SourceModel) -> None:
         model.points, model.point_colors = model.points[usable], model.point_colors[usable]
 
 
+def warnings_of_cameras(where: Path, views: int, points: int) -> tuple[CaptureWarning, ...]:
+    """What so many views and sparse points in `where` are too few for."""
+    found = []
+    if views < _FEW_VIEWS:
+        found.append(CaptureWarning("few-views", f"{where}: {views} views only; expect gaps, thirty or more work well"))
+    if not points:
+        found.append(
+            CaptureWarning("no-points", f"{where}: no sparse points; the scene starts from the views' frustums")
+        )
+    return tuple(found)
+
+
 def _warn_about_cameras(model: SourceModel) -> None:
-    if len(model.views) < _FEW_VIEWS:
-        model.warn("few-views", f"{model.file}: {len(model.views)} views only; expect gaps, thirty or more work well")
-    if not len(model.points):
-        model.warn("no-points", f"{model.file}: no sparse points; the scene starts from the views' frustums")
+    model.warnings.extend(warnings_of_cameras(model.file, len(model.views), len(model.points)))
 
 
 def _warn_about_alpha(model: SourceModel, views: list[View]) -> None:
