@@ -39,6 +39,8 @@ def _draw_form(layout: bpy.types.UILayout, context: bpy.types.Context, splats: b
         button = row.row(align=True)
         button.enabled = form is not Form.NATIVE or has_native_splats()
         button.operator("cvdgs.show_form", text=label, depress=form is current).form = form.value
+    if current is Form.INSTANCES:
+        _draw_input(layout, splats, Input.CAMERA_VIEW, "Look Through the Camera Only")
     if current is Form.POINTS:
         _draw_input(layout, splats, Input.POINT_SIZE)
     if current is Form.NATIVE:

@@ -63,6 +63,10 @@ def engine_settings(engine: Engine) -> dict[str, Setting]:
         "cycles.samples": 1,
         "cycles.use_adaptive_sampling": False,
         "cycles.use_denoising": False,
+        # The 3D view's as well: more samples are the same picture again, minutes of it without a graphics card.
+        "cycles.preview_samples": 1,
+        "cycles.use_preview_adaptive_sampling": False,
+        "cycles.use_preview_denoising": False,
         "cycles.max_bounces": 0,
         "cycles.transparent_max_bounces": TRANSPARENT_BOUNCES,
         "cycles.min_transparent_bounces": TRANSPARENT_BOUNCES,

@@ -16,7 +16,7 @@ from cvdgs.core.run_files import ORIGINAL
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.cvdgs_addon.scene import render_settings, splats
 from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute
-from cvdgs.cvdgs_addon.scene.splat_nodes import Input
+from cvdgs.cvdgs_addon.scene.splat_nodes import DISC_CORNERS, Input
 
 from . import ewa
 from .scenes import CAMERA, cloud, look_through, opencv, render_png, ring_view, take
@@ -112,6 +112,20 @@ def test_either_hull_draws_a_single_gaussian_alike(scene, tmp_path, facing):
     added = splats.add_gaussians(splat, {}, scene.collection)
     splats.set_input(added, Input.CAMERA_FACING, facing)
     assert np.abs(render_png(scene, tmp_path / "image.png") - reference(splat)).max() < (0.5 if facing else 3.0) / 255.0
+
+
+def drawn_in_the_viewport() -> set[int]:
+    """Corners of the hulls that the viewport's evaluation of the scene has."""
+    instances = bpy.context.evaluated_depsgraph_get().object_instances
+    return {len(instance.object.data.vertices) for instance in instances if instance.is_instance}
+
+
+def test_the_viewport_draws_ellipsoids_unless_it_looks_through_the_camera(scene):
+    added = splats.add_gaussians(cloud(20), {}, scene.collection)
+    (ellipsoid,) = drawn_in_the_viewport()
+    assert ellipsoid > DISC_CORNERS
+    splats.set_input(added, Input.CAMERA_VIEW, True)
+    assert drawn_in_the_viewport() == {DISC_CORNERS}
 
 
 def test_an_orthographic_camera_shows_ellipsoids(scene, view, tmp_path):

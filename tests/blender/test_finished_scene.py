@@ -28,6 +28,11 @@ area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.t
 space = area.spaces.active
 space.region_3d.view_perspective = "CAMERA"
 space.overlay.show_overlays = False
+# Without a graphics card: discs, a quarter of the pixels, and only those that the camera sees.
+from bl_ext.user_default.cvdgs.cvdgs_addon.scene import splats
+splats.set_input(bpy.data.objects["Gaussians"], "Camera View", True)
+bpy.context.scene.render.preview_pixel_size = "2"
+bpy.context.scene.render.use_border = True
 space.shading.type = "RENDERED"
 with bpy.context.temp_override(area=area, region=next(r for r in area.regions if r.type == "WINDOW")):
     bpy.ops.view3d.view_center_camera()
