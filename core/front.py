@@ -72,6 +72,8 @@ def run(
             folder.carry_over()
         log_file = stack.enter_context(open(folder.staging / LOG_FILE, "a", encoding="utf-8"))
         log = Log(log_file, listen)
+        if folder.mended:
+            log.event({"event": "warning", "name": "interrupted-run", "message": folder.mended})
         log.line("settings " + json.dumps(settings.to_dict()))
         request = {
             "job": "run",

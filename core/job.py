@@ -6,6 +6,7 @@ speaks the protocol of `events` on stdout; whatever else appears there or on std
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
 import os
@@ -30,6 +31,8 @@ PICTURE_WORKER = ROOT / "cvdgs_addon" / "batch" / "worker.py"
 
 # A worker that is in the middle of a long call into C++ does not see the signal; the user waits no longer than this.
 GRACE_SECONDS = 1.2
+# What the system cannot end either, because it waits for a disk that has gone, is not waited for.
+_KILL_SECONDS = 5.0
 
 Event = dict[str, Any]
 
@@ -105,6 +108,10 @@ class Job:
         variables: environment variables of the worker, beside this process's.
         grace_seconds: that it has to stop after it was asked to.
         behind: let other programs go first, because somebody works in one meanwhile.
+
+    Attributes:
+        cancelled: whether `cancel` was called.
+        log_failure: why a line could not be logged, if so.
     """
 
     def __init__(
@@ -129,6 +136,7 @@ class Job:
         self._grace_seconds = grace_seconds
         self._queue: queue.Queue[Event | None] = queue.Queue()
         self.cancelled = False
+        self.log_failure: OSError | None = None
         try:
             self._process = subprocess.Popen(
                 command,
@@ -168,18 +176,41 @@ class Job:
         for line in stream:
             event = _parse(line)
             if event is None:
-                self._log(line.rstrip())
+                self._write_log(line.rstrip())
             else:
                 self._queue.put(event)
         self._queue.put(None)
 
     def _read_log(self, stream: IO[str]) -> None:
         for line in stream:
-            self._log(line.rstrip())
+            self._write_log(line.rstrip())
 
-    def events(self) -> Iterator[Event]:
-        """The worker's events until it ends."""
-        while (event := self._queue.get()) is not None:
+    def _write_log(self, line: str) -> None:
+        """Log a line. Reading goes on where that fails (a full disk), or the worker would wait for ever to write."""
+        try:
+            self._log(line)
+        except OSError as error:
+            self.log_failure = self.log_failure or error
+        except ValueError:
+            pass  # the log was closed, because nobody follows the worker any more
+
+    def events(
+        self, patience_seconds: float | None = None, on_silence: Callable[[], None] = lambda: None
+    ) -> Iterator[Event]:
+        """The worker's events until it ends.
+
+        Args:
+            patience_seconds: None waits without a word.
+            on_silence: called each time that nothing was heard for so long.
+        """
+        while True:
+            try:
+                event = self._queue.get(timeout=patience_seconds)
+            except queue.Empty:
+                on_silence()
+                continue
+            if event is None:
+                return
             yield event
 
     @property
@@ -201,7 +232,8 @@ class Job:
         while self.running and time.monotonic() < deadline:
             time.sleep(0.02)
         self._signal(getattr(signal, "SIGKILL", signal.SIGTERM))
-        self._process.wait()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_KILL_SECONDS)
 
     def _signal(self, number: int) -> None:
         try:

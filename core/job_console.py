@@ -17,11 +17,22 @@ from .run_folder import RunFolder
 
 EXIT_DONE, EXIT_DEFECT, EXIT_INPUT, EXIT_CANCELLED = 0, 1, 2, 130
 
+# A worker that says nothing for so long may be stuck. It may also swap, or render a large picture, so this is said and
+# the user decides; compiling the kernels, the longest silence of a healthy run, takes about a minute.
+PATIENCE_SECONDS = 120.0
+
+# Signals by which a worker is ended by somebody else.
+_FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
+
 Listener = Callable[[Event], None]
 
 
 class WorkerDefect(Exception):
     """A worker ended without a result: a defect of ours, described in one line."""
+
+
+class WorkerKilled(WorkerDefect):
+    """A worker was ended by somebody else: the system when its memory ran out, a user, a farm."""
 
 
 class WorkerRefusal(InputError):
@@ -41,7 +52,8 @@ def in_console(
         display: shows events, the final result or error included.
         cancelled: what to say when the user has cancelled it.
     """
-    previous = {number: signal.signal(number, _cancel) for number in (signal.SIGINT, signal.SIGTERM)}
+    cancel = _cancel_once()
+    previous = {number: signal.signal(number, cancel) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         result = work(display)
     except InputError as error:
@@ -77,6 +89,9 @@ def all_or_nothing(folder: RunFolder, out: str, log_name: str) -> Iterator[None]
     try:
         yield
         folder.commit()
+    except WorkerKilled as error:
+        kept = folder.abort(keep=log_name)
+        raise WorkerKilled(f"{error} (its log is {kept})") from None
     except WorkerDefect as error:
         kept = folder.abort(keep=log_name)
         raise WorkerDefect(f"{error} - this is a defect of ours; please report it with {kept}") from None
@@ -89,23 +104,39 @@ def all_or_nothing(folder: RunFolder, out: str, log_name: str) -> Iterator[None]
         raise
 
 
-def finish(job: Job, listen: Listener) -> Event:
+def finish(job: Job, listen: Listener, patience_seconds: float | None = PATIENCE_SECONDS) -> Event:
     """Follow `job` to its end and return its result.
+
+    Args:
+        listen: hears of its events but the last.
+        patience_seconds: `listen` is warned once a stage when nothing is heard for so long; None waits without a word.
 
     Raises:
         WorkerRefusal: the worker refused its input.
         Cancelled: another thread cancelled it.
+        WorkerKilled: it was ended from outside.
         WorkerDefect: it ended without a result.
+        OSError: what it said could not be logged.
     """
     result: Event | None = None
     complaint: Event | None = None
+    stage = ""
+    warned_in: str | None = None
+
+    def warn_of_silence() -> None:
+        nonlocal warned_in
+        if warned_in != stage:
+            warned_in = stage
+            listen(_silence(stage, patience_seconds or 0.0))
+
     try:
-        for event in job.events():
+        for event in job.events(patience_seconds, warn_of_silence):
             if event["event"] == "result":
                 result = event
             elif event["event"] == "error":
                 complaint = event
             else:
+                stage = str(event.get("stage", stage))
                 listen(event)
         code = job.wait()
     except BaseException:
@@ -115,19 +146,55 @@ def finish(job: Job, listen: Listener) -> Event:
         raise Cancelled
     if complaint is not None and complaint.get("kind") == "input":
         raise WorkerRefusal(str(complaint["message"]))
+    if job.log_failure is not None:
+        raise job.log_failure
+    if complaint is not None and (code != 0 or result is None):
+        raise WorkerDefect(str(complaint["message"]))
     if code != 0 or result is None:
-        raise WorkerDefect(str(complaint["message"]) if complaint else _describe_end(code))
+        raise _end_without_result(code, f" during '{stage}'" if stage else "")
     return result
 
 
-def _describe_end(code: int) -> str:
-    if code == -signal.SIGKILL:
-        return "the worker was killed, most likely because the machine ran out of memory"
-    return f"the worker was ended by signal {-code}" if code < 0 else f"the worker ended with exit code {code}"
+def _silence(stage: str, seconds: float) -> Event:
+    where = f" in '{stage}'" if stage else ""
+    message = f"nothing was heard of the worker for {format_seconds(seconds)}{where}; it may have much to do or be "
+    message += "stuck - cancel it and run again if it stays so: an earlier result is untouched until a run succeeds"
+    return {"event": "warning", "name": "silent-worker", "message": message}
 
 
-def _cancel(*_: object) -> None:
-    raise Cancelled
+def _end_without_result(code: int, during: str) -> WorkerDefect:
+    """What became of a worker that ended with `code` (negative: by a signal) and gave neither result nor reason."""
+    if code == EXIT_CANCELLED:
+        return WorkerKilled(f"the worker was told to stop by another program{during} - run again")
+    if code >= 0:
+        return WorkerDefect(f"the worker ended with exit code {code}{during}")
+    name = _signal_name(-code)
+    if name == "SIGKILL":
+        why = "most likely because the machine ran out of memory - close other programs or give a smaller --max-size"
+        return WorkerKilled(f"the worker was killed{during}, {why}, then run again")
+    if name in _FROM_OUTSIDE:
+        return WorkerKilled(f"the worker was ended by another program ({name}){during} - run again")
+    return WorkerDefect(f"the worker was ended by signal {-code} ({name}){during}")
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return "unknown"
+
+
+def _cancel_once() -> Callable[..., None]:
+    """A signal handler that raises `Cancelled` the first time: what is tidied up then must not be cut short."""
+    cancelled = False
+
+    def cancel(*_: object) -> None:
+        nonlocal cancelled
+        if not cancelled:
+            cancelled = True
+            raise Cancelled
+
+    return cancel
 
 
 class Log:

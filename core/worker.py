@@ -17,9 +17,11 @@ Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (its tra
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import sys
+import time
 import traceback
 from dataclasses import asdict
 from pathlib import Path
@@ -27,10 +29,16 @@ from typing import Any
 
 from .errors import Cancelled, InputError
 from .events import JsonReporter, claim_stdout
+from .job import GRACE_SECONDS
+from .job_console import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
+from .parent import follow_parent
 from .photographs.front import EnhanceRequest
 from .settings import Settings
 
+# How Warp, torch and CUDA name what is not a defect of ours, in the text of a RuntimeError.
 _NO_MEMORY = re.compile(r"failed to allocate \d+ bytes|out of memory|can't allocate memory", re.IGNORECASE)
+_ON_GRAPHICS_CARD = re.compile(r"cuda", re.IGNORECASE)
+_CUDA_FAILED = re.compile(r"cuda ?error|cuda driver", re.IGNORECASE)
 
 
 def main() -> int:
@@ -38,22 +46,24 @@ def main() -> int:
     reporter = JsonReporter(claim_stdout())
     signal.signal(signal.SIGINT, _cancel)
     signal.signal(signal.SIGTERM, _cancel)
+    follow_parent(_end_alone)
     try:
         result = _perform(json.loads(sys.stdin.readline()), reporter)
     except InputError as error:
         reporter.emit("error", kind="input", message=str(error))
-        return 2
+        return EXIT_INPUT
     except Cancelled:
-        return 130
+        return EXIT_CANCELLED
     except Exception as error:
         traceback.print_exc()
-        if isinstance(error, OSError) or is_out_of_memory(error):
-            reporter.emit("error", kind="input", message=_explain(error))
-            return 2
+        explanation = explain_fault(error)
+        if explanation:
+            reporter.emit("error", kind="input", message=explanation)
+            return EXIT_INPUT
         reporter.emit("error", kind="defect", message=f"{type(error).__name__}: {error}".splitlines()[0])
-        return 1
+        return EXIT_DEFECT
     reporter.emit("result", **result)
-    return 0
+    return EXIT_DONE
 
 
 def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
@@ -132,13 +142,28 @@ def _normalise(source: Path, folder: Path, sfm: bool, reporter: JsonReporter) ->
     return {"views": len(capture.views), "points": len(capture.points)}
 
 
-def _explain(error: Exception) -> str:
-    """One line for a fault of the machine rather than of ours or of the input."""
-    if not isinstance(error, OSError):
-        return "the memory is used up - give smaller photographs or --max-size, or a smaller --gaussians"
-    name = f"{error.filename}: " if error.filename else ""
-    return f"{name}{error.strerror or error} - free space or check the permissions, then run again"
+def explain_fault(error: Exception) -> str:
+    """One line about a fault of the machine, with what to do; "" for what is none, but a defect of ours."""
+    if isinstance(error, OSError):
+        name = f"{error.filename}: " if error.filename else ""
+        return f"{name}{error.strerror or error} - free space or check the permissions, then run again"
+    if is_out_of_memory(error):
+        smaller = "give smaller photographs or --max-size, or a smaller --gaussians"
+        if _ON_GRAPHICS_CARD.search(str(error)):
+            return f"the graphics card's memory is used up - {smaller}, or use --device cpu"
+        return f"the memory is used up - {smaller}"
+    if isinstance(error, RuntimeError) and _CUDA_FAILED.search(str(error)):
+        what = str(error).splitlines()[0]
+        return f"the graphics card or its driver failed ({what}) - update the driver, or use --device cpu"
+    return ""
 
 
 def _cancel(*_: object) -> None:
     raise Cancelled
+
+
+def _end_alone() -> None:
+    """End as if cancelled, because nobody listens any more; at once where a long call into C++ does not let that be."""
+    os.kill(os.getpid(), signal.SIGINT)  # pycolmap takes SIGTERM for itself when it is imported
+    time.sleep(GRACE_SECONDS)
+    os._exit(EXIT_CANCELLED)

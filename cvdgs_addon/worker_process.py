@@ -13,17 +13,14 @@ import signal
 import socket
 import sys
 import threading
-import time
 import traceback
 from collections.abc import Callable, Mapping
 from typing import Any, NoReturn, TypeVar
 
 from ..core.errors import InputError
 from ..core.events import JsonReporter, Reporter, claim_stdout
-
-_PARENT_CHECK_SECONDS = 0.5
-
-EXIT_DONE, EXIT_DEFECT, EXIT_INPUT, EXIT_CANCELLED = 0, 1, 2, 130
+from ..core.job_console import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
+from ..core.parent import follow_parent
 
 Request = TypeVar("Request")
 
@@ -45,7 +42,7 @@ def serve(
     try:
         request = read()
         _end_on_signal(lambda: clean_up(request))
-        _end_with_parent(lambda: clean_up(request))
+        follow_parent(lambda: _clean_up_and_end(lambda: clean_up(request)))
         reporter.emit("result", **work(request, reporter))
     except InputError as error:
         reporter.emit("error", kind="input", message=str(error))
@@ -68,8 +65,7 @@ def _end_on_signal(clean_up: Callable[[], None]) -> None:
 
     def watch() -> None:
         receiver.recv(1)
-        clean_up()
-        _end(EXIT_CANCELLED)
+        _clean_up_and_end(clean_up)
 
     threading.Thread(target=watch, name="cancel", daemon=True).start()
     signal.set_wakeup_fd(sender.detach())
@@ -77,17 +73,9 @@ def _end_on_signal(clean_up: Callable[[], None]) -> None:
         signal.signal(number, lambda *_: None)
 
 
-def _end_with_parent(clean_up: Callable[[], None]) -> None:
-    """End the process when the one that started it has gone: killed, it cannot say so, and starts anew some time."""
-    parent = os.getppid()
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(_PARENT_CHECK_SECONDS)
-        clean_up()
-        _end(EXIT_CANCELLED)
-
-    threading.Thread(target=watch, name="follow parent", daemon=True).start()
+def _clean_up_and_end(clean_up: Callable[[], None]) -> NoReturn:
+    clean_up()
+    _end(EXIT_CANCELLED)
 
 
 def _end(code: int) -> NoReturn:

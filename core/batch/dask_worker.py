@@ -83,7 +83,8 @@ class TaskRunner(WorkerPlugin):
             job = start_task(Path(plan_file), task, note=f"for the Dask worker {self._worker.address}")
             self._jobs.add(job)
         try:
-            return finish(job, _Throttled(lambda event: self._worker.log_event(self.name, {"task": task, **event})))
+            listen = _Throttled(lambda event: self._worker.log_event(self.name, {"task": task, **event}))
+            return finish(job, listen, patience_seconds=None)  # it may wait for another process that does the same
         finally:
             with self._lock:
                 self._jobs.discard(job)

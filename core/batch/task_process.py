@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import threading
 import time
 import traceback
 from pathlib import Path
@@ -14,12 +13,11 @@ from typing import TextIO
 from ..errors import Cancelled, InputError
 from ..job import Event
 from ..job_console import BarDisplay, JsonDisplay, Listener, Log, WorkerDefect, in_console
+from ..parent import follow_parent
 from ..progress import RunProgress
 from .outcome import log_path
 from .run_task import run_task
 from .task import read_plan
-
-_PARENT_CHECK_SECONDS = 0.5
 
 
 def run_task_in_console(plan_file: Path, name: str, *, json_events: bool, parent: int | None = None) -> int:
@@ -31,7 +29,7 @@ def run_task_in_console(plan_file: Path, name: str, *, json_events: bool, parent
         parent: process that this one belongs to; when it is gone, however it ended, the task is cancelled.
     """
     if parent is not None:
-        threading.Thread(target=_follow, args=(parent,), name="follow parent", daemon=True).start()
+        follow_parent(lambda: os.kill(os.getpid(), signal.SIGINT), parent)
 
     def work(listen: Listener) -> Event:
         plan = read_plan(plan_file)
@@ -58,9 +56,3 @@ def run_task_in_console(plan_file: Path, name: str, *, json_events: bool, parent
 def _bar(stream: TextIO) -> Listener:
     progress = RunProgress(("task",), shares={"task": 1.0})
     return BarDisplay(stream, "turntable.py", progress, lambda result: f"done: {result['task']}")
-
-
-def _follow(parent: int) -> None:
-    while os.getppid() == parent:
-        time.sleep(_PARENT_CHECK_SECONDS)
-    os.kill(os.getpid(), signal.SIGINT)

@@ -7,6 +7,8 @@ the whole process when its database fails.
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import signal
 import sys
 from collections.abc import Sequence
@@ -14,6 +16,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import pycolmap
+
+from ..parent import follow_parent
 
 DATABASE = "database.db"
 RESULT = "result"
@@ -79,7 +83,15 @@ def main() -> None:
     """Read one JSON object of `SfmJob` fields from stdin, estimate, and report on stdout, one JSON value a line."""
     # The terminal sends Ctrl-C to every process; the parent decides.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _estimate(SfmJob.from_json(sys.stdin.readline()))
+    job = SfmJob.from_json(sys.stdin.readline())
+    follow_parent(lambda: _end_alone(Path(job.workspace)))
+    _estimate(job)
+
+
+def _end_alone(workspace: Path) -> None:
+    """End without the parent, which can no longer remove the workspace."""
+    shutil.rmtree(workspace, ignore_errors=True)
+    os._exit(1)
 
 
 def _estimate(job: SfmJob) -> None:

@@ -5,21 +5,12 @@ import os
 import signal
 import subprocess
 import sys
-import textwrap
 import time
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
-
-REPORT = {
-    "schema": "cvdgs-report-1", "versions": {"cvdgs": "0"}, "device": "cpu", "settings": {"capture": "photos"},
-    "capture": {"format": "colmap", "views": 9, "train": 7, "test": 2, "width": 64, "height": 48, "points": 5},
-    "gaussians": 5, "sh_degree": 0, "seconds": {"capture": 1.0, "blender": None, "total": None}, "peak_memory_mb": 1,
-    "reconstruction": {"psnr": None, "ssim": 0.5}, "layers": {}, "views_shown": [], "notes": {}, "warnings": [],
-    "curve": [],
-}  # fmt: skip
+from .workers import REPORT, ROOT, start_run
 
 
 @pytest.fixture
@@ -27,30 +18,7 @@ def run(tmp_path):
     """Starts run.py with a worker whose body is given; returns the started process."""
 
     def start(body: str, *options: str, out: Path = tmp_path / "out", wait: bool = True):
-        worker = tmp_path / "worker"
-        prologue = (
-            f"#!{sys.executable}\nimport json, os, signal, sys, time\nREPORT = {REPORT!r}\n"
-            "request = json.loads(sys.stdin.readline())\nfolder = request['folder']\n"
-            "def emit(event, **fields): print(json.dumps({'event': event, **fields}), flush=True)\n"
-        )
-        worker.write_text(prologue + textwrap.dedent(body))
-        worker.chmod(0o755)
-        command = [
-            sys.executable,
-            str(ROOT / "scripts" / "run.py"),
-            "photos",
-            "--out",
-            str(out),
-            "--no-blend",
-            *options,
-        ]
-        process = subprocess.Popen(
-            command,
-            env={**os.environ, "CVDGS_PYTHON": str(worker)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        process = start_run(tmp_path / "worker", body, *options, out=out)
         if wait:
             process.out, process.err = process.communicate(timeout=30)
         return process

@@ -1,10 +1,17 @@
 """What the worker makes of faults that are the machine's."""
 
+import errno
+from pathlib import Path
+
 import pytest
 import torch
 import warp as wp
 
-from cvdgs.core.worker import is_out_of_memory
+from cvdgs.core.errors import InputError
+from cvdgs.core.events import Reporter
+from cvdgs.core.pipeline import run
+from cvdgs.core.settings import Settings
+from cvdgs.core.worker import explain_fault, is_out_of_memory
 
 MORE_THAN_THERE_IS = 1 << 46  # bytes
 
@@ -31,3 +38,49 @@ def test_other_errors_are_not_taken_for_it(error):
 
 def test_torchs_own_words_on_a_gpu_are_understood():
     assert is_out_of_memory(torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB."))
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB."),
+        RuntimeError("Failed to allocate 4194304 bytes on device 'cuda:0'"),
+    ],
+    ids=["torch", "warp"],
+)
+def test_a_full_graphics_card_is_told_from_a_full_machine(error):
+    assert explain_fault(error).startswith("the graphics card's memory is used up - ")
+    assert "--device cpu" in explain_fault(error)
+    assert explain_fault(MemoryError()).startswith("the memory is used up - ")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "CUDA error 700 detected on device cuda:0: an illegal memory access was encountered",
+        "CUDA error: no kernel image is available for execution on the device\nCUDA kernel errors might be reported",
+        "The NVIDIA driver on your system is too old (found version 11040): CUDA driver version is insufficient",
+    ],
+    ids=["warp", "torch", "driver"],
+)
+def test_a_driver_that_fails_is_one_line_that_names_the_way_without_it(text):
+    explanation = explain_fault(RuntimeError(text))
+    assert text.splitlines()[0] in explanation
+    assert explanation.endswith("update the driver, or use --device cpu")
+    assert len(explanation.splitlines()) == 1
+
+
+def test_a_mistake_of_ours_with_devices_is_not_blamed_on_the_driver():
+    text = "Expected all tensors to be on the same device, but found at least two devices, cuda:0 and cpu!"
+    assert explain_fault(RuntimeError(text)) == ""
+
+
+def test_a_fault_of_the_disk_names_the_file():
+    explanation = explain_fault(OSError(errno.ENOSPC, "No space left on device", "out/splats.ply"))
+    assert explanation.startswith("out/splats.ply: No space left on device - free space")
+
+
+@pytest.mark.skipif(wp.is_cuda_available(), reason="needs a machine without CUDA")
+def test_cuda_where_there_is_none_is_refused_before_anything_is_read():
+    with pytest.raises(InputError, match="--device: no CUDA device is found - use --device cpu"):
+        run(Settings("no capture", "out", device="cuda"), Path("out"), Reporter())
