@@ -12,9 +12,22 @@ import bootstrap
 bootstrap.load()
 from cvdgs.core.arguments import OneLineParser  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
-from cvdgs.scripts.benchmarks import batch, display, drift, enhancer, modes, select, step, trainer  # noqa: E402
+from cvdgs.scripts.benchmarks import (  # noqa: E402
+    ablation,
+    batch,
+    display,
+    drift,
+    enhancer,
+    modes,
+    select,
+    step,
+    table,
+    trainer,
+)
 
-PARTS = tuple(module.PART for module in (step, trainer, display, enhancer, drift, modes, select, batch))
+PARTS = tuple(
+    module.PART for module in (table, ablation, step, trainer, display, enhancer, drift, modes, select, batch)
+)
 
 
 def main(arguments: list[str]) -> int:

@@ -36,4 +36,6 @@ def number(value: float, digits: int) -> str:
 
 
 def _is_number(cell: str) -> bool:
-    return cell in ("–", "∞") or cell.replace(".", "", 1).lstrip("-").isdigit()
+    """Whether it is a number, or one with its spread."""
+    number_, _, _ = cell.partition(" ± ")
+    return number_ in ("–", "∞") or number_.replace(".", "", 1).lstrip("-+").isdigit()

@@ -31,6 +31,7 @@ class MultiViewConsistent:
         growth: Gaussians divided in a round, at most, relative to those there are; those with the largest e_k first.
         needed_pixels: a Gaussian that in no view is worth so many pixels is removed.
         min_opacity: and so is one below this.
+        prune: whether any is removed before the end of the run.
         gradient_every: 0, they are not needed, which saves a third of the backward pass.
         disturb_every: 0.
     """
@@ -43,12 +44,13 @@ class MultiViewConsistent:
     growth: float = 0.3
     needed_pixels: float = 2.0
     min_opacity: float = 0.005
+    prune: bool = True
     gradient_every: int = 0
     disturb_every: int = 0
 
     def views_wanted(self, step: int, steps: int, available: int) -> int:
         """A sample, and at every census all."""
-        if self.schedule.round_of(step, steps) % self.census_every == self.census_every - 1:
+        if self.prune and self.schedule.round_of(step, steps) % self.census_every == self.census_every - 1:
             return available
         return min(max(self.sample, round(self.sample_share * available)), available)
 
@@ -71,6 +73,8 @@ class MultiViewConsistent:
         return gaussians
 
     def _needed(self, gaussians: Gaussians, views: ViewEvidence) -> NDArray[np.bool_]:
+        if not self.prune:
+            return finite(gaussians)
         with np.errstate(invalid="ignore"):
             kept = finite(gaussians) & (gaussians.opacities >= self.min_opacity)
         if views.complete:

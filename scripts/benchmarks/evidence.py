@@ -1,0 +1,117 @@
+"""What the parts that try recipes on captures have in common on the command line."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ...core.console import ConsoleReporter
+from ...core.evaluate.evidence.scenes import DEMO, SHOWROOMS, capture_sources
+from ...core.evaluate.evidence.subject import CaptureFolder
+from ...core.splats.raster.runner_cpu import available_processors
+from .data import FOX, KERMIT
+from .options import names
+
+KNOWN = {folder.name: folder for folder in (FOX, KERMIT) if folder.is_dir()}
+"""Captures of the evaluation data, where it is."""
+QUICK: Mapping[str, Any] = {"captures": (DEMO,), "max_size": 120, "iterations": 200, "seeds": 1}
+"""What `--quick` changes of the defaults; what is asked for stays."""
+_PLACES = ("--out", "--work")  # whose values are this machine's affair
+
+
+def add_evidence_arguments(
+    parser: argparse.ArgumentParser,
+    *,
+    captures: Sequence[str] = SHOWROOMS,
+    max_size: int,
+    iterations: int,
+    seeds: int = 1,
+    processes: int | None = None,
+) -> None:
+    """Declare the options, with the part's own defaults; `processes`: a processor each unless given."""
+    add, processes = parser.add_argument, processes or available_processors()
+    add(
+        "--captures",
+        type=names,
+        default=tuple(captures),
+        metavar="A,B",
+        help=f"{', '.join((*SHOWROOMS, *KNOWN))}, folders or NAME=FOLDER ({','.join(captures)})",
+    )
+    add("--max-size", type=int, default=max_size, metavar="PIXELS", help=f"longer side of the views ({max_size})")
+    add("--iterations", type=int, default=iterations, metavar="N", help=f"of a geometry ({iterations})")
+    add("--seeds", type=int, default=seeds, metavar="N", help=f"of everything random ({seeds})")
+    add("--processes", type=int, default=processes, metavar="N", help=f"that share the work ({processes})")
+    add("--work", type=Path, metavar="DIR", help="for scenes, pictures and what lets a run go on (OUT/work)")
+    add("--again", action="store_true", help="forget what an earlier run has measured")
+    add("--quick", action="store_true", help="the demo alone, small and short: whether it works at all")
+    parser.set_defaults(usual={name: parser.get_default(name) for name in QUICK})
+
+
+def settled(options: argparse.Namespace) -> argparse.Namespace:
+    """The options, with those of `QUICK` where that is asked for and they were left at their defaults."""
+    chosen = vars(options).copy()
+    if options.quick:
+        chosen |= {name: value for name, value in QUICK.items() if chosen[name] == options.usual[name]}
+    return argparse.Namespace(**chosen)
+
+
+def work_folder(options: argparse.Namespace) -> Path:
+    """Where everything goes that is not a result."""
+    return options.work or options.out / "work"
+
+
+def chosen_sources(options: argparse.Namespace) -> list[CaptureFolder]:
+    """The captures that were asked for; showrooms that are missing are rendered.
+
+    Raises:
+        InputError: there is no such capture, or it could not be rendered.
+    """
+    reporter = ConsoleReporter(sys.stderr)
+    return capture_sources(options.captures, options.max_size, work_folder(options) / "scenes", reporter, KNOWN)
+
+
+def shown_command(options: argparse.Namespace, arguments: Sequence[str] | None = None) -> str:
+    """The command as texts show it: with the part's name first, without what is this machine's affair alone.
+
+    Args:
+        arguments: as the shell gave them; those of this process unless given.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    shown, hide = [], False
+    for word in words:
+        option, separator, _ = word.partition("=")
+        if hide:
+            word, hide = "DIR", False
+        elif option in _PLACES and separator:
+            word = f"{option}=DIR"
+        elif word in _PLACES:
+            hide = True
+        shown.append(",".join(_without_folder(part) for part in word.split(",")))
+    return " ".join(["python scripts/benchmark.py", *(shown or [options.part])])
+
+
+def made_by(options: argparse.Namespace) -> list[str]:
+    """The lines of a text that say how its figures were made."""
+    seeds = f"{options.seeds} seeds" if options.seeds > 1 else "one seed"
+    return [
+        f"By `{shown_command(options)}`: views of at most {options.max_size} pixels, {options.iterations:,} steps, "
+        f"{seeds}."
+    ]
+
+
+def write_text(path: Path, lines: Sequence[str]) -> str:
+    """Write the lines of a text; returns it."""
+    text = "\n".join(lines).rstrip() + "\n"
+    path.write_text(text, encoding="utf-8")
+    return text
+
+
+def _without_folder(word: str) -> str:
+    """NAME for NAME=FOLDER, the last part of a path; options stay as they are."""
+    if word.startswith("-"):
+        return word
+    name, separator, _ = word.partition("=")
+    return name if separator else (Path(word).name if "/" in word else word)
