@@ -51,6 +51,7 @@ def render_turntables(
             radius=camera.radius,
             height=camera.height,
             focal_length=camera.focal_length,
+            arc=camera.arc,
             width=report["capture"]["width"],
             height_pixels=report["capture"]["height"],
             simulated={},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import bpy
@@ -15,7 +16,7 @@ from .reporting import reports_errors
 
 
 class CVDGS_OT_add_turntable(NeedsGaussians, bpy.types.Operator):
-    """Put a camera on its way around the Gaussians, once around in the chosen number of frames"""
+    """Put a camera on its way around the Gaussians, once around or to and fro in the chosen number of frames"""
 
     bl_idname = "cvdgs.add_turntable"
     bl_label = "Add Turntable"
@@ -83,6 +84,7 @@ def _chosen(context: bpy.types.Context) -> Turntable:
         radius=chosen.radius,
         height=chosen.height,
         focal_length=chosen.focal_length,
+        arc=math.degrees(chosen.arc),
         width=chosen.width,
         height_pixels=chosen.height_pixels,
         engine=Engine[chosen.engine] if chosen.engine != "SCENE" else None,

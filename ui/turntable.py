@@ -22,7 +22,7 @@ class CVDGS_PT_turntable(SidePanel, bpy.types.Panel):
             say_missing(layout, context, NOTHING_TO_SHOW)
             return
         column = layout.column(align=True)
-        for name in ("frames", "radius", "height", "focal_length"):
+        for name in ("frames", "radius", "height", "focal_length", "arc"):
             column.prop(chosen, name)
         has_rig = turntable_of(context.scene) is not None
         row = layout.row(align=True)

@@ -87,6 +87,7 @@ class FramesArguments(_Arguments):
         radius: of the camera from the axis in scene units; 0: as far as the photographs were taken from.
         height: of the camera above the subject's centre, as a share of the radius.
         focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
+        arc: in degrees; 360 goes around, less swings to and fro, 0: as far around as the photographs were taken.
         width, height_pixels: of the pictures.
         simulated: folder of a sequence that shows the same pictures as an observer sees them, by the observer's layer
             name (``deutan-1.0``); empty for none.
@@ -102,6 +103,7 @@ class FramesArguments(_Arguments):
     radius: float
     height: float
     focal_length: float
+    arc: float
     width: int
     height_pixels: int
     simulated: Mapping[str, str]

@@ -37,6 +37,7 @@ from typing import Any
 from ..errors import InputError
 from ..run_files import ORIGINAL
 from ..settings import CVD_TYPES, ENGINES, Layer, Settings
+from ..untrusted import read_text
 from .arguments import DIGITS
 from .finished import check_finished_run
 from .table_reader import Problem, Problems, TableReader, UnusableFile
@@ -50,6 +51,9 @@ _MAX_PIXELS = 16384  # of a side: Blender's own limit is 65536, and memory's is 
 _MAX_RETRIES = 100
 _MAX_CORES, _MAX_MEMORY_MB = 1024, 2**24
 _FAR = 1e6  # scene units
+_MAX_BYTES = 1 << 20  # of a batch file: thousands of items
+# In one line. Python's reader of TOML takes the square of a key's parts in time; more dots are no key of ours.
+_MAX_DOTS = 32
 _REASONABLE_SYNTAX = "see the start of core/batch/batch_file.py, or scripts/turntable.py --example FILE"
 
 
@@ -76,12 +80,14 @@ class CameraPath:
         radius: from the axis in scene units; 0: as far as the photographs were taken from.
         height: above the subject's centre, as a share of the radius.
         focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
+        arc: in degrees; 360 goes around, less swings to and fro, 0: as far around as the photographs were taken.
     """
 
     name: str = "turn"
     radius: float = 0.0
     height: float = 0.25
     focal_length: float = 0.0
+    arc: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -172,21 +178,28 @@ def read_batch(path: Path) -> Batch:
         UnusableFile: with everything that is wrong in it.
         InputError: it cannot be read at all.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", where=path, remedy="give a batch file") from None
-    except UnicodeDecodeError:
-        raise InputError("is not UTF-8 text", where=path, remedy="give a batch file in TOML") from None
+    text = read_text(path, most_bytes=_MAX_BYTES, remedy="give a batch file in TOML").replace("\r\n", "\n")
+    _refuse_endless_keys(text, path)
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
+        raise UnusableFile(path, [_syntax_problem(str(error))]) from None
+    except RecursionError:
+        raise UnusableFile(path, [_syntax_problem("lists or tables are nested too deeply")]) from None
+    except ValueError as error:  # a number of thousands of digits, a day that no month has
         raise UnusableFile(path, [_syntax_problem(str(error))]) from None
     problems = Problems(text)
     batch = _read(TableReader(values, (), problems), path.absolute().parent)
     if problems.found:
         raise UnusableFile(path, problems.found)
     return batch
+
+
+def _refuse_endless_keys(text: str, path: Path) -> None:
+    found = [number for number, line in enumerate(text.split("\n"), start=1) if line.count(".") > _MAX_DOTS]
+    if found:
+        what = f"more than {_MAX_DOTS} dots in one line"
+        raise UnusableFile(path, [Problem(number, f"{what} - write it in several lines") for number in found])
 
 
 def layer_of(name: str) -> Layer | None:
@@ -324,6 +337,7 @@ def _read_cameras(table: TableReader) -> dict[str, CameraPath]:
             camera.number("radius", usual.radius, 0.0, _FAR),
             camera.number("height", usual.height, -100.0, 100.0),
             camera.number("focal_length", usual.focal_length, 0.0, 5000.0),
+            camera.number("arc", usual.arc, 0.0, 360.0),
         )
         camera.refuse_others()
     return cameras or {CameraPath.name: CameraPath()}

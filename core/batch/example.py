@@ -37,6 +37,7 @@ chunk = 12                              # frames that are rendered at one go
 radius = 0.0                            # in scene units; 0: as far away as the photographs were taken
 height = 0.25                           # above the middle, as a share of the radius
 focal_length = 0.0                      # millimetres; 0: that of the photographs
+arc = 0.0                               # degrees; 360: a full turn; 0: as far around as the photographs were taken
 
 [needs]                                 # what a task may take of a machine
 train_cores = 4

@@ -185,8 +185,8 @@ def _player(page: ShownPage, key: str, turn: ShownTurn) -> str:
         f"<video class='film' loop muted playsinline src='{page.video_source(files.video)}'></video>\n"
         f"<ul class='film captions'>{listed}</ul>\n</div>\n"
         f"<div class='transport' hidden><button type='button' class='play'>Pause</button>"
-        f"<input type='range' min='0' max='{360.0 - step:g}' step='{step:g}' value='0' aria-label='Angle'"
-        f" data-pace='{preview.frames_per_second}'><output>0°</output></div>\n"
+        f"<input type='range' min='0' max='{360.0 - step:g}' step='{step:g}' value='0' aria-label='Picture'"
+        f" data-pace='{preview.frames_per_second}'><output>1 / {preview.frames}</output></div>\n"
     )
 
 

@@ -46,10 +46,12 @@ class Player {
   }
 
   show(angle) {
-    const shown = Math.round(angle) % 360;
+    const step = Number(this.slider.step);
+    const pictures = Math.round(360 / step);
+    const picture = (Math.floor(angle / step + 1e-6) % pictures) + 1;
     this.slider.value = angle;
-    this.output.value = `${shown}°`;
-    this.slider.setAttribute("aria-valuetext", `${shown} degrees`);
+    this.output.value = `${picture} / ${pictures}`;
+    this.slider.setAttribute("aria-valuetext", `picture ${picture} of ${pictures}`);
   }
 
   follow() {

@@ -264,6 +264,7 @@ class _PlannedItem:
                 radius=camera.radius,
                 height=camera.height,
                 focal_length=camera.focal_length,
+                arc=camera.arc,
                 width=width,
                 height_pixels=height_pixels,
                 simulated=turn.simulated,

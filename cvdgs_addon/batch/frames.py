@@ -83,6 +83,7 @@ def turntable_of(arguments: FramesArguments) -> Turntable:
         radius=arguments.radius,
         height=arguments.height,
         focal_length=arguments.focal_length,
+        arc=arguments.arc,
         width=arguments.width,
         height_pixels=arguments.height_pixels,
         engine=Engine[arguments.engine.upper()],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import bpy
 
 
@@ -35,6 +37,14 @@ class TurntableProperties(bpy.types.PropertyGroup):
         unit="CAMERA",
         min=0.0,
         soft_max=200.0,
+        default=0.0,
+    )
+    arc: bpy.props.FloatProperty(
+        name="Arc",
+        description="How far around: a full turn, or to and fro through less; 0: as far as the photographs were taken",
+        subtype="ANGLE",
+        min=0.0,
+        max=2.0 * math.pi,
         default=0.0,
     )
     engine: bpy.props.EnumProperty(

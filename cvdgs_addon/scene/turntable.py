@@ -21,7 +21,11 @@ from .splats import core_bounds, point_positions
 
 _RENDER = "cvdgs_turntable_render"
 _IS_RIG = "cvdgs_turntable"  # custom property of the Empty
-_FRAMES, _START = "frames", "start"  # custom properties of the Empty: pictures of a turn, angle of the first one
+# Custom properties of the Empty: pictures of a turn, the angle of the first one, and how far the camera swings from it.
+_FRAMES, _START, _SWING = "frames", "start", "swing"
+_FULL_TURN = 2.0 * math.pi
+_SURROUNDED = math.radians(100.0)  # a gap between photographs up to this is a part of a full turn
+_LEAST_ARC = math.radians(20.0)  # less shows no shape
 _NAME = "Turntable"
 _RADII_AWAY = 2.5  # of a camera from a subject without photographs, in radii of its core
 _POLL_SECONDS = 0.5  # between looks at whether a render still goes on
@@ -37,6 +41,7 @@ class Turntable:
         radius: of the camera from the axis in scene units; 0: as far as the photographs were taken from.
         height: of the camera above the subject's centre, as a share of the radius.
         focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
+        arc: in degrees; 360 goes around, less swings to and fro, 0: as far around as the photographs were taken.
         width, height_pixels: of the pictures.
         engine: that renders; None: the scene's own, with its settings.
     """
@@ -45,6 +50,7 @@ class Turntable:
     radius: float = 0.0
     height: float = 0.25
     focal_length: float = 0.0
+    arc: float = 0.0
     width: int = 640
     height_pixels: int = 480
     engine: Engine | None = Engine.CYCLES
@@ -53,8 +59,9 @@ class Turntable:
 def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: Turntable) -> bpy.types.Object:
     """Add the camera and the Empty that turns it, in place of an earlier turntable; returns the camera.
 
-    The axis is vertical, through the centre of the Gaussians. The first picture is taken from the side of the first
-    photograph. The angle is driven by the frame, so it is exact in every frame and goes on after the last one.
+    The axis is vertical, through the centre of the Gaussians. The first picture of a full turn is taken from the side
+    of the first photograph, that of a swing from the middle. The angle is driven by the frame, so it is exact in every
+    frame and goes on after the last one.
     """
     remove_turntable(scene)
     bpy.context.view_layer.update()
@@ -62,14 +69,14 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
     photographs = [camera for camera in _related(splats) if is_capture_camera(camera)]
     places = np.array([camera.matrix_world.translation for camera in photographs]).reshape(-1, 3) - center
     radius = turntable.radius or _usual_radius(places) or _RADII_AWAY * core_radius
-    start = math.atan2(places[0, 1], places[0, 0]) if len(places) else -math.pi / 2.0
+    start, swing = _way_around(places, math.radians(turntable.arc))
 
     rig = bpy.data.objects.new(_NAME, None)
-    rig[_IS_RIG], rig[_FRAMES], rig[_START] = True, turntable.frames, start
+    rig[_IS_RIG], rig[_FRAMES], rig[_START], rig[_SWING] = True, turntable.frames, start, swing
     rig.empty_display_type, rig.empty_display_size = "CIRCLE", radius
     rig.location = center.tolist()
     scene.collection.objects.link(rig)
-    _drive_by_frame(rig)
+    _drive_by_frame(rig, swing)
     camera = bpy.data.objects.new(f"{_NAME} Camera", bpy.data.cameras.new(f"{_NAME} Camera"))
     _set_lens(camera.data, photographs, turntable.focal_length, radius, core_radius)
     camera.parent = rig
@@ -215,6 +222,26 @@ def _usual_radius(places: NDArray[np.float64]) -> float:
     return float(np.median(np.linalg.norm(places[:, :2], axis=1))) if len(places) else 0.0
 
 
+def _way_around(places: NDArray[np.float64], arc: float) -> tuple[float, float]:
+    """Angle of the first picture, and how far the camera swings from it to both sides; 0: all the way around.
+
+    Args:
+        places: (P, 3) of the photographs' cameras, relative to the axis.
+        arc: to go through; 0: that of the photographs. What nobody photographed would be shown as it was not.
+    """
+    if len(places) == 0:
+        return -math.pi / 2.0, 0.0 if arc in (0.0, _FULL_TURN) else arc / 2.0
+    angles = np.arctan2(places[:, 1], places[:, 0])
+    ordered = np.sort(angles)
+    gaps = np.diff(ordered, append=ordered[0] + _FULL_TURN)
+    widest = int(gaps.argmax())
+    arc = arc or (_FULL_TURN if gaps[widest] <= _SURROUNDED else max(_FULL_TURN - gaps[widest], _LEAST_ARC))
+    if arc >= _FULL_TURN:
+        return float(angles[0]), 0.0
+    opposite = ordered[widest] + gaps[widest] / 2.0
+    return float(opposite - math.pi), arc / 2.0
+
+
 def _set_lens(
     camera: bpy.types.Camera, photographs: list[bpy.types.Object], focal_length: float, radius: float, core: float
 ) -> None:
@@ -228,12 +255,13 @@ def _set_lens(
         camera.clip_start, camera.clip_end = 0.01 * radius, 10.0 * (radius + core)
 
 
-def _drive_by_frame(rig: bpy.types.Object) -> None:
+def _drive_by_frame(rig: bpy.types.Object, swing: float) -> None:
     driver = rig.driver_add("rotation_euler", 2).driver
     driver.type = "SCRIPTED"
-    for name in (_FRAMES, _START):
+    for name in (_FRAMES, _START, _SWING):
         variable = driver.variables.new()
         variable.name, variable.type = name, "SINGLE_PROP"
         variable.targets[0].id, variable.targets[0].data_path = rig, f'["{name}"]'
     # Simple enough for Blender to evaluate without running Python.
-    driver.expression = f"{_START} + 2 * pi * (frame - 1) / {_FRAMES}"
+    turn = f"2 * pi * (frame - 1) / {_FRAMES}"
+    driver.expression = f"{_START} + {_SWING} * sin({turn})" if swing else f"{_START} + {turn}"

@@ -17,7 +17,7 @@ def frames_arguments(run: Path, **changes) -> FramesArguments:
     """A turn of four pictures around a run, in its original colours."""
     values = {
         "run": str(run), "layer": "original", "engine": "cycles", "folder": "turn", "first": 1, "last": 4, "frames": 4,
-        "radius": 3.5, "height": 0.3, "focal_length": 40.0, "width": SIZE[0], "height_pixels": SIZE[1],
+        "radius": 3.5, "height": 0.3, "focal_length": 40.0, "arc": 360.0, "width": SIZE[0], "height_pixels": SIZE[1],
         "simulated": {},
     }  # fmt: skip
     return FramesArguments(**{**values, **changes})

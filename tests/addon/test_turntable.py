@@ -11,7 +11,7 @@ import pytest
 
 from cvdgs.core.errors import InputError
 from cvdgs.cvdgs_addon.results import show_run
-from cvdgs.cvdgs_addon.scene.cameras import SENSOR_WIDTH, is_capture_camera
+from cvdgs.cvdgs_addon.scene.cameras import SENSOR_WIDTH, add_camera, is_capture_camera
 from cvdgs.cvdgs_addon.scene.intrinsics import Intrinsics
 from cvdgs.cvdgs_addon.scene.render_settings import Display, Engine, set_display
 from cvdgs.cvdgs_addon.scene.splats import add_gaussians, show_layer
@@ -27,10 +27,11 @@ from cvdgs.ui.turntable import CVDGS_PT_turntable
 
 from . import ewa
 from .layouts import drawn
-from .scenes import cloud, opencv, read_png
+from .scenes import CAMERA, CLIP, cloud, opencv, read_png, ring_view
 from .test_display import all_settings
 
 LENS = 40.0
+CENTER_DEGREES = 1.0  # as seen by the cameras: how far the axis is from the middle of the photographs' ring
 SMALL = Turntable(frames=4, radius=3.5, height=0.3, focal_length=LENS, width=64, height_pixels=48)
 
 
@@ -67,7 +68,7 @@ def test_without_numbers_the_photographs_are_followed(addon, run_folder):
     shown = show_run(str(run_folder), scene)
     bpy.context.view_layer.update()
     photographs = [candidate for candidate in scene.objects if is_capture_camera(candidate)]
-    camera = add_turntable(scene, shown, Turntable(frames=4))
+    camera = add_turntable(scene, shown, Turntable(frames=4, arc=360.0))
     scene.frame_set(1)
     center = np.array(camera.parent.location)
     usual = np.median([np.linalg.norm(np.array(item.matrix_world.translation - camera.parent.location)[:2])
@@ -77,6 +78,46 @@ def test_without_numbers_the_photographs_are_followed(addon, run_folder):
     assert camera.data.lens == pytest.approx(np.median([item.data.lens for item in photographs]), rel=1e-5)
     first = np.array(photographs[0].matrix_world.translation) - center
     assert math.atan2(offset[1], offset[0]) == pytest.approx(math.atan2(first[1], first[0]), abs=1e-4)
+
+
+def photographs_at(scene, *degrees: float) -> bpy.types.Object:
+    """Gaussians of a capture whose photographs were taken from these angles around them."""
+    splats, capture = add_gaussians(cloud(300), {}, scene.collection), bpy.data.objects.new("capture", None)
+    scene.collection.objects.link(capture)
+    splats.parent = capture
+    for number, angle in enumerate(np.radians(degrees)):
+        add_camera(f"photograph {number}", CAMERA, ring_view(angle), CLIP, scene.collection).parent = capture
+    return splats
+
+
+def angles_around(scene, camera: bpy.types.Object, frames: int) -> np.ndarray:
+    """(F,) degrees around the axis, without jumps."""
+    offsets = camera_poses(scene, camera, frames)[:, :3, 3] - np.array(camera.parent.location)
+    return np.degrees(np.unwrap(np.arctan2(offsets[:, 1], offsets[:, 0])))
+
+
+@pytest.mark.parametrize("around", [range(0, 360, 30), (10, 100, 190, 280)])
+def test_a_subject_photographed_from_all_sides_is_gone_around(scene, around):
+    splats = photographs_at(scene, *around)
+    camera = add_turntable(scene, splats, Turntable(frames=8))
+    angles = angles_around(scene, camera, 8)
+    np.testing.assert_allclose(np.diff(angles), 45.0, rtol=1e-3)
+
+
+@pytest.mark.parametrize("front", [-90.0, 0.0, 175.0])
+def test_a_subject_photographed_from_the_front_is_not_shown_from_behind(scene, front):
+    splats = photographs_at(scene, *(front + np.linspace(-50.0, 50.0, 11)))
+    camera = add_turntable(scene, splats, Turntable(frames=8))
+    swing = (angles_around(scene, camera, 8) - front + 180.0) % 360.0 - 180.0
+    np.testing.assert_allclose(swing, 50.0 * np.sin(np.radians(45.0 * np.arange(8))), atol=CENTER_DEGREES)
+
+
+def test_an_arc_can_be_asked_for(scene):
+    splats = photographs_at(scene, *np.linspace(-50.0, 50.0, 11))
+    swinging = angles_around(scene, add_turntable(scene, splats, Turntable(frames=4, arc=60.0)), 4)
+    np.testing.assert_allclose(swinging, [0.0, 30.0, 0.0, -30.0], atol=CENTER_DEGREES)
+    around = angles_around(scene, add_turntable(scene, splats, Turntable(frames=4, arc=360.0)), 4)
+    np.testing.assert_allclose(np.diff(around), 90.0, rtol=1e-3)
 
 
 def test_adding_again_replaces_the_turntable(scene, splats):

@@ -41,7 +41,7 @@ def blender(as_blender) -> Path:
 def render(out: Path, engine: str) -> list[dict]:
     """The events of a task of two pictures on three cores."""
     arguments = FramesArguments(
-        "run", "original", engine, "frames", 1, 2, 8, 0.0, 0.25, 0.0, 64, 48, {"deutan-1.0": "simulated"}
+        "run", "original", engine, "frames", 1, 2, 8, 0.0, 0.25, 0.0, 0.0, 64, 48, {"deutan-1.0": "simulated"}
     )
     events: list[dict] = []
     task = Task("sofa.frames", Kind.FRAMES, arguments=arguments.to_dict(), cores=3)
