@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+MOST_CHARACTERS = 1200  # of a message; enough for three paths of 255 characters and what is said of them
+
 
 class InputError(Exception):
     """Unusable arguments or input: one line that says what is wrong, where, and what to do. Exit code 2.
@@ -24,8 +26,18 @@ class InputError(Exception):
         text = f"{self.where}: {self.what}" if self.where else self.what
         if self.remedy:
             text += f" - {self.remedy}"
-        # File names may contain anything, and the contract is one line.
-        return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+        return one_line(text)
+
+
+def one_line(text: str) -> str:
+    """`text` as it may be shown anywhere: file names may contain anything, and a terminal obeys what it is shown.
+
+    What does not print stands as its escape sequence, and of more than `MOST_CHARACTERS` the middle is left out.
+    """
+    if len(text) > MOST_CHARACTERS:
+        end = MOST_CHARACTERS // 4
+        text = f"{text[: MOST_CHARACTERS - end]} ... {text[-end:]}"
+    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 class Cancelled(BaseException):

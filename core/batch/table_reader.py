@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,6 +15,8 @@ from ..errors import InputError
 from .toml_lines import LineNumbers, Path
 
 _Value = TypeVar("_Value")
+_MOST_NAMES = 100  # in a list
+_MOST_LINES = 100  # that are said of an unusable file
 
 
 @dataclass(frozen=True, order=True)
@@ -43,8 +46,10 @@ class UnusableFile(InputError):
 
     def lines(self) -> Iterator[str]:
         """A problem each: file, line, what is wrong, what to do."""
-        for problem in self.problems:
+        for problem in self.problems[:_MOST_LINES]:
             yield str(InputError(problem.text, where=f"{self._file}, line {problem.line}"))
+        if len(self.problems) > _MOST_LINES:
+            yield str(InputError(f"{len(self.problems) - _MOST_LINES} more problems", where=self._file))
 
     def __str__(self) -> str:
         return "\n".join(self.lines())
@@ -127,7 +132,9 @@ class TableReader:
             return default
         if not isinstance(value, list) or not value or not all(isinstance(name, str) for name in value):
             return self._refuse(key, default, 'give a list of texts, such as ["one", "two"]')
-        repeated = sorted({name for name in value if value.count(name) > 1})
+        if len(value) > _MOST_NAMES:
+            return self._refuse(key, default, f"give at most {_MOST_NAMES}")
+        repeated = sorted(name for name, count in Counter(value).items() if count > 1)
         if repeated:
             self.add(key, f"'{', '.join(repeated)}' is there twice", "name each once")
         return tuple(dict.fromkeys(value))

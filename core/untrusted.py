@@ -1,0 +1,127 @@
+"""Files that somebody else may have made, read as bytes, text or JSON. Standard library only: Blender imports this.
+
+Regular files of a bounded size alone: a pipe or a device in a file's place is refused without waiting for it. Every
+refusal is an `InputError`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import stat
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from .errors import InputError
+
+# Camera files of 10,000 photographs have 10 MB. Python needs up to 24 bytes of memory for one of JSON ("[],[],[],"), so
+# this is less than a gigabyte.
+MAX_JSON_BYTES = 32 << 20
+_CHECK_PATH = "check the path and its permissions"
+_COPY_AGAIN = "copy or export the file again"
+
+
+@contextmanager
+def opened(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) -> Iterator[BinaryIO]:
+    """The file `path`, open for reading; the caller reads what is there and need not fear that it never ends.
+
+    Args:
+        most_bytes: that the file may have.
+        remedy: what the user can do where it cannot be read.
+
+    Raises:
+        InputError: the system refuses (no such file, no permission, a damaged disk, also while it is read), or it is a
+            folder, a pipe, a device, or too large.
+    """
+    path = Path(path)
+    try:
+        with _open(path, remedy) as file:
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise InputError("not a regular file", where=path, remedy=remedy)
+            if status.st_size > most_bytes:
+                raise InputError(
+                    f"the file has {_size(status.st_size)}, the limit is {_size(most_bytes)}",
+                    where=path,
+                    remedy="check that it is the right file",
+                )
+            yield file
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error})", where=path, remedy=remedy) from None
+
+
+def _open(path: Path, remedy: str) -> BinaryIO:
+    # Without O_NONBLOCK, opening a pipe waits until somebody writes to it.
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+    try:
+        return open(path, "rb", opener=lambda name, _: os.open(name, flags))
+    except ValueError:  # a zero byte, or half of a surrogate pair
+        raise InputError("no file can have this name", where=path, remedy=remedy) from None
+
+
+def read_bytes(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) -> bytes:
+    """All of the file; errors as for `opened`."""
+    with opened(path, most_bytes=most_bytes, remedy=remedy) as file:
+        return file.read(most_bytes)
+
+
+def read_text(path: str | Path, *, most_bytes: int, remedy: str = _COPY_AGAIN) -> str:
+    """All of a UTF-8 text file, its line ends as they are; also raises `InputError` where it is something else."""
+    try:
+        return read_bytes(path, most_bytes=most_bytes, remedy=remedy).decode("utf-8")
+    except UnicodeDecodeError:
+        raise InputError("is not UTF-8 text", where=path, remedy=remedy) from None
+
+
+def read_json(
+    path: str | Path, *, most_bytes: int = MAX_JSON_BYTES, remedy: str = _COPY_AGAIN, strict: bool = True
+) -> Any:
+    """What the JSON file says; errors as for `read_text`, and for what `parse_json` refuses."""
+    text = read_text(path, most_bytes=most_bytes, remedy=remedy)
+    try:
+        return parse_json(text, strict=strict)
+    except json.JSONDecodeError as error:
+        what = f"not valid JSON (line {error.lineno}: {error.msg})"
+    except ValueError as error:
+        what = f"not valid JSON ({error})"
+    raise InputError(what, where=path, remedy=remedy)
+
+
+def parse_json(text: str, *, strict: bool = True) -> Any:
+    """What `text` says.
+
+    Args:
+        strict: also refuse numbers that are not finite, for what is written again or shown.
+
+    Raises:
+        ValueError: not JSON, nested deeper than Python can follow, a key twice in an object, or an integer of thousands
+            of digits.
+    """
+    numbers: dict[str, Any] = {"parse_constant": _finite, "parse_float": _finite} if strict else {}
+    try:
+        return json.loads(text, object_pairs_hook=_with_distinct_keys, **numbers)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+def _with_distinct_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    result = dict(pairs)
+    if len(result) < len(pairs):
+        ((repeated, _),) = Counter(key for key, _ in pairs).most_common(1)
+        raise ValueError(f"the key {repeated[:40]!r} is there twice")
+    return result
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"the number {text[:20]} is not finite")
+    return value
+
+
+def _size(count: int) -> str:
+    return f"{count / 2**20:,.0f} MiB" if count >= 2**20 else f"{count:,} bytes"
