@@ -1,4 +1,4 @@
-"""8-bit PNG files of the pipeline's own images, through OpenImageIO."""
+"""8-bit PNG and JPEG files of the pipeline's own images, through OpenImageIO."""
 
 from __future__ import annotations
 
@@ -47,6 +47,25 @@ def write_png(path: Path, image: NDArray, alpha: NDArray[np.uint8] | None = None
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
+def write_jpeg(path: Path, image: NDArray[np.uint8], quality: int, *, full_chroma: bool = True) -> None:
+    """Write an (H, W, 3) image into an existing folder; the file's name may end in anything.
+
+    Args:
+        quality: 0 to 100.
+        full_chroma: keep the colours at full resolution; cameras keep a quarter of them.
+
+    Raises:
+        OSError: it could not be written.
+    """
+    specification = oiio.ImageSpec(image.shape[1], image.shape[0], 3, oiio.UINT8)
+    specification.attribute("Compression", f"jpeg:{quality}")
+    specification.attribute("jpeg:subsampling", "4:4:4" if full_chroma else "4:2:0")
+    output = oiio.ImageOutput.create("jpeg")
+    written = output.open(str(path), specification) and output.write_image(np.ascontiguousarray(image))
+    if not (output.close() and written):
+        raise OSError(errno.EIO, output.geterror() or "the image could not be written", str(path))
+
+
 def _ends_with(path: Path, ending: bytes) -> bool:
     with open(path, "rb") as file:
         file.seek(0, os.SEEK_END)
@@ -55,7 +74,7 @@ def _ends_with(path: Path, ending: bytes) -> bool:
 
 
 def read_png(path: Path) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 of a file that `write_png` wrote.
+    """(H, W, 3) uint8 of a file that `write_png` or `write_jpeg` wrote.
 
     Raises:
         OSError: it could not be read.

@@ -14,19 +14,17 @@ from typing import IO
 from urllib.parse import quote
 
 import numpy as np
-import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from ..capture.images import downscale_with_alpha, fit_size
 from ..color.observer import Observer
 from ..color.simulation import simulate
 from ..color.spaces import image_to_tensor, tensor_to_image
-from ..images import to_bytes
+from ..images import to_bytes, write_jpeg
 from .scores import PhotographScores
 
 _THUMBNAIL = 400  # pixels of the longer side; sharp at the column's width on common displays
-# Colour is what is compared, so it is stored at full resolution; about 25 kB a picture.
-_JPEG = {"Compression": "jpeg:85", "jpeg:subsampling": "4:4:4"}
+_JPEG_QUALITY = 85  # about 25 kB a picture
 
 _STYLE = """
 :root { color-scheme: light dark; --line: #8884; --soft: #8881; }
@@ -138,13 +136,7 @@ def _thumbnail(image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None) -> NDA
 
 def _embed(image: NDArray[np.uint8], scratch: Path) -> str:
     """The image as a data URI."""
-    specification = oiio.ImageSpec(image.shape[1], image.shape[0], 3, oiio.UINT8)
-    for name, value in _JPEG.items():
-        specification.attribute(name, value)
-    output = oiio.ImageOutput.create("jpeg")
-    written = output.open(str(scratch), specification) and output.write_image(np.ascontiguousarray(image))
-    if not (output.close() and written):
-        raise OSError(None, output.geterror() or "the thumbnail could not be written", str(scratch))
+    write_jpeg(scratch, image, _JPEG_QUALITY)
     data = base64.b64encode(scratch.read_bytes()).decode("ascii")
     scratch.unlink()
     return f"data:image/jpeg;base64,{data}"

@@ -13,15 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 from numpy.typing import NDArray
 from scipy.ndimage import shift
 from scipy.spatial.transform import Rotation
 
-from ....capture import Capture, View
+from ....capture import Capture, PinholeCamera, View
 from ....color.spaces import image_to_tensor, lab_to_linear, linear_to_srgb, srgb_to_lab, tensor_to_image
 from ....color.srgb import decode, encode
-from ....images import to_bytes
+from ....images import read_png, to_bytes, write_jpeg
 
 Image = NDArray[np.uint8]
 
@@ -128,7 +127,7 @@ def _with_views(capture: Capture, change: Callable[[View], View]) -> Capture:
     return replace(capture, views=tuple(map(change, capture.views)))
 
 
-def _zoomed(view: View, factor: float):
+def _zoomed(view: View, factor: float) -> PinholeCamera:
     return replace(view.camera, fx=view.camera.fx * factor, fy=view.camera.fy * factor)
 
 
@@ -141,16 +140,8 @@ def _blurred(image: Image, pixels: float, angle: float) -> Image:
 
 
 def _through_jpeg(image: Image, quality: int, file: Path) -> Image:
-    height, width, channels = image.shape
-    specification = oiio.ImageSpec(width, height, channels, oiio.UINT8)
-    specification.attribute("Compression", f"jpeg:{quality}")
-    output = oiio.ImageOutput.create(str(file))
-    if not (output.open(str(file), specification) and output.write_image(image) and output.close()):
-        raise OSError(output.geterror() or "the JPEG file could not be written")
-    source = oiio.ImageInput.open(str(file))
-    pixels = source.read_image(0, 0, 0, channels, oiio.UINT8)
-    source.close()
-    return np.ascontiguousarray(pixels)
+    write_jpeg(file, image, quality, full_chroma=False)
+    return read_png(file)
 
 
 def _more_vivid(image: Image, factor: float) -> Image:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from statistics import fmean
 
 from ..recipe import Trial
+from ..summary import Summary
 from .plan import StressResult
 
 MOST_LOST = 3.0
@@ -27,9 +27,9 @@ class Standing:
     Attributes:
         method, axis, level: what was tried; axis is `UNTOUCHED` at the harmless level.
         value: the level's value as a text.
-        trials: how many seeds gave figures.
+        seeds: how many gave figures.
         psnr, rwe, ccpr, ccpr_input: means over these.
-        psnr_spread, rwe_spread, ccpr_spread: largest less smallest.
+        psnr_deviation, rwe_deviation, ccpr_deviation: sample standard deviations; NaN for a single seed.
         failed: by what, in words; empty where it stands.
         warnings: that the product gave with any seed, separated by spaces.
     """
@@ -38,13 +38,13 @@ class Standing:
     axis: str
     level: int
     value: str
-    trials: int
+    seeds: int
     psnr: float
-    psnr_spread: float
+    psnr_deviation: float
     rwe: float
-    rwe_spread: float
+    rwe_deviation: float
     ccpr: float
-    ccpr_spread: float
+    ccpr_deviation: float
     ccpr_input: float
     failed: str
     warnings: str
@@ -60,20 +60,20 @@ def standing(results: Sequence[StressResult], value: str, harmless_psnr: float) 
     attempt = results[0].attempt
     trials = [result.trial for result in results]
     usable = [trial for trial in trials if _is_measured(trial)]
-    psnr, rwe, ccpr, ccpr_input = ([getattr(trial, name) for trial in usable] for name in _FIGURES)
+    psnr, rwe, ccpr, ccpr_input = (Summary.of(getattr(trial, name) for trial in usable) for name in _FIGURES)
     found = Standing(
         method=attempt.method,
         axis=attempt.axis.name if attempt.axis else UNTOUCHED,
         level=attempt.level,
         value=value,
-        trials=len(usable),
-        psnr=_mean(psnr),
-        psnr_spread=_spread(psnr),
-        rwe=_mean(rwe),
-        rwe_spread=_spread(rwe),
-        ccpr=_mean(ccpr),
-        ccpr_spread=_spread(ccpr),
-        ccpr_input=_mean(ccpr_input),
+        seeds=len(usable),
+        psnr=psnr.mean,
+        psnr_deviation=psnr.deviation,
+        rwe=rwe.mean,
+        rwe_deviation=rwe.deviation,
+        ccpr=ccpr.mean,
+        ccpr_deviation=ccpr.deviation,
+        ccpr_input=ccpr_input.mean,
         failed="",
         warnings=" ".join(sorted({name for trial in trials for name in trial.warnings.split()})),
     )
@@ -88,7 +88,7 @@ def standings(results: Sequence[StressResult]) -> list[Standing]:
         name = attempt.axis.name if attempt.axis else UNTOUCHED
         groups.setdefault((name, attempt.method, attempt.level), []).append(result)
     harmless = {
-        method: _mean([result.trial.psnr for result in group if _is_measured(result.trial)])
+        method: Summary.of(result.trial.psnr for result in group if _is_measured(result.trial)).mean
         for (name, method, _), group in groups.items()
         if name == UNTOUCHED
     }
@@ -126,11 +126,3 @@ def _beyond(item: Standing, harmless_psnr: float) -> list[str]:
 
 def _is_measured(trial: Trial) -> bool:
     return all(math.isfinite(getattr(trial, name)) for name in _FIGURES)
-
-
-def _mean(values: Sequence[float]) -> float:
-    return fmean(values) if values else math.nan
-
-
-def _spread(values: Sequence[float]) -> float:
-    return max(values) - min(values) if values else math.nan

@@ -1,0 +1,128 @@
+"""What photographs themselves say about how they were taken: noise, blur, compression, darkness. numpy and scipy only.
+
+All figures are of the pixels that a run uses, so what scaling down has removed does not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import convolve, gaussian_filter, shift
+
+_LUMA = np.array([0.2126, 0.7152, 0.0722])  # of Rec. 709, on encoded values, as in video
+# Immerkær (1996), "Fast noise variance estimation": differences of two Laplacians, blind to straight edges.
+_NOISE_MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]])
+_BLOCK = 16  # pixels
+_FLATTEST = 10  # percentile of the blocks: noise is everywhere, texture is not
+_BLACK, _WHITE = 8.0, 247.0  # beyond these a block is clipped, and noise with it
+_JPEG_BLOCK = 8
+_ALIGN_BLUR = 1.5  # pixels
+_ALIGN_ROUNDS = 4
+_TILES = 3  # a side
+
+
+@dataclass(frozen=True)
+class PhotographQuality:
+    """Medians over photographs.
+
+    Attributes:
+        noise: standard deviation in the flattest parts, in levels of 255.
+        sharpness: energy of differences between neighbouring pixels relative to that of differences between means of
+            two, along the direction in which it is lowest, without the noise's; 0.25 where a picture is a smooth ramp.
+        blocks: differences across the borders of JPEG's blocks relative to those inside; 1 without compression.
+        brightness: median luma in [0, 1].
+    """
+
+    noise: float
+    sharpness: float
+    blocks: float
+    brightness: float
+
+    @classmethod
+    def of(cls, photographs: Sequence[NDArray[np.uint8]]) -> PhotographQuality:
+        """Measure (H, W, 3) images."""
+        lumas = [luma(image) for image in photographs]
+        noises = [noise_level(image) for image in lumas]
+        return cls(
+            noise=float(np.median(noises)),
+            sharpness=float(np.median([sharpness(image, noise) for image, noise in zip(lumas, noises, strict=True)])),
+            blocks=float(np.median([blockiness(image) for image in lumas])),
+            brightness=float(np.median([np.median(image) for image in lumas])) / 255.0,
+        )
+
+
+def luma(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """(H, W) in [0, 255] of an (H, W, 3) image."""
+    return image @ _LUMA
+
+
+def noise_level(image: NDArray[np.float64]) -> float:
+    """Standard deviation of white noise in the flattest blocks of an (H, W) image; 0 where all are clipped."""
+    residual = np.abs(convolve(image, _NOISE_MASK, mode="nearest")) / np.linalg.norm(_NOISE_MASK)
+    deviations, means = (_blocks(values).mean(axis=(1, 3)) for values in (residual, image))
+    usable = (means > _BLACK) & (means < _WHITE)
+    # For a normal distribution the mean magnitude is sqrt(2 / pi) of the standard deviation.
+    return float(np.sqrt(np.pi / 2) * np.percentile(deviations[usable], _FLATTEST)) if usable.any() else 0.0
+
+
+def sharpness(image: NDArray[np.float64], noise: float) -> float:
+    """See `PhotographQuality`; NaN where nothing but noise is seen."""
+    rows, columns = (side // 2 * 2 for side in image.shape)
+    halved = image[:rows, :columns].reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3))
+    ratios = []
+    for axis in (0, 1):
+        fine = (np.diff(image, axis=axis) ** 2).mean() - 2.0 * noise**2
+        coarse = (np.diff(halved, axis=axis) ** 2).mean() - 0.5 * noise**2
+        if fine > 0.0 and coarse > 0.0:
+            ratios.append(fine / coarse)
+    return float(min(ratios)) if ratios else float("nan")
+
+
+def blockiness(image: NDArray[np.float64]) -> float:
+    """See `PhotographQuality`; second differences, so that ramps do not count."""
+    found = []
+    for axis in (0, 1):
+        jumps = np.abs(np.diff(image, axis=axis))
+        jumps = jumps.mean(axis=1 - axis)
+        border = np.arange(len(jumps)) % _JPEG_BLOCK == _JPEG_BLOCK - 1
+        if border.sum() > 1 and jumps[~border].mean() > 0.0:
+            found.append(jumps[border].mean() / jumps[~border].mean())
+    return float(np.mean(found)) if found else 1.0
+
+
+def image_shift(rendered: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> float:
+    """By how many pixels a photograph is beside a rendering; 0 where the parts of the image do not agree on it.
+
+    Lucas and Kanade's (1981) least squares, for tiles of the image; a camera that is turned moves them all alike.
+    """
+    first, second = (gaussian_filter(luma(image), _ALIGN_BLUR) for image in (rendered, photograph))
+    shifts = np.array([_tile_shift(*tiles) for tiles in zip(_tiles(first), _tiles(second), strict=True)])
+    mean = shifts.mean(axis=0)
+    error = float(np.linalg.norm(shifts.std(axis=0, ddof=1))) / np.sqrt(len(shifts))
+    length = float(np.linalg.norm(mean))
+    return length if length > 2.0 * error else 0.0
+
+
+def _tile_shift(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2,) rows and columns by which `second` lies beside `first`."""
+    found = np.zeros(2)
+    for _ in range(_ALIGN_ROUNDS):
+        moved = shift(second, -found, order=1, mode="nearest")
+        down, right = (slope.ravel() for slope in np.gradient(moved))
+        slopes = np.stack([down, right], axis=1)
+        found = found - np.linalg.lstsq(slopes, (moved - first).ravel(), rcond=None)[0]
+    return found
+
+
+def _tiles(image: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    return [tile for band in np.array_split(image, _TILES, axis=0) for tile in np.array_split(band, _TILES, axis=1)]
+
+
+def _blocks(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(rows, _BLOCK, columns, _BLOCK); what does not fill a block is left out."""
+    side = min(_BLOCK, *image.shape)
+    rows, columns = (length // side for length in image.shape)
+    return image[: rows * side, : columns * side].reshape(rows, side, columns, side)

@@ -1,0 +1,84 @@
+"""`benchmark.py stress`: where methods fail, one condition at a time made worse."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from ...core.console import ConsoleReporter
+from ...core.demo import SHOWROOM
+from ...core.errors import InputError
+from ...core.evaluate.evidence.scenes import DEMO
+from ...core.evaluate.evidence.stress.axes import AXES, HARMLESS, LEVELS, Axis
+from ...core.evaluate.evidence.stress.page import write_stress
+from ...core.evaluate.evidence.stress.plan import StressPlan, run_stress
+from ...core.evaluate.evidence.subject import CaptureFolder
+from ...core.splats.raster.runner_cpu import available_processors
+from .evidence import shown_command, work_folder
+from .options import names
+from .part import Part
+
+QUICK_AXES = ("views", "drift")
+_SIZE, _ITERATIONS, _SEEDS = 160, 400, 3
+_QUICK_SIZE, _QUICK_ITERATIONS, _QUICK_LEVEL = 80, 60, 3
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    add, processes = parser.add_argument, available_processors()
+    known = ",".join(axis.name for axis in AXES)
+    add("--axes", type=names, metavar="A,B", help=f"what is made worse ({known})")
+    add(
+        "--levels",
+        type=int,
+        default=LEVELS,
+        metavar="N",
+        help=f"with the harmless one; the worst are left out ({LEVELS})",
+    )
+    add("--seeds", type=int, default=_SEEDS, metavar="N", help=f"of training and of the mistakes ({_SEEDS})")
+    add("--max-size", type=int, default=_SIZE, metavar="PIXELS", help=f"longer side of the views ({_SIZE})")
+    add("--iterations", type=int, default=_ITERATIONS, metavar="N", help=f"of a geometry ({_ITERATIONS})")
+    add("--processes", type=int, default=processes, metavar="N", help=f"that share the work ({processes})")
+    add("--work", type=Path, metavar="DIR", help="for scenes, pictures and what lets a run go on (OUT/work)")
+    add("--again", action="store_true", help="forget what an earlier run has measured")
+    add("--quick", action="store_true", help="two axes, two levels, small and short: whether it works at all")
+
+
+def _measure(options: argparse.Namespace) -> str:
+    """Try the methods on every level; writes stress.csv, stress.md, the chart and stress.html."""
+    plan = _quick_plan() if options.quick else _plan(options)
+    reporter = ConsoleReporter(sys.stderr)
+    results = run_stress(plan, work_folder(options), reporter, processes=options.processes, again=options.again)
+    return write_stress(options.out, plan, results, shown_command(options))
+
+
+def _plan(options: argparse.Namespace) -> StressPlan:
+    if not 2 <= options.levels <= LEVELS:
+        raise InputError(f"{options.levels} is out of range", where="--levels", remedy=f"give 2 to {LEVELS}")
+    if options.seeds < 1:
+        raise InputError(f"{options.seeds} is too small", where="--seeds", remedy="give 1 or more")
+    return StressPlan(
+        CaptureFolder(DEMO, SHOWROOM, options.max_size),
+        _axes(options.axes) if options.axes else AXES,
+        tuple(range(options.levels)),
+        tuple(range(options.seeds)),
+        options.iterations,
+    )
+
+
+def _quick_plan() -> StressPlan:
+    base = CaptureFolder(DEMO, SHOWROOM, _QUICK_SIZE)
+    return StressPlan(base, _axes(QUICK_AXES), (HARMLESS, _QUICK_LEVEL), (0,), _QUICK_ITERATIONS)
+
+
+def _axes(wanted: tuple[str, ...]) -> tuple[Axis, ...]:
+    known = {axis.name: axis for axis in AXES}
+    unknown = sorted(set(wanted) - set(known))
+    if unknown:
+        raise InputError(f"no axis '{unknown[0]}'", where="--axes", remedy=f"use {', '.join(known)}")
+    return tuple(known[name] for name in wanted)
+
+
+PART = Part(
+    "stress", "where methods fail: views, cameras, light, cloth, drift and more made worse", _add_arguments, _measure
+)
