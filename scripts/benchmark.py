@@ -21,12 +21,13 @@ from cvdgs.scripts.benchmarks import (  # noqa: E402
     modes,
     select,
     step,
+    stress,
     table,
     trainer,
 )
 
 PARTS = tuple(
-    module.PART for module in (table, ablation, step, trainer, display, enhancer, drift, modes, select, batch)
+    module.PART for module in (table, ablation, stress, step, trainer, display, enhancer, drift, modes, select, batch)
 )
 
 
