@@ -11,13 +11,32 @@ from .. import __version__
 from .splats.raster import Rasterizer
 from .splats.raster.runner_cpu import available_processors
 
-_PACKAGES = ("torch", "warp-lang", "numpy", "pycolmap", "OpenImageIO", "kornia", "colour-science")
+# All that the worker requires (pyproject.toml).
+_PACKAGES = (
+    "torch",
+    "warp-lang",
+    "numpy",
+    "scipy",
+    "pycolmap",
+    "OpenImageIO",
+    "kornia",
+    "colour-science",
+    "safetensors",
+    "plyfile",
+    "zstandard",
+)
 
 
 def versions() -> dict[str, str]:
-    """Of this project, of Python and of the libraries that the figures depend on."""
-    libraries = {name: importlib.metadata.version(name) for name in _PACKAGES}
-    return {"cvdgs": __version__, "python": platform.python_version(), **libraries}
+    """Of this project, of Python and of the libraries that a result depends on."""
+    return {"cvdgs": __version__, "python": platform.python_version(), **{name: _version(name) for name in _PACKAGES}}
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
 
 
 def describe_device(rasterizer: Rasterizer) -> str:
