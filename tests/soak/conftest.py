@@ -1,0 +1,12 @@
+"""Long repetitions; Blender's need a bpy wheel."""
+
+from __future__ import annotations
+
+import importlib.util
+
+if importlib.util.find_spec("bpy") is None:
+    collect_ignore_glob = ["test_blender.py"]
+else:
+    from ..addon.conftest import addon, run_folder, worker
+
+    __all__ = ["addon", "run_folder", "worker"]
