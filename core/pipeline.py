@@ -13,6 +13,7 @@ import warp as wp
 from .capture import Capture, read_capture, write_capture
 from .enhance import Enhancer, make_enhancer
 from .errors import InputError
+from .evaluate.advice import advise
 from .evaluate.evaluation import Split
 from .events import Reporter
 from .report import SCHEMA, without_non_finite
@@ -73,6 +74,8 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
         pictures = stages.fit_layers(made, enhancers)
     with clock.measure("evaluate"):
         figures = stages.evaluate(made, pictures)
+    for found in advise(stages.capture, split, folder, trained.curve if trained else (), figures):
+        recorder.warning(found.name, found.message)
     stages.end_previews()
     for layer in figures["layers"].values():
         layer.update(enhancer=settings.enhancer, strength=settings.strength)

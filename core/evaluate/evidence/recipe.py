@@ -34,6 +34,8 @@ class Recipe:
         drift: standard deviation in degrees of a rotation of hue that differs from image to image: what an enhancer
             that contradicts itself does, in a known amount.
         plans: how the fits are done.
+        advised: whether the run is looked at for warnings, as the product looks at its runs; a second evaluation where
+            the subject is not ordinary.
     """
 
     label: str
@@ -47,6 +49,7 @@ class Recipe:
     seed: int = 0
     drift: float = 0.0
     plans: Plans = field(default_factory=Plans)
+    advised: bool = False
 
     @property
     def geometry_key(self) -> str:
@@ -105,7 +108,7 @@ class Trial:
         processor_seconds: of all these together and of all threads.
         peak_memory_mb: of the process, which may have made other recipes before.
         skipped_steps: that met numbers which are not finite.
-        warnings: names of the warnings that the product gave, separated by spaces.
+        warnings: names of the warnings that the product gave, separated by spaces; see `Recipe.advised`.
         decision: what was said of the number of Gaussians.
         error: why there are no figures; empty where there are.
     """

@@ -43,7 +43,7 @@ class StressPlan:
         """Ours in its three modes, and settings of plain Gaussian splatting."""
         usual = Recipe("layers", iterations=self.iterations, gaussians=self.gaussians)
         return (
-            usual,
+            replace(usual, advised=True),
             replace(usual, label="joint", mode="joint"),
             replace(usual, label="post", mode="post"),
             replace(usual, label="plain", plans=PLAIN),
