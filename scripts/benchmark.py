@@ -15,10 +15,12 @@ from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.scripts.benchmarks import (  # noqa: E402
     ablation,
     batch,
+    budget,
     display,
     drift,
     enhancer,
     modes,
+    pareto,
     select,
     step,
     stress,
@@ -27,7 +29,22 @@ from cvdgs.scripts.benchmarks import (  # noqa: E402
 )
 
 PARTS = tuple(
-    module.PART for module in (table, ablation, stress, step, trainer, display, enhancer, drift, modes, select, batch)
+    module.PART
+    for module in (
+        table,
+        pareto,
+        budget,
+        ablation,
+        stress,
+        step,
+        trainer,
+        display,
+        enhancer,
+        drift,
+        modes,
+        select,
+        batch,
+    )
 )
 
 

@@ -72,17 +72,23 @@ class CaptureFolder:
         name: what tables call it.
         folder: any capture that the product reads.
         max_size: longer side of the views in pixels.
+        fitted_size: of the views that recipes are given, where they are judged by larger ones; None: the same.
     """
 
     name: str
     folder: Path
     max_size: int
+    fitted_size: int | None = None
 
     @property
     def key(self) -> str:
         files = sorted(path for path in self.folder.rglob("*") if path.is_file())
         sizes = [(path.relative_to(self.folder).as_posix(), path.stat().st_size) for path in files]
-        return repr((self.name, self.max_size, sizes))
+        return repr((self.name, self.max_size, self.fitted_size, sizes))
 
     def load(self) -> Subject:
-        return Subject.of(read_capture(self.folder, max_size=self.max_size))
+        judged = Subject.of(read_capture(self.folder, max_size=self.max_size))
+        if self.fitted_size is None or self.fitted_size >= self.max_size:
+            return judged
+        given = Subject.of(read_capture(self.folder, max_size=self.fitted_size))
+        return Subject(given.given, given.split, judged.judged, judged.judged_split)

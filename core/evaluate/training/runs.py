@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -110,7 +111,20 @@ class AtQuality:
     processor_seconds: float
 
 
-def at_quality(runs: Sequence[TrainedRun], psnr: float) -> AtQuality:
+class Sized(Protocol):
+    """What any kind of run says of its size, its quality and its cost; see `TrainedRun`."""
+
+    @property
+    def gaussians(self) -> int: ...
+
+    @property
+    def psnr(self) -> float: ...
+
+    @property
+    def processor_seconds(self) -> float: ...
+
+
+def at_quality(runs: Sequence[Sized], psnr: float) -> AtQuality:
     """Interpolates between runs: PSNR is nearly linear in the logarithm of the number of Gaussians.
 
     The smallest run that reaches `psnr` and the largest that does not count; where all reach it, the smallest does,

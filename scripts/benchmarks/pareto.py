@@ -1,0 +1,101 @@
+"""`benchmark.py pareto`: speed against accuracy."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from ...core.console import ConsoleReporter
+from ...core.errors import InputError
+from ...core.evaluate.evidence import peers
+from ...core.evaluate.evidence.pareto import (
+    Default,
+    ParetoPoint,
+    Variant,
+    few_variants,
+    measure_variants,
+    variants,
+    with_fronts,
+)
+from ...core.evaluate.evidence.pareto_page import write_pareto
+from ...core.evaluate.evidence.scenes import DEMO
+from ...core.evaluate.evidence.subject import CaptureFolder
+from ...core.evaluate.training.prototype_loop import PrototypeLoop
+from ...core.settings import Settings
+from ...core.splats.raster.runner_cpu import available_processors
+from ...cvdgs_addon.quality import QUALITIES
+from .data import PROTOTYPE
+from .evidence import add_evidence_arguments, chosen_sources, settled, shown_command, work_folder
+from .options import names
+from .part import Part
+
+SIZE, BASE_STEPS = 480, 600
+_UNLIMITED = 640  # of a run whose size is automatic, on the processor
+DEFAULTS = {
+    **{quality.label.lower(): (quality.iterations, quality.max_size) for quality in QUALITIES},
+    "run.py": (Settings.iterations, _UNLIMITED),
+}
+_NO_DEFAULTS = ("none",)
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    # Times are those of runs that have the machine to themselves.
+    add_evidence_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=BASE_STEPS, processes=1)
+    add, usual = parser.add_argument, tuple(quality.label.lower() for quality in QUALITIES)
+    add(
+        "--defaults",
+        type=names,
+        default=usual,
+        metavar="A,B",
+        help=f"of {', '.join(DEFAULTS)}, none ({','.join(usual)})",
+    )
+    add("--prototype", type=Path, default=PROTOTYPE, metavar="DIR", help="the project's first training loop, a peer")
+    add("--opensplat", type=Path, metavar="FILE", help="OpenSplat's executable, a peer; minutes for each capture")
+
+
+def _measure(options: argparse.Namespace) -> str:
+    """Try recipes of many lengths and sizes on captures; writes pareto.csv, pareto.md and charts."""
+    options = settled(options)
+    reporter, work = ConsoleReporter(sys.stderr), work_folder(options)
+    points: list[ParetoPoint] = []
+    for source in chosen_sources(options):
+        tried = [variant for seed in range(options.seeds) for variant in _variants(options, seed)]
+        mine = measure_variants(source, tried, work, reporter, processes=options.processes, again=options.again)
+        points += with_fronts([*mine, *_measure_peers(source, options, reporter)])
+    size = "the judged size" if options.quick else "two thirds the judged size"
+    base = f"{options.iterations:,} steps on photographs of {size}"
+    return write_pareto(options.out, points, [f"By `{shown_command(options)}`."], base=base, size=options.max_size)
+
+
+def _variants(options: argparse.Namespace, seed: int) -> list[Variant]:
+    chosen = few_variants if options.quick else variants
+    return chosen(options.max_size, options.iterations, _defaults(options.defaults), seed)
+
+
+def _defaults(chosen: Sequence[str]) -> list[Default]:
+    if tuple(chosen) == _NO_DEFAULTS:
+        return []
+    unknown = set(chosen) - set(DEFAULTS)
+    if unknown:
+        raise InputError(f"no default '{min(unknown)}'", where="--defaults", remedy=f"use {', '.join(DEFAULTS)}, none")
+    return [Default(name, *DEFAULTS[name]) for name in chosen]
+
+
+def _measure_peers(source: CaptureFolder, options: argparse.Namespace, reporter: ConsoleReporter) -> list[ParetoPoint]:
+    """Of the programs that are here; not when it has to be quick."""
+    found: list[peers.PeerFigures] = []
+    if not options.quick and (options.opensplat or PrototypeLoop.is_there(options.prototype)):
+        subject = source.load()
+        if PrototypeLoop.is_there(options.prototype):
+            reporter.status(peers.STAGE, peers.PROTOTYPE)
+            found += peers.train_prototype(options.prototype, subject.judged, available_processors())
+        if options.opensplat:
+            found += peers.train_opensplat(options.opensplat, subject, reporter)
+    return [ParetoPoint.of_peer(source.name, options.max_size, peer) for peer in found]
+
+
+PART = Part(
+    "pareto", "speed against accuracy: a chart with its Pareto front, and other programs", _add_arguments, _measure
+)
