@@ -20,7 +20,7 @@ from .options import names
 from .part import Part
 
 QUICK_AXES = ("views", "drift")
-_SIZE, _ITERATIONS, _SEEDS = 160, 400, 3
+_SIZE, _ITERATIONS, _SEEDS = 128, 300, 3
 _QUICK_SIZE, _QUICK_ITERATIONS, _QUICK_LEVEL = 80, 60, 3
 
 

@@ -123,8 +123,13 @@ def _first_failures(plan: StressPlan, items: Sequence[Standing]) -> list[str]:
     for axis in plan.axes:
         cells = [axis.title]
         for method in methods:
-            found = first_failure(_broken(curve(items, method, axis.name)))
-            cells.append(f"{axis.text(found.level)} ({found.failed})" if found else "stands")
+            found = first_failure(curve(items, method, axis.name))
+            if found is None:
+                cells.append("stands")
+            elif found.level == HARMLESS:
+                cells.append("untouched already")
+            else:
+                cells.append(f"{axis.text(found.level)} ({found.failed})")
         rows.append(cells)
     return markdown_table(["what is made worse", *methods], rows)
 

@@ -14,8 +14,8 @@ from ..subject import CaptureFolder, SubjectSource
 from .axes import HARMLESS, Axis
 from .subject import StressedCapture
 
-# 40 views like the embedded demo's, a quarter of its pixels and as many samples in all.
-_SHOWROOM = ("--width", "240", "--height", "180", "--samples", "16", "--depth-views", "2", "--seed", "0")
+# 40 views like the embedded demo's, but no larger than they are used.
+_SHOWROOM = ("--width", "160", "--height", "120", "--samples", "16", "--depth-views", "2", "--seed", "0")
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class StressPlan:
     axes: tuple[Axis, ...]
     levels: tuple[int, ...]
     seeds: tuple[int, ...]
-    iterations: int = 400
+    iterations: int = 300
     gaussians: int = 12_000
 
     @property
