@@ -1,29 +1,23 @@
-"""COLMAP models, binary and text, old and with rigs, read through pycolmap."""
+"""COLMAP models in a capture folder: which there are, where their images lie, and what of them is used."""
 
 from __future__ import annotations
 
-import copy
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
 from ..errors import InputError
-from .colmap_check import check_binary, check_text
+from .colmap_model import ColmapModel, read_model
 from .files import is_file, list_images, quote_first, resolve_inside
-from .points import as_float32
 from .poses import rigid_pose
 from .source import SourceModel, SourceView
 
 _MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", ".")
 IMAGE_FOLDERS = ("images", "colmap/images", "input", "rgb")
-# A point that one view alone sees has no depth.
-_MIN_TRACK_LENGTH = 2
 MAX_ANAMORPHISM = 10.0  # anamorphic lenses squeeze by 2; beyond this the file is wrong
-_EXPORT_AGAIN = "copy or export the COLMAP model again"
 
 
 @dataclass(frozen=True)
@@ -59,52 +53,23 @@ def read_colmap(found: ColmapFolder) -> SourceModel:
     Raises:
         InputError: a file is missing, cut or damaged, or a name leaves the image folder.
     """
-    reconstruction = load_reconstruction(found.model)
+    read = read_model(found.model)
     model = SourceModel("colmap", found.model, [])
     if found.others:
         names = quote_first(path.name for path in found.others)
         model.warn(
             "several-models", f"{found.model}: the largest of {len(found.others) + 1} models is used, not {names}"
         )
-    add_views(model, reconstruction, _image_folder(found, reconstruction), found.root)
-    model.points, model.point_colors = sparse_points(reconstruction)
+    add_model(model, read, _image_folder(found, read), found.root)
     return model
 
 
-def load_reconstruction(folder: Path) -> pycolmap.Reconstruction:
-    """The model in `folder`, binary if it has both forms.
-
-    Raises:
-        InputError: a file is missing, cut or damaged.
-    """
-    suffix = ".bin" if is_file(folder / "images.bin") else ".txt"
-    for name in ("cameras", "images", "points3D"):
-        if not is_file(folder / (name + suffix)):
-            raise InputError(f"{name}{suffix} is missing", where=folder, remedy=_EXPORT_AGAIN)
-    for name in ("rigs", "frames"):
-        path = folder / (name + suffix)
-        if path.exists() and not is_file(path):
-            raise InputError("not a regular file", where=path, remedy=_EXPORT_AGAIN)
-    try:
-        reconstruction = pycolmap.Reconstruction()
-        if suffix == ".bin":
-            check_binary(folder)
-            reconstruction.read_binary(str(folder))
-        else:
-            check_text(folder)
-            reconstruction.read_text(str(folder))
-    except (ValueError, IndexError, RuntimeError, MemoryError, OSError, OverflowError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"the COLMAP model is damaged ({reason})", where=folder, remedy=_EXPORT_AGAIN) from None
-    return reconstruction
-
-
-def add_views(model: SourceModel, reconstruction: pycolmap.Reconstruction, image_folder: Path, root: Path) -> None:
-    """Append the registered images of `reconstruction` whose files exist below `image_folder`, inside `root`."""
-    images = [reconstruction.image(image_id) for image_id in reconstruction.reg_image_ids()]
+def add_model(model: SourceModel, read: ColmapModel, image_folder: Path, root: Path) -> None:
+    """Add the images of `read` whose files exist below `image_folder`, inside `root`, and its points."""
+    images = read.images
     _refuse_repeated_names([image.name for image in images], model.file)
-    # pycolmap gives a new object at every access; one object a camera lets the views share their undistortion.
-    cameras = {camera_id: _checked_camera(camera, model.file) for camera_id, camera in reconstruction.cameras.items()}
+    for number, camera in read.cameras.items():
+        check_camera(camera, frame=f"camera {number}", where=model.file)
     missing = []
     reshaped = []
     for image in images:
@@ -112,11 +77,10 @@ def add_views(model: SourceModel, reconstruction: pycolmap.Reconstruction, image
         if not path.exists():
             missing.append(image.name)
             continue
-        matrix = np.asarray(image.cam_from_world().matrix(), np.float64)
-        pose, repaired = rigid_pose(matrix, frame=image.name, where=model.file)
+        pose, repaired = rigid_pose(image.world_to_camera, frame=image.name, where=model.file)
         if repaired:
             reshaped.append(image.name)
-        model.views.append(SourceView(image.name, path, cameras[image.camera_id], pose))
+        model.views.append(SourceView(image.name, path, read.cameras[image.camera_id], pose))
     if missing:
         model.warn(
             "missing-images",
@@ -132,14 +96,7 @@ def add_views(model: SourceModel, reconstruction: pycolmap.Reconstruction, image
             "unregistered",
             f"{image_folder}: {len(unregistered)} photographs without camera are left out: {quote_first(unregistered)}",
         )
-
-
-def sparse_points(reconstruction: pycolmap.Reconstruction) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """(P, 3) positions and (P, 3) colours of the points that at least two views see."""
-    points = [p for p in reconstruction.points3D.values() if p.track.length() >= _MIN_TRACK_LENGTH]
-    if not points:
-        return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
-    return as_float32(np.array([p.xyz for p in points])), np.array([p.color for p in points], np.uint8)
+    model.points, model.point_colors = read.points, read.point_colors
 
 
 def _models_in(folder: Path) -> list[Path]:
@@ -177,9 +134,9 @@ def _capture_root(model: Path) -> Path:
     return model
 
 
-def _image_folder(found: ColmapFolder, reconstruction: pycolmap.Reconstruction) -> Path:
+def _image_folder(found: ColmapFolder, read: ColmapModel) -> Path:
     """The folder that holds most of the registered images."""
-    names = [reconstruction.image(image_id).name for image_id in reconstruction.reg_image_ids()]
+    names = [image.name for image in read.images]
     if not names:
         raise InputError(
             "the COLMAP model has no registered image", where=found.model, remedy="run COLMAP's mapper again"
@@ -188,11 +145,6 @@ def _image_folder(found: ColmapFolder, reconstruction: pycolmap.Reconstruction) 
     candidates = [found.root / name for name in (*IMAGE_FOLDERS, *downscaled, ".")]
     folders = [folder for folder in candidates if folder.is_dir()]
     return max(folders, key=lambda folder: sum(is_file(folder / name.replace("\\", "/")) for name in names))
-
-
-def _checked_camera(camera: pycolmap.Camera, where: Path) -> pycolmap.Camera:
-    check_camera(camera, frame=f"camera {camera.camera_id}", where=where)
-    return copy.copy(camera)
 
 
 def check_camera(camera: pycolmap.Camera, *, frame: str, where: Path) -> None:

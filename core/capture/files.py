@@ -49,7 +49,7 @@ def resolve_inside(folder: Path, name: str, *, where: str | Path, root: Path | N
     """
     portable = name.replace("\\", "/")
     remedy = "use names relative to the capture folder and keep the images inside it"
-    if not portable.strip() or "\0" in portable:
+    if not portable.strip() or "\0" in portable or not _is_encodable(portable):
         raise InputError(f"the image name {name!r} is unusable", where=where, remedy=remedy)
     if PurePosixPath(portable).is_absolute() or re.match(r"^[A-Za-z]:", portable):
         raise InputError(f"the image name {name!r} is an absolute path", where=where, remedy=remedy)
@@ -69,6 +69,15 @@ def resolve_inside(folder: Path, name: str, *, where: str | Path, root: Path | N
     if not stat.S_ISREG(mode):
         raise InputError(f"the image name {name!r} is not a regular file", where=where, remedy=remedy)
     return path
+
+
+def _is_encodable(name: str) -> bool:
+    """Whether every program can be told `name`; Python's own spelling of names that are not UTF-8 is none."""
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def list_images(folder: Path) -> list[str]:

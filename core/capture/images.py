@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,10 +13,16 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..untrusted import opened
 
 # Above every camera on sale (the largest sensors have 151 MP, 14,204 px a side), and 600 MB when decoded.
 MAX_SIDE = 16_384
 MAX_MEGAPIXELS = 200
+# Of the decoded pixels with all their channels: four of 8 bits at the most megapixels, or 50 megapixels of
+# floating-point RGBA. Turning those into 8 bits takes another 1.5 GB, so reading any image stays below 3 GB.
+MAX_DECODED_BYTES = 4 * MAX_MEGAPIXELS * 1_000_000
+# Of a file: no format is larger than its pixels by more than a few headers.
+MAX_FILE_BYTES = 2 * MAX_DECODED_BYTES
 # Below this no training view holds a patch that a loss or a metric could use (SSIM looks at 11 x 11).
 MIN_SIDE = 16
 
@@ -32,6 +40,24 @@ _ORIENTATION_STEPS = {
 # Below one step of 8 bits a straight colour is rounding alone.
 _LEAST_COVERAGE = 1.0 / 255.0
 _COPY_AGAIN = "copy or export the image again"
+_EXPORT_PLAIN = "export it as PNG, JPEG or TIFF"
+# First bytes of PNG, JPEG, TIFF, BigTIFF, OpenEXR, BMP, Radiance and the family of PPM.
+_SIGNATURES = (
+    b"\x89PNG\r\n\x1a\n",
+    b"\xff\xd8\xff",
+    b"II*\0",
+    b"MM\0*",
+    b"II+\0",
+    b"MM\0+",
+    b"\x76\x2f\x31\x01",
+    b"BM",
+    b"#?R",
+    *(f"P{kind}".encode() for kind in "123456fF"),
+)
+_SIGNATURE_BYTES = 16
+
+# OpenImageIO's own check, which comes before its readers make room for anything.
+oiio.attribute("limits:imagesize_MB", 2 * MAX_DECODED_BYTES // 1_000_000)
 
 
 @dataclass(frozen=True)
@@ -69,8 +95,7 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
     Raises:
         InputError: not an image, beyond `MAX_SIDE` or `MAX_MEGAPIXELS`, below `min_side`, or CMYK.
     """
-    file = _open(path)
-    try:
+    with _opened(path) as file:
         spec = file.spec()
         _check_header(spec, path, min_side)
         return ImageHeader(
@@ -81,8 +106,6 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
             # Fewer than a format's whole bytes (PNG palettes, bitmaps) are reported apart from the decoded type.
             max(spec.get_int_attribute("oiio:BitsPerSample", 0), 8 * spec.format.size()),
         )
-    finally:
-        file.close()
 
 
 def read_pixels(
@@ -104,16 +127,13 @@ def read_pixels(
     Raises:
         InputError: as `read_header`, or the image is damaged or cut short.
     """
-    file = _open(path)
-    try:
+    with _opened(path) as file:
         spec = file.spec()
         _check_header(spec, path, min_side)
-        linear = spec.format.basetype in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE)
+        linear = _is_linear(spec)
         pixels = file.read_image(oiio.FLOAT if linear else oiio.UINT8)
         # The JPEG and TIFF readers fill what is missing with grey or black, return it, and leave an error behind.
         error = file.geterror()
-    finally:
-        file.close()
     if pixels is None or error:
         reason = error.splitlines()[0] if error else "no pixels could be read"
         raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
@@ -166,7 +186,10 @@ def downscale_with_alpha(
     return colors, np.clip(np.rint(coverage[..., 0] * 255.0), 0, 255).astype(np.uint8)
 
 
-def _open(path: Path) -> oiio.ImageInput:
+@contextmanager
+def _opened(path: Path) -> Iterator[oiio.ImageInput]:
+    with opened(path, most_bytes=MAX_FILE_BYTES, remedy=_COPY_AGAIN) as content:
+        _require_known_format(content.read(_SIGNATURE_BYTES), path)
     config = oiio.ImageSpec()
     # Otherwise PNG, TIFF and WebP colours come premultiplied and rounded to 8 bit.
     config.attribute("oiio:UnassociatedAlpha", 1)
@@ -174,7 +197,29 @@ def _open(path: Path) -> oiio.ImageInput:
     if file is None:
         reason = (oiio.geterror() or "unknown format").splitlines()[0]
         raise InputError(f"the image cannot be opened ({reason})", where=path, remedy=_COPY_AGAIN)
-    return file
+    try:
+        yield file
+    finally:
+        file.close()
+
+
+def _require_known_format(start: bytes, path: Path) -> None:
+    """Refuse a file whose first bytes belong to none of the formats that `IMAGE_EXTENSIONS` stand for.
+
+    OpenImageIO would try all that it knows, and each is a way in for a crafted file.
+    """
+    is_known = start.startswith(_SIGNATURES) or (start[:4] == b"RIFF" and start[8:12] == b"WEBP")
+    # Targa files have nothing to be known by.
+    if not is_known and path.suffix.lower() != ".tga":
+        raise InputError("the image cannot be opened (unknown format)", where=path, remedy=_EXPORT_PLAIN)
+    try:
+        str(path).encode("utf-8")
+    except UnicodeEncodeError:
+        raise InputError("the file's name is not UTF-8", where=path, remedy="rename it") from None
+
+
+def _is_linear(spec: oiio.ImageSpec) -> bool:
+    return spec.format.basetype in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE)
 
 
 def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
@@ -191,8 +236,16 @@ def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
             where=path,
             remedy="export it larger or remove it from the capture",
         )
+    decoded = width * height * spec.nchannels * (4 if _is_linear(spec) else 1)
+    if decoded > MAX_DECODED_BYTES:
+        raise InputError(
+            f"the image is {width} x {height} pixels of {spec.nchannels} channels, "
+            f"{decoded / 1e6:,.0f} MB when decoded; the limit is {MAX_DECODED_BYTES / 1e6:,.0f}",
+            where=path,
+            remedy="export it smaller or without further channels",
+        )
     if spec.depth > 1 or spec.nchannels < 1:
-        raise InputError("not a flat image", where=path, remedy="export it as PNG, JPEG or TIFF")
+        raise InputError("not a flat image", where=path, remedy=_EXPORT_PLAIN)
     spaces = [spec.get_string_attribute(name) for name in ("jpeg:ColorSpace", "tiff:ColorSpace", "oiio:ColorSpace")]
     if any(space.upper() in ("CMYK", "YCCK", "SEPARATED", "COLOR SEPARATED") for space in spaces):
         raise InputError("the image is CMYK, made for print", where=path, remedy="convert it to RGB (sRGB)")

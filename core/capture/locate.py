@@ -6,8 +6,8 @@ from pathlib import Path
 
 from ..errors import InputError
 from .colmap import IMAGE_FOLDERS, find_colmap, read_colmap
-from .files import list_images
-from .source import SourceModel
+from .files import list_images, resolve_inside
+from .source import MOST_VIEWS, SourceModel
 from .transforms import find_transforms, read_transforms
 
 MIN_VIEWS = 2
@@ -46,7 +46,8 @@ def photographs_without_cameras(folder: Path, *, sfm: bool) -> tuple[Path, list[
     It is ``images`` in a capture folder that has one, so masks, depths or smaller copies beside it do not take part.
 
     Raises:
-        InputError: there are none or too few, or `sfm` is off.
+        InputError: there are none, too few or too many, one has an unusable name or is a link out of the folder, or
+            `sfm` is off.
     """
     subfolders = (folder / name for name in IMAGE_FOLDERS)
     photographs = next((subfolder for subfolder in subfolders if subfolder.is_dir()), folder)
@@ -61,6 +62,12 @@ def photographs_without_cameras(folder: Path, *, sfm: bool) -> tuple[Path, list[
         )
     if len(names) < MIN_VIEWS:
         raise InputError("one photograph only", where=folder, remedy="at least two are needed, better thirty")
+    if len(names) > MOST_VIEWS:
+        raise InputError(
+            f"{len(names):,} photographs, the limit is {MOST_VIEWS:,}", where=folder, remedy="divide the capture"
+        )
+    for name in names:
+        resolve_inside(photographs, name, where=folder, root=folder)
     return photographs, names
 
 

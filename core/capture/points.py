@@ -6,11 +6,16 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyData, PlyElement, PlyParseError
+from plyfile import PlyData, PlyElement
 
-from ..errors import InputError
+from ..ply_table import VertexTable
+from ..untrusted import opened
 
+_POSITION = ("x", "y", "z")
+_COLOR = ("red", "green", "blue")
 _GREY = 128
+_WITHOUT = "export the points again, or remove ply_file_path to start without"
+_MOST_BYTES = 1 << 30  # of a file; 70 million points with colours, of which a reconstruction uses few
 
 
 def as_float32(positions: NDArray) -> NDArray[np.float32]:
@@ -25,20 +30,27 @@ def read_point_cloud(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint8]
     Raises:
         InputError: not a PLY file, cut, or without positions.
     """
-    remedy = "export the points again, or remove ply_file_path to start without"
-    try:
-        vertices = PlyData.read(str(path))["vertex"].data
-        positions = as_float32(np.stack([vertices[axis] for axis in "xyz"], axis=1))
-    except (PlyParseError, KeyError, ValueError, TypeError, MemoryError, OSError, UnicodeDecodeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"the points cannot be read ({reason})", where=path, remedy=remedy) from None
-    channels = ("red", "green", "blue")
-    if not all(channel in (vertices.dtype.names or ()) for channel in channels):
-        return positions, np.full(positions.shape, _GREY, np.uint8)
-    colors = np.stack([vertices[channel] for channel in channels], axis=1)
-    if colors.dtype.kind == "f":
-        colors = np.rint(np.clip(np.nan_to_num(colors), 0.0, 1.0) * 255.0)
-    return positions, np.clip(colors, 0, 255).astype(np.uint8)
+    with opened(path, most_bytes=_MOST_BYTES, remedy=_WITHOUT) as file:
+        table = VertexTable(file, path, noun="points", remedy=_WITHOUT)
+        table.require(_POSITION, "the points have no positions")
+        positions = np.empty((table.count, 3), np.float32)
+        colors = np.full((table.count, 3), _GREY, np.uint8)
+        has_colors = set(_COLOR) <= set(table.names)
+        start = 0
+        for block in table.blocks():
+            end = start + len(block)
+            positions[start:end] = as_float32(np.stack([block[axis] for axis in _POSITION], axis=1))
+            if has_colors:
+                is_fraction = table.declared_type(_COLOR[0]).kind == "f"
+                colors[start:end] = _to_bytes(np.stack([block[channel] for channel in _COLOR], axis=1), is_fraction)
+            start = end
+    return positions, colors
+
+
+def _to_bytes(colors: NDArray, is_fraction: bool) -> NDArray[np.uint8]:
+    """(P, 3) colours of any type; floating-point ones are shares of full brightness."""
+    scale = 255.0 if is_fraction else 1.0
+    return np.rint(np.clip(np.nan_to_num(colors) * scale, 0.0, 255.0)).astype(np.uint8)
 
 
 def write_point_cloud(path: Path, points: NDArray[np.float32], colors: NDArray[np.uint8]) -> None:

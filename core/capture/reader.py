@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -37,8 +37,7 @@ def inspect_capture(folder: str | Path, *, sfm: bool = False) -> CaptureSummary:
     model = read_cameras(folder)
     if model is None:
         photographs, names = photographs_without_cameras(folder, sfm=sfm)
-        sizes = Counter(read_header(photographs / name).upright_size for name in names)
-        return CaptureSummary(folder, "sfm", len(names), _by_frequency(sizes), 0)
+        return CaptureSummary(folder, "sfm", len(names), _by_frequency(_sizes(photographs, names)), 0)
     sizes = Counter(plan.photograph_size for plan in plan_views(model, max_size=None))
     _drop_unusable_points(model)
     _warn_about_cameras(model)
@@ -84,8 +83,18 @@ def _source_model(folder: Path, sfm: bool, reporter: Reporter) -> Iterator[Sourc
         yield model
         return
     photographs, names = photographs_without_cameras(folder, sfm=sfm)
+    _sizes(photographs, names)  # refuses what should not be decoded, before pycolmap does
     with tempfile.TemporaryDirectory(prefix="cvdgs-sfm-") as workspace:
         yield estimate_cameras(photographs, names, Path(workspace), reporter)
+
+
+def _sizes(folder: Path, names: Sequence[str]) -> Counter[tuple[int, int]]:
+    """How many of the photographs `names` in `folder` are (width, height) upright.
+
+    Raises:
+        InputError: one is no image, or beyond the limits.
+    """
+    return Counter(read_header(folder / name).upright_size for name in names)
 
 
 def _drop_unusable_points(model: SourceModel) -> None:

@@ -14,7 +14,8 @@ from threading import Thread
 
 from ..errors import InputError
 from ..events import Reporter
-from .colmap import add_views, load_reconstruction, sparse_points
+from .colmap import add_model
+from .colmap_model import read_model
 from .sfm_process import DATABASE, RESULT, SfmJob, SfmSettings
 from .source import SourceModel
 
@@ -59,9 +60,7 @@ def estimate_cameras(
             remedy="take sharp photographs from different places that overlap by two thirds, or give their cameras",
         )
     model = SourceModel("sfm", folder, [])
-    reconstruction = load_reconstruction(workspace / RESULT)
-    add_views(model, reconstruction, folder, folder)
-    model.points, model.point_colors = sparse_points(reconstruction)
+    add_model(model, read_model(workspace / RESULT), folder, folder)
     return model
 
 
@@ -107,9 +106,13 @@ class _Watch:
 
     def _read(self) -> None:
         assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._messages.put(json.loads(line))
-        self._messages.put(None)
+        try:
+            for line in self._process.stdout:
+                message = _parse(line)
+                if message is not None:
+                    self._messages.put(message)
+        finally:
+            self._messages.put(None)
 
     def wait(self) -> bool:
         """Until the process says what came of it: whether there is a result."""
@@ -144,6 +147,15 @@ class _Watch:
         self._step, self._done = message, 0
         text = _MESSAGES[message].format(count=self._totals["features"], pairs=self._totals["matching"])
         self._reporter.status(f"sfm-{message}", text)
+
+
+def _parse(line: str) -> str | int | None:
+    """The message in `line`; None where a library printed something."""
+    try:
+        message = json.loads(line)
+    except ValueError:
+        return None
+    return message if message in (*_MESSAGES, "done", "nothing") or type(message) is int else None
 
 
 def _count_rows(database: Path, table: str) -> int:

@@ -9,7 +9,11 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from ..errors import one_line
 from .model import CaptureWarning
+
+# Of a capture; all views are in memory together, and 20,000 of one megapixel have 60 GB.
+MOST_VIEWS = 20_000
 
 
 @dataclass(frozen=True)
@@ -51,4 +55,4 @@ class SourceModel:
 
     def warn(self, name: str, message: str) -> None:
         """Note something that does not stop the run."""
-        self.warnings.append(CaptureWarning(name, message))
+        self.warnings.append(CaptureWarning(name, one_line(message)))

@@ -6,7 +6,6 @@ to poses and points alike when the file was written; both are in one frame alrea
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from pathlib import Path
@@ -16,16 +15,16 @@ import numpy as np
 import pycolmap
 
 from ..errors import InputError
+from ..untrusted import read_json
 from .colmap import check_camera
 from .files import IMAGE_EXTENSIONS, is_file, quote_first, resolve_inside
 from .images import read_header
 from .points import read_point_cloud
 from .poses import OPENGL_TO_OPENCV, invert_rigid, rigid_pose
-from .source import SourceModel, SourceView
+from .source import MOST_VIEWS, SourceModel, SourceView
 
 # One file is read; the splits of the NeRF synthetic layout overlap in purpose with our own held-out views.
 _FILE_NAMES = ("transforms.json", "transforms_train.json", "transforms_test.json", "transforms_val.json")
-_MAX_BYTES = 256 * 1024 * 1024
 _MAX_STATED_SIDE = 1_000_000
 _LARGEST_NUMBER = 1e30
 _EXPORT_AGAIN = "copy or export the file again"
@@ -55,6 +54,12 @@ def read_transforms(file: Path) -> SourceModel:
     frames = document.get("frames")
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
         raise InputError("the file has no list of frames", where=file, remedy="give a transforms.json with cameras")
+    if len(frames) > MOST_VIEWS:
+        raise InputError(
+            f"the file has {len(frames):,} frames, the limit is {MOST_VIEWS:,}",
+            where=file,
+            remedy="divide the capture, or keep every second photograph",
+        )
     return _Reader(file, document).read(frames)
 
 
@@ -105,10 +110,10 @@ class _Reader:
 
     def _image(self, name: str) -> Path | None:
         """The image file of a frame; the NeRF synthetic layout leaves out the extension."""
+        path = resolve_inside(self._file.parent, name, where=self._file)
         for extension in ("", *IMAGE_EXTENSIONS, *(extension.upper() for extension in IMAGE_EXTENSIONS)):
-            path = resolve_inside(self._file.parent, name + extension, where=self._file)
-            if path.exists():
-                return path
+            if is_file(path.with_name(path.name + extension)):
+                return resolve_inside(self._file.parent, name + extension, where=self._file)
         return None
 
     def _pose(self, frame: dict[str, Any], name: str) -> tuple[np.ndarray, bool]:
@@ -198,7 +203,7 @@ class _Reader:
         if not isinstance(name, str):
             raise InputError("ply_file_path is not a name", where=self._file, remedy=_EXPORT_AGAIN)
         path = resolve_inside(self._file.parent, name, where=self._file)
-        if not path.exists():
+        if not is_file(path):
             model.warn("missing-points", f"{self._file}: the points {name} are missing")
             return
         model.points, model.point_colors = read_point_cloud(path)
@@ -210,20 +215,7 @@ def _focal_from_angle(angle: float | None, size: float) -> float | None:
 
 
 def _load(file: Path) -> dict[str, Any]:
-    if not is_file(file):
-        raise InputError("not a regular file", where=file, remedy=_EXPORT_AGAIN)
-    try:
-        if file.stat().st_size > _MAX_BYTES:
-            raise InputError("the file is too large for a camera file", where=file, remedy=_EXPORT_AGAIN)
-        document = json.loads(file.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise InputError(
-            f"not valid JSON (line {error.lineno}: {error.msg})", where=file, remedy=_EXPORT_AGAIN
-        ) from None
-    except (UnicodeDecodeError, RecursionError, ValueError):
-        raise InputError("not valid JSON", where=file, remedy=_EXPORT_AGAIN) from None
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", where=file, remedy="check its permissions") from None
+    document = read_json(file, remedy=_EXPORT_AGAIN, strict=False)  # of what is not finite, the value is named
     if not isinstance(document, dict):
         raise InputError("the file has no list of frames", where=file, remedy="give a transforms.json with cameras")
     return document

@@ -11,17 +11,18 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
 from ..errors import InputError
+from .tensor_file import read_tensors
 
 CUBE_SIZE = 33
 """Nodes along an edge of an exported `.cube` file: what grading tools commonly expect."""
 
 _FORMAT = "cvdgs-color-lut"
 _MAX_NODES = 129  # larger tables are no LUT that anyone made on purpose
+_MAX_BYTES = 12 * _MAX_NODES**3 + (1 << 20)  # of such a table in its file, with a description
 
 
 class ColorLut:
@@ -70,20 +71,18 @@ class ColorLut:
             InputError: the file is missing, damaged or something else.
         """
         remedy = "give a file that cvdgs saved as a colour LUT"
-        try:
-            with safe_open(path, framework="pt") as file:
-                metadata = file.metadata() or {}
-                if metadata.pop("format", "") != _FORMAT:
-                    raise InputError("the file holds no colour LUT", where=path, remedy=remedy)
-                residual = file.get_tensor("residual")
-        except (OSError, SafetensorError) as error:
-            raise InputError(f"the colour LUT cannot be read ({error})", where=path, remedy=remedy) from None
+        metadata, tensors = read_tensors(path, "the colour LUT", remedy, most_bytes=_MAX_BYTES)
+        residual = tensors.get("residual")
+        if metadata.pop("format", "") != _FORMAT or residual is None:
+            raise InputError("the file holds no colour LUT", where=path, remedy=remedy)
+        if residual.dtype != torch.float32:
+            raise InputError("the colour LUT is not in single precision", where=path, remedy=remedy)
         shape = tuple(residual.shape)
         if residual.ndim != 4 or not 2 <= shape[0] <= _MAX_NODES or shape != (shape[0],) * 3 + (3,):
             raise InputError(f"the colour LUT has the shape {shape}", where=path, remedy=remedy)
         if not torch.isfinite(residual).all():
             raise InputError("the colour LUT has values that are not finite", where=path, remedy=remedy)
-        return cls(residual.float(), metadata)
+        return cls(residual, metadata)
 
     def export_cube(self, path: Path, *, strength: float = 1.0, size: int = CUBE_SIZE, title: str = "cvdgs") -> None:
         """Write the map as an Adobe/IRIDAS `.cube` file for display-referred sRGB, red varying fastest."""

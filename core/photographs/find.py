@@ -48,7 +48,7 @@ class Photograph:
         Raises:
             InputError: it is no image that can be used.
         """
-        return read_header(self._readable_path(), min_side=1)
+        return read_header(self.path, min_side=1)
 
     def read(self) -> tuple[Pixels, Pixels | None]:
         """Upright (H, W, 3) sRGB and (H, W) coverage, or None where it is opaque.
@@ -56,14 +56,7 @@ class Photograph:
         Raises:
             InputError: it is no image that can be used, or is damaged.
         """
-        return read_pixels(self._readable_path(), upright=True, min_side=1)
-
-    def _readable_path(self) -> Path:
-        try:
-            str(self.path).encode()
-        except UnicodeEncodeError:
-            raise InputError("the file's name is not UTF-8", where=self.path, remedy="rename it") from None
-        return self.path
+        return read_pixels(self.path, upright=True, min_side=1)
 
 
 @dataclass(frozen=True)

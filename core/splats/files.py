@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .gaussians import Gaussians
+from ..untrusted import opened
+from .gaussians import MOST_FILE_BYTES, Gaussians
 from .ply import read_ply, write_ply
 from .splat_file import read_splat, write_splat
 from .spz import GZIP_MAGIC, MAGIC, read_spz, write_spz
-from .whole_file import reading
 
 _WRITERS: dict[str, Callable[[Path, Gaussians], None]] = {".ply": write_ply, ".spz": write_spz, ".splat": write_splat}
 SUFFIXES = tuple(_WRITERS)
@@ -73,7 +73,7 @@ def require_known_suffix(path: Path) -> None:
 
 
 def _reader(path: Path) -> Callable[[Path], Gaussians]:
-    with reading(path) as file:
+    with opened(path, most_bytes=MOST_FILE_BYTES) as file:
         start = file.read(4)
     if start[:3] == b"ply":
         return read_ply

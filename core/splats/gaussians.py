@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
+
 SH_C0 = 0.28209479177387814  # Y_0^0 = 1 / (2 sqrt(pi))
+# Of Gaussians that are read from a file: 76 million of SH degree 0, or 18 million of degree 3.
+MOST_BYTES = 4 << 30
+# Of such a file. Double precision and normals make a PLY larger than what it becomes.
+MOST_FILE_BYTES = 3 * MOST_BYTES
+_BASE_NUMBERS = 14  # of a Gaussian of SH degree 0
 
 
 @dataclass(frozen=True)
@@ -51,3 +59,17 @@ class Gaussians:
         """The same geometry with (N, 3) sRGB colours that do not depend on the direction."""
         sh = ((np.asarray(colors, np.float32) - 0.5) / SH_C0)[:, None, :]
         return replace(self, sh=np.ascontiguousarray(sh))
+
+
+def require_room(count: int, rest: int, where: Path) -> None:
+    """Raise `InputError` where `count` Gaussians with `rest` colour terms above degree 0 exceed `MOST_BYTES`.
+
+    To be asked before anything is allocated: a compressed file is small and says what it likes.
+    """
+    most = MOST_BYTES // (4 * (_BASE_NUMBERS + 3 * rest))
+    if count > most:
+        raise InputError(
+            f"it claims {count:,} Gaussians, and {most:,} of this kind is the limit",
+            where=where,
+            remedy="crop or thin out the scene in a splat editor",
+        )

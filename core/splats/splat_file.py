@@ -7,14 +7,16 @@ whose components from -1 to 1 are stored as 128 times themselves plus 128. Colou
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
-from .gaussians import SH_C0, Gaussians
+from ..untrusted import opened
+from .gaussians import MOST_FILE_BYTES, SH_C0, Gaussians, require_room
 from .quantised import bytes_to_opacity_logits, normalised, opacities_to_bytes, to_bytes
-from .whole_file import reading, writing_whole
+from .whole_file import writing_whole
 
 _RECORD = np.dtype(
     [("mean", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 3), ("opacity", "u1"), ("quaternion", "u1", 4)]
@@ -41,14 +43,15 @@ def read_splat(path: str | Path) -> Gaussians:
         InputError: its length is no multiple of a record's.
     """
     path = Path(path)
-    with reading(path) as file:
-        size = path.stat().st_size
+    with opened(path, most_bytes=MOST_FILE_BYTES) as file:
+        size = os.fstat(file.fileno()).st_size
         if size % _RECORD.itemsize:
             raise InputError(
                 f"its {size} bytes are no multiple of {_RECORD.itemsize}, the length of a Gaussian",
                 where=path,
                 remedy="copy it again, or choose a .splat file",
             )
+        require_room(size // _RECORD.itemsize, 0, path)
         records = np.fromfile(file, _RECORD)
     sh = ((records["color"] / np.float32(255.0) - 0.5) / SH_C0)[:, None]
     return Gaussians(

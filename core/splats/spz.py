@@ -23,9 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .gaussians import Gaussians
+from ..untrusted import read_bytes
+from .gaussians import MOST_FILE_BYTES, Gaussians, require_room
 from .quantised import bytes_to_opacity_logits, normalised, opacities_to_bytes, to_bytes
-from .whole_file import reading, writing_whole
+from .whole_file import writing_whole
 
 MAGIC = b"NGSP"
 GZIP_MAGIC = b"\x1f\x8b"
@@ -82,8 +83,7 @@ def read_spz(path: str | Path) -> Gaussians:
         InputError: not an SPZ file, cut short, damaged, or of an unknown version.
     """
     path = Path(path)
-    with reading(path) as file:
-        data = file.read()
+    data = read_bytes(path, most_bytes=MOST_FILE_BYTES)
     if data[:4] == MAGIC:
         layout, sections = _open_streams(data, path)
     elif data[:2] == GZIP_MAGIC:
@@ -186,6 +186,7 @@ def _parse_header(header: bytes, versions: Sequence[int], path: Path) -> _Layout
 def _require_plausible(layout: _Layout, available: int, path: Path) -> None:
     if layout.size > available * _HIGHEST_COMPRESSION:
         raise _cut_short(layout, path)
+    require_room(layout.count, _SH_TERMS[layout.sh_degree], path)
 
 
 def _cut_short(layout: _Layout, path: Path) -> InputError:

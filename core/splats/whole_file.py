@@ -1,4 +1,4 @@
-"""Files that are either complete or not there. Standard library only: Blender's Python imports this."""
+"""Files that are written whole or not at all. Standard library only: Blender's Python imports this."""
 
 from __future__ import annotations
 
@@ -29,19 +29,3 @@ def writing_whole(path: Path) -> Iterator[BinaryIO]:
         ) from None
     finally:
         temporary.unlink(missing_ok=True)
-
-
-@contextmanager
-def reading(path: Path) -> Iterator[BinaryIO]:
-    """The file `path`, open for reading.
-
-    Raises:
-        InputError: the system refuses (no such file, no permission, a folder).
-    """
-    try:
-        with open(path, "rb") as file:
-            yield file
-    except OSError as error:
-        raise InputError(
-            f"cannot be read ({error.strerror or error})", where=path, remedy="check the path and its permissions"
-        ) from None

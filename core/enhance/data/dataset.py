@@ -32,6 +32,7 @@ from ...color.observer import Observer
 from ...errors import InputError
 from ...events import Reporter
 from ...images import to_bytes
+from ...untrusted import read_json
 from ..gradient_teacher import GradientTeacher
 from ..teacher import TeacherSettings, fit_luts
 from .inputs import KIND_SHARES, PHOTOGRAPH, Photographs, draw_input, draw_observers
@@ -45,6 +46,7 @@ MANIFEST = "manifest.json"
 _FORMAT, _VERSION = "cvdgs-pairs", 1
 _MANIFEST_INTERVAL = 10.0  # seconds between two versions of a growing manifest
 _LARGEST_COUNT = 1_000_000  # the file names have six digits
+_MANIFEST_BYTES = 512 * _LARGEST_COUNT  # of a manifest, with room to spare
 
 # A sixth of the default fit's time; on six images of as many kinds its CCPR is lower by 0.003 on average.
 FAST_TEACHER = TeacherSettings(pairs=1000, steps=80, relaxation_steps=30, learning_rate=0.02)
@@ -332,12 +334,9 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     """The manifest, checked, the samples by their number."""
     path = folder / MANIFEST
     remedy = "give a folder that make_dataset wrote"
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"there is no paired dataset ({error.strerror})", where=path, remedy=remedy) from None
-    except ValueError:
-        raise InputError("the manifest is damaged", where=path, remedy=remedy) from None
+    if not path.exists():
+        raise InputError("there is no paired dataset", where=path, remedy=remedy)
+    manifest = read_json(path, most_bytes=_MANIFEST_BYTES, remedy=remedy)
     if not isinstance(manifest, dict) or manifest.get("format") != _FORMAT:
         raise InputError("this is no manifest of a paired dataset", where=path, remedy=remedy)
     if manifest.get("version") != _VERSION:

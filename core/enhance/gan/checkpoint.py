@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from ...errors import InputError
+from ...untrusted import parse_json
+from ..tensor_file import read_tensors
 
 _FORMAT = "cvdgs-enhancer-checkpoint"
+_MAX_BYTES = 4 << 30  # networks of the largest shape that weights may have, and their optimisers
 _REMEDY = "train into another folder, or remove this file"
 
 
@@ -51,12 +53,10 @@ def load_checkpoint(
         InputError: the file is damaged, or its settings differ in more than the number of steps.
     """
     try:
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no dictionary
+        metadata, tensors = read_tensors(path, "the checkpoint", _REMEDY, most_bytes=_MAX_BYTES)
         if metadata.get("format") != _FORMAT:
             raise InputError("the file is no checkpoint of a training", where=path, remedy=_REMEDY)
-        _compare(json.loads(metadata["settings"]), json.loads(json.dumps(settings)), path)
+        _compare(dict(parse_json(metadata["settings"])), json.loads(json.dumps(settings)), path)
         for name, network in networks.items():
             prefix = f"network/{name}/"
             network.load_state_dict(
@@ -65,8 +65,8 @@ def load_checkpoint(
         for name, optimizer in optimizers.items():
             _restore(optimizer, f"optimizer/{name}/", tensors)
         return int(metadata["step"])
-    except (OSError, SafetensorError, KeyError, ValueError, RuntimeError) as error:
-        what = str(error).splitlines()[0]
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        what = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"the checkpoint cannot be read ({what})", where=path, remedy=_REMEDY) from None
 
 

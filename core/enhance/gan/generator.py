@@ -85,9 +85,10 @@ class GeneratorConfig:
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> GeneratorConfig:
-        """The configuration of `to_dict`; ValueError or TypeError when it describes no network of ours."""
-        config = cls(**{**values, "widths": tuple(int(width) for width in values["widths"])})
-        plausible = 2 <= len(config.widths) <= 9 and all(1 <= w <= 1024 for w in (*config.widths, config.embedding))
+        """The configuration of `to_dict`; ValueError, TypeError or KeyError when it describes no network of ours."""
+        config = cls(**{**values, "widths": tuple(values["widths"])})
+        sizes = (*config.widths, config.embedding)
+        plausible = 2 <= len(config.widths) <= 9 and all(type(w) is int and 1 <= w <= 1024 for w in sizes)
         if not plausible or config.normalisation not in NORMALISATIONS or not isinstance(config.palette, bool):
             raise ValueError("no generator of this shape")
         return config

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.torch import save_file
-from torch import Tensor
+from torch import Tensor, nn
 
 from ...errors import InputError
+from ...untrusted import parse_json
+from ..tensor_file import read_tensors
 from .generator import Generator, GeneratorConfig
 
 SHIPPED = Path(__file__).parent / "weights" / "enhancer.safetensors"
@@ -45,24 +48,22 @@ def load_generator(path: Path) -> Generator:
     Raises:
         InputError: the file is missing, damaged, made by another version, or something else.
     """
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError("the file is too large to be an enhancer's weights", where=path, remedy=_REMEDY)
-        with safe_open(path, framework="pt") as file:
-            metadata = file.metadata() or {}
-            _check_header(metadata, path)
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no dictionary
-    except (OSError, SafetensorError) as error:
-        raise InputError(f"the enhancer's weights cannot be read ({error})", where=path, remedy=_REMEDY) from None
+    metadata, tensors = read_tensors(path, "the enhancer's weights", _REMEDY, most_bytes=_MAX_BYTES)
+    _check_header(metadata, path)
+    if not all(value.dtype == torch.float32 for value in tensors.values()):
+        raise InputError("the enhancer's weights are not in single precision", where=path, remedy=_REMEDY)
     if _checksum(tensors) != metadata.get("sha256"):
         raise InputError("the enhancer's weights are damaged (wrong checksum)", where=path, remedy=_REMEDY)
-    try:
-        generator = Generator(GeneratorConfig.from_dict(json.loads(metadata["config"])))
-        generator.load_state_dict({name: value.float() for name, value in tensors.items()})
-    except (KeyError, TypeError, ValueError, RuntimeError):
-        raise InputError("the weights do not fit the network they describe", where=path, remedy=_REMEDY) from None
     if not all(torch.isfinite(value).all() for value in tensors.values()):
         raise InputError("the enhancer's weights are not all finite", where=path, remedy=_REMEDY)
+    try:
+        config = GeneratorConfig.from_dict(parse_json(metadata["config"]))
+        if _shapes(Generator, config) != {name: value.shape for name, value in tensors.items()}:
+            raise ValueError("other shapes")
+        generator = Generator(config)
+        generator.load_state_dict(tensors)
+    except (KeyError, TypeError, ValueError, RuntimeError):
+        raise InputError("the weights do not fit the network they describe", where=path, remedy=_REMEDY) from None
     return generator.eval().requires_grad_(False)
 
 
@@ -85,6 +86,12 @@ def _check_header(metadata: dict[str, str], path: Path) -> None:
             where=path,
             remedy="train them again with this version's scripts/train_enhancer.py",
         )
+
+
+def _shapes(network: Callable[[GeneratorConfig], nn.Module], config: GeneratorConfig) -> dict[str, torch.Size]:
+    """Of the weights that a network of `config` has, found out without room for them."""
+    with torch.device("meta"):
+        return {name: value.shape for name, value in network(config).state_dict().items()}
 
 
 def _checksum(tensors: dict[str, Tensor]) -> str:

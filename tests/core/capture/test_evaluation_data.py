@@ -11,6 +11,7 @@ import pycolmap
 import pytest
 
 from cvdgs.core.capture import Capture, inspect_capture, read_capture
+from cvdgs.core.capture.colmap_model import read_model
 from cvdgs.core.capture.undistort import choose_pinhole, source_pixels
 from cvdgs.core.errors import InputError
 from cvdgs.core.events import Reporter
@@ -80,13 +81,11 @@ def test_observed_features_project_onto_the_points_through_the_views(name: str) 
 @pytest.mark.parametrize("model", ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "OPENCV", "OPENCV_FISHEYE"])
 @pytest.mark.parametrize("form", ["binary", "text"])
 def test_one_scene_under_several_camera_models_projects_its_points_alike(tmp_path: Path, model: str, form: str) -> None:
-    from cvdgs.core.capture.colmap import load_reconstruction
-
     kept = ".bin" if form == "binary" else ".txt"
     for path in (DATA / "colmap" / model).iterdir():
         if path.suffix == kept:
             shutil.copy(path, tmp_path / path.name)
-    reconstruction = load_reconstruction(tmp_path)
+    reconstruction = pycolmap.Reconstruction(str(tmp_path))
     camera = next(iter(reconstruction.cameras.values()))
     chosen = choose_pinhole(camera, where=tmp_path)
     places = source_pixels(camera, chosen) * (camera.width, camera.height)
@@ -105,6 +104,31 @@ def test_one_scene_under_several_camera_models_projects_its_points_alike(tmp_pat
             step = places[row + 1, column + 1] - places[row, column]
             place = places[row, column] + step * (u - column - 0.5, v - row - 0.5)
             np.testing.assert_allclose(place, expected, atol=0.05)
+
+
+@pytest.mark.parametrize("form", ["binary", "text"])
+def test_models_are_read_as_colmap_reads_them(tmp_path: Path, form: str) -> None:
+    kept = ".bin" if form == "binary" else ".txt"
+    for path in (DATA / "colmap" / "OPENCV").iterdir():
+        if path.suffix == kept:
+            shutil.copy(path, tmp_path / path.name)
+    expected, model = pycolmap.Reconstruction(str(tmp_path)), read_model(tmp_path)
+    cameras = dict(expected.cameras.items())
+    assert model.cameras.keys() == cameras.keys()
+    for number, camera in cameras.items():
+        assert (model.cameras[number].model, model.cameras[number].width) == (camera.model, camera.width)
+        np.testing.assert_array_equal(model.cameras[number].params, camera.params)
+    assert len(model.images) == expected.num_reg_images()
+    for image in model.images:
+        (other,) = [one for one in expected.images.values() if one.name == image.name]
+        np.testing.assert_allclose(image.world_to_camera, other.cam_from_world().matrix(), atol=1e-9)
+    points = [point for point in expected.points3D.values() if point.track.length() >= 2]
+    order = np.lexsort(model.points.T)
+    positions = np.array([point.xyz for point in points], np.float32)
+    other_order = np.lexsort(positions.T)
+    np.testing.assert_array_equal(model.points[order], positions[other_order])
+    colors = np.array([point.color for point in points], np.uint8)
+    np.testing.assert_array_equal(model.point_colors[order], colors[other_order])
 
 
 def test_absent_photographs_of_a_downloaded_camera_file_are_listed(tmp_path: Path) -> None:

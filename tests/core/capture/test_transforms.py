@@ -147,7 +147,7 @@ def test_cut_points_are_refused(tmp_path: Path) -> None:
     write_transforms(tmp_path, shots(2), document)
     write_point_cloud(tmp_path / "p.ply", np.zeros((50, 3), np.float32), np.zeros((50, 3), np.uint8))
     (tmp_path / "p.ply").write_bytes((tmp_path / "p.ply").read_bytes()[:-100])
-    with pytest.raises(InputError, match=r"p.ply: the points cannot be read"):
+    with pytest.raises(InputError, match=r"p.ply: the file is cut short: 7 of 50 points"):
         inspect_capture(tmp_path)
 
 

@@ -74,7 +74,7 @@ def test_the_blocks_of_reading_do_not_show(tmp_path_factory, count, degree, bloc
     original = random_gaussians(count, degree)
     write_ply(path, original)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cvdgs.core.splats.ply._BLOCK", block)
+        patch.setattr("cvdgs.core.ply_table._BLOCK", block)
         result = read_ply(path)
     np.testing.assert_array_equal(result.sh, original.sh)
     np.testing.assert_array_equal(result.means, original.means)

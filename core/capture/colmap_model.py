@@ -1,0 +1,313 @@
+"""COLMAP model files, binary and text: cameras, posed images and points, checked record by record.
+
+Read here and not by pycolmap, which trusts what a file says: a damaged or hostile one ends the whole process, makes it
+loop for minutes, or makes it allocate without bound. After the public description of the format
+(https://colmap.github.io/format.html). ``rigs`` and ``frames`` of later versions are not needed: ``images`` repeats the
+pose of every image that they make up, for programs that know nothing of them.
+"""
+
+from __future__ import annotations
+
+import mmap
+import re
+import struct
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..untrusted import opened
+from .files import is_file
+from .points import as_float32
+from .source import MOST_VIEWS
+
+EXPORT_AGAIN = "copy or export the COLMAP model again"
+# Of each file. A binary one is mapped, not copied, and what is kept of it is less than half of it.
+_MOST_BYTES = 4 << 30
+_MOST_POINT_BYTES = 1 << 30  # ten million points of ordinary tracks
+_MOST_NAME_BYTES = 4096  # Linux' own limit for a path
+_LONGEST_LINE = 16 << 20  # bytes of text: the features of an image, hundreds of thousands
+# A point that one view alone sees has no depth.
+_MIN_TRACK_LENGTH = 2
+
+_PARAMETER_COUNTS = {
+    name: len(pycolmap.Camera.create_from_model_id(0, model, 1.0, 2, 2).params)
+    for name, model in pycolmap.CameraModelId.__members__.items()
+    if name != "INVALID"
+}
+_MODEL_NAMES = {int(pycolmap.CameraModelId.__members__[name]): name for name in _PARAMETER_COUNTS}
+
+_U64 = struct.Struct("<Q")
+_CAMERA = struct.Struct("<IiQQ")  # id, model, width, height
+_IMAGE = struct.Struct("<I7dI")  # id, quaternion wxyz, translation, camera
+_POINT = struct.Struct("<Q3d3BdQ")  # id, position, colour, error, length of the track
+_OBSERVATION_BYTES = 24
+_TRACK_ELEMENT_BYTES = 8
+
+
+@dataclass(frozen=True)
+class ColmapImage:
+    """A posed image.
+
+    Attributes:
+        name: as the file has it.
+        camera_id: of its camera.
+        quaternion: (4,) wxyz and `translation` (3,): world to camera, OpenCV axes; as the file has them.
+    """
+
+    name: str
+    camera_id: int
+    quaternion: tuple[float, ...]
+    translation: tuple[float, ...]
+
+    @property
+    def world_to_camera(self) -> NDArray[np.float64]:
+        """(3, 4); not finite where the file's numbers make no pose."""
+        quaternion = np.array(self.quaternion)
+        with np.errstate(all="ignore"):
+            w, x, y, z = quaternion / np.linalg.norm(quaternion)
+            rotation = [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        return np.column_stack([rotation, self.translation])
+
+
+@dataclass
+class ColmapModel:
+    """What a model says.
+
+    Attributes:
+        cameras: by their numbers.
+        images: in the file's order; their cameras are there.
+        points: (P, 3) float32 positions of those that at least two images see, and `point_colors` (P, 3) uint8.
+    """
+
+    cameras: dict[int, pycolmap.Camera] = field(default_factory=dict)
+    images: list[ColmapImage] = field(default_factory=list)
+    points: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
+    point_colors: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
+
+
+def read_model(folder: Path) -> ColmapModel:
+    """The model in `folder`, binary if it has both forms.
+
+    Raises:
+        InputError: a file is missing, cut or damaged.
+    """
+    suffix = ".bin" if is_file(folder / "images.bin") else ".txt"
+    paths = [folder / (name + suffix) for name in ("cameras", "images", "points3D")]
+    for path in paths:
+        if not is_file(path):
+            raise InputError(f"{path.name} is missing", where=folder, remedy=EXPORT_AGAIN)
+    cameras, images, points = paths
+    binary = suffix == ".bin"
+    model = ColmapModel()
+    for number, camera in (_binary_cameras if binary else _text_cameras)(cameras):
+        _require(number not in model.cameras, f"two cameras have the number {number}", cameras)
+        _require(len(model.cameras) < MOST_VIEWS, f"it has more than {MOST_VIEWS:,} cameras", cameras)
+        model.cameras[number] = camera
+    for image in (_binary_images if binary else _text_images)(images):
+        known = image.camera_id in model.cameras
+        _require(known, f"damaged: {image.name} is of camera {image.camera_id}, which is not there", images)
+        _require(len(model.images) < MOST_VIEWS, f"it has more than {MOST_VIEWS:,} images", images)
+        model.images.append(image)
+    positions, colors = array("d"), bytearray()
+    for position, color in (_binary_points if binary else _text_points)(points):
+        positions.extend(position)
+        colors.extend(color)
+    model.points = as_float32(np.frombuffer(positions, np.float64).reshape(-1, 3))
+    model.point_colors = np.frombuffer(colors, np.uint8).reshape(-1, 3)
+    return model
+
+
+def _require(condition: bool, what: str, path: Path) -> None:
+    if not condition:
+        raise InputError(what, where=path, remedy=EXPORT_AGAIN)
+
+
+def _make_camera(number: int, model: str, size: Sequence[int], params: Sequence[float], path: Path) -> pycolmap.Camera:
+    # What a camera cannot be is refused by `colmap.check_camera`; here, what pycolmap cannot hold.
+    try:
+        return pycolmap.Camera(camera_id=number, model=model, width=size[0], height=size[1], params=list(params))
+    except (TypeError, ValueError, OverflowError, RuntimeError):
+        raise InputError(f"camera {number} is damaged", where=path, remedy=EXPORT_AGAIN) from None
+
+
+# ---- binary
+
+
+class _Walker:
+    """A position in a binary file that never passes its end."""
+
+    def __init__(self, file: BinaryIO, path: Path) -> None:
+        self.path = path
+        self.size = file.seek(0, 2)
+        self.data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if self.size else b""
+        self.position = 0
+
+    def take(self, layout: struct.Struct) -> tuple:
+        return layout.unpack_from(self.data, self.skip(layout.size))
+
+    def skip(self, size: int) -> int:
+        start = self.position
+        _require(size <= self.size - start, "the file is cut short or damaged", self.path)
+        self.position = start + size
+        return start
+
+    def take_name(self) -> str:
+        start = self.position
+        end = self.data.find(b"\0", start, start + _MOST_NAME_BYTES)
+        _require(end >= 0, "the file is cut short or damaged", self.path)
+        self.position = end + 1
+        try:
+            return self.data[start:end].decode("utf-8")
+        except UnicodeDecodeError:
+            what = f"the image name {self.data[start:end]!r} is not UTF-8"
+            raise InputError(what, where=self.path, remedy="rename the image") from None
+
+    def records(self) -> Iterator[None]:
+        """Once for each record that the count at the start promises; afterwards the file must be at its end."""
+        (count,) = self.take(_U64)
+        for _ in range(count):
+            yield
+        _require(self.position == self.size, "the file is longer than its counts say", self.path)
+
+
+def _binary_cameras(path: Path) -> Iterator[tuple[int, pycolmap.Camera]]:
+    with opened(path, most_bytes=_MOST_BYTES) as file:
+        walker = _Walker(file, path)
+        for _ in walker.records():
+            number, model, *size = walker.take(_CAMERA)
+            _require(model in _MODEL_NAMES, f"the camera model {model} is unknown", path)
+            name = _MODEL_NAMES[model]
+            params = walker.take(struct.Struct(f"<{_PARAMETER_COUNTS[name]}d"))
+            yield number, _make_camera(number, name, size, params, path)
+
+
+def _binary_images(path: Path) -> Iterator[ColmapImage]:
+    with opened(path, most_bytes=_MOST_BYTES) as file:
+        walker = _Walker(file, path)
+        for _ in walker.records():
+            _, *pose, camera_id = walker.take(_IMAGE)
+            name = walker.take_name()
+            (observations,) = walker.take(_U64)
+            walker.skip(_OBSERVATION_BYTES * observations)
+            yield ColmapImage(name, camera_id, tuple(pose[:4]), tuple(pose[4:]))
+
+
+def _binary_points(path: Path) -> Iterator[tuple[Sequence[float], Sequence[int]]]:
+    with opened(path, most_bytes=_MOST_POINT_BYTES) as file:
+        walker = _Walker(file, path)
+        for _ in walker.records():
+            _, x, y, z, red, green, blue, _, track_length = walker.take(_POINT)
+            walker.skip(_TRACK_ELEMENT_BYTES * track_length)
+            if track_length >= _MIN_TRACK_LENGTH:
+                yield (x, y, z), (red, green, blue)
+
+
+# ---- text
+
+
+class _Lines:
+    """The lines of a text file that are no comments, with their numbers.
+
+    Whoever writes into a comment how many entries there are ends every line; a file that has fewer is cut short.
+    """
+
+    def __init__(self, file: BinaryIO, path: Path) -> None:
+        self.path, self.number = path, 0
+        self._file = file
+        self._promised: int | None = None
+        self._ended = True
+
+    def __iter__(self) -> Iterator[str]:
+        while line := self._file.readline(_LONGEST_LINE):
+            self.number += 1
+            self._ended = line.endswith(b"\n")
+            _require(self._ended or len(line) < _LONGEST_LINE, f"line {self.number} is too long", self.path)
+            if line.startswith(b"#"):
+                found = re.match(rb"# Number of \w+: (\d{1,18})\b", line)
+                self._promised = int(found[1]) if found and self._promised is None else self._promised
+                continue
+            try:
+                yield line.decode("utf-8").strip()
+            except UnicodeDecodeError:
+                raise InputError(
+                    f"line {self.number} is not UTF-8 text", where=self.path, remedy=EXPORT_AGAIN
+                ) from None
+
+    def check_count(self, count: int) -> None:
+        """Make sure that there are as many entries as the file's own comment says."""
+        whole = self._promised is None or (self._promised == count and self._ended)
+        _require(whole, f"the file is cut short or damaged ({count} of {self._promised} entries are there)", self.path)
+
+    def refuse(self) -> InputError:
+        return InputError(f"line {self.number} is cut short or damaged", where=self.path, remedy=EXPORT_AGAIN)
+
+    def parse(self, kind: Callable[[str], float], words: Sequence[str]) -> list:
+        """The `words` as numbers."""
+        try:
+            return [kind(word) for word in words]
+        except ValueError:
+            raise self.refuse() from None
+
+
+def _text_cameras(path: Path) -> Iterator[tuple[int, pycolmap.Camera]]:
+    with opened(path, most_bytes=_MOST_BYTES) as file:
+        lines, count = _Lines(file, path), 0
+        for line in lines:
+            words = line.split()
+            if not words:
+                continue
+            if len(words) < 4 or len(words) != 4 + _PARAMETER_COUNTS.get(words[1], -1):
+                raise lines.refuse()
+            number, *size = lines.parse(int, [words[0], *words[2:4]])
+            count += 1
+            yield number, _make_camera(number, words[1], size, lines.parse(float, words[4:]), path)
+        lines.check_count(count)
+
+
+def _text_images(path: Path) -> Iterator[ColmapImage]:
+    with opened(path, most_bytes=_MOST_BYTES) as file:
+        lines, count = _Lines(file, path), 0
+        iterator = iter(lines)
+        for line in iterator:
+            if not line:
+                continue
+            words = line.split(maxsplit=9)
+            if len(words) < 10:
+                raise lines.refuse()
+            pose = lines.parse(float, words[1:8])
+            _, camera_id = lines.parse(int, [words[0], words[8]])
+            count += 1
+            # The observations; an image without any has an empty line here.
+            if len(next(iterator, "").split()) % 3:
+                raise lines.refuse()
+            yield ColmapImage(words[9], camera_id, tuple(pose[:4]), tuple(pose[4:]))
+        lines.check_count(count)
+
+
+def _text_points(path: Path) -> Iterator[tuple[Sequence[float], Sequence[int]]]:
+    with opened(path, most_bytes=_MOST_POINT_BYTES) as file:
+        lines, count = _Lines(file, path), 0
+        for line in lines:
+            words = line.split()
+            if not words:
+                continue
+            if len(words) < 8 or len(words) % 2:
+                raise lines.refuse()
+            position, color = lines.parse(float, words[1:4]), lines.parse(int, words[4:7])
+            if not all(0 <= channel <= 255 for channel in color):
+                raise lines.refuse()
+            count += 1
+            if (len(words) - 8) // 2 >= _MIN_TRACK_LENGTH:
+                yield position, color
+        lines.check_count(count)
