@@ -35,8 +35,12 @@ from .parent import follow_parent
 from .photographs.front import EnhanceRequest
 from .settings import Settings
 
-# How Warp, torch and CUDA name what is not a defect of ours, in the text of a RuntimeError.
-_NO_MEMORY = re.compile(r"failed to allocate \d+ bytes|out of memory|can't allocate memory", re.IGNORECASE)
+# How the system, Warp, torch and CUDA name what is not a defect of ours, in the text of an error.
+_NO_MEMORY = re.compile(
+    r"failed to allocate \d+ bytes|out of memory|can(?:'t|not) allocate memory|bad_alloc|can't start new thread"
+    r"|failed to map segment",
+    re.IGNORECASE,
+)
 _ON_GRAPHICS_CARD = re.compile(r"cuda", re.IGNORECASE)
 _CUDA_FAILED = re.compile(r"cuda ?error|cuda driver", re.IGNORECASE)
 
@@ -128,8 +132,11 @@ def _inspect_all(captures: list[dict[str, Any]], reporter: JsonReporter) -> list
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Whether an allocation failed, on the CPU or on a GPU; Warp and torch say so in a RuntimeError's text."""
-    return isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and bool(_NO_MEMORY.search(str(error))))
+    """Whether an allocation failed, on the CPU or on a GPU; the system, Warp and torch say so in an error's text."""
+    if isinstance(error, MemoryError):
+        return True
+    reasons = (error, error.__cause__)  # Warp names that of a library that cannot be loaded there
+    return any(isinstance(e, RuntimeError | OSError | ImportError) and bool(_NO_MEMORY.search(str(e))) for e in reasons)
 
 
 def _normalise(source: Path, folder: Path, sfm: bool, reporter: JsonReporter) -> dict[str, Any]:
@@ -144,14 +151,14 @@ def _normalise(source: Path, folder: Path, sfm: bool, reporter: JsonReporter) ->
 
 def explain_fault(error: Exception) -> str:
     """One line about a fault of the machine, with what to do; "" for what is none, but a defect of ours."""
-    if isinstance(error, OSError):
-        name = f"{error.filename}: " if error.filename else ""
-        return f"{name}{error.strerror or error} - free space or check the permissions, then run again"
     if is_out_of_memory(error):
         smaller = "give smaller photographs or --max-size, or a smaller --gaussians"
         if _ON_GRAPHICS_CARD.search(str(error)):
             return f"the graphics card's memory is used up - {smaller}, or use --device cpu"
         return f"the memory is used up - {smaller}"
+    if isinstance(error, OSError):
+        name = f"{error.filename}: " if error.filename else ""
+        return f"{name}{error.strerror or error} - free space or check the permissions, then run again"
     if isinstance(error, RuntimeError) and _CUDA_FAILED.search(str(error)):
         what = str(error).splitlines()[0]
         return f"the graphics card or its driver failed ({what}) - update the driver, or use --device cpu"

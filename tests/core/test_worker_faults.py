@@ -1,6 +1,7 @@
 """What the worker makes of faults that are the machine's."""
 
 import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -31,7 +32,37 @@ def test_an_allocation_that_fails_is_told_from_a_defect(allocate):
     assert is_out_of_memory(caught.value)
 
 
-@pytest.mark.parametrize("error", [RuntimeError("the prototype failed"), ValueError("out of memory"), KeyError("a")])
+def unloadable(reason: str) -> RuntimeError:
+    error = RuntimeError("Failed to load the shared library 'warp.so'")
+    error.__cause__ = OSError(reason)
+    return error
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError(errno.ENOMEM, os.strerror(errno.ENOMEM), "torch"),
+        RuntimeError("can't start new thread"),
+        RuntimeError("std::bad_alloc"),
+        ImportError("libtorch.so: cannot allocate memory in static TLS block"),
+        unloadable("warp.so: failed to map segment from shared object"),
+    ],
+    ids=["system", "thread", "C++", "import", "library"],
+)
+def test_what_fails_for_want_of_memory_says_so(error):
+    assert is_out_of_memory(error)
+    assert explain_fault(error).startswith("the memory is used up - ")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        unloadable("warp.so: no such file"),
+        RuntimeError("the prototype failed"),
+        ValueError("out of memory"),
+        KeyError("a"),
+    ],
+)
 def test_other_errors_are_not_taken_for_it(error):
     assert not is_out_of_memory(error)
 

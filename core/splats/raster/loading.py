@@ -20,6 +20,8 @@ def resolve_device(name: str | wp.Device) -> wp.Device:
     try:
         return wp.get_device(name)
     except (ValueError, RuntimeError) as error:
+        if name == "cpu":  # which every machine has: something else is wrong
+            raise
         raise InputError(f"there is no device {name!r} here", remedy='use "cpu"') from error
 
 
