@@ -14,23 +14,21 @@ SIDE_BY_SIDE := -n auto --dist loadfile
 # Spinning OpenMP threads make everything ten times slower beside one busy neighbour.
 export OMP_WAIT_POLICY = passive
 
-.PHONY: venv demo test test-all lint bench clean
+.PHONY: venv demo test test-all lint bench licences clean
 
 venv: $(VENV)/.ready
 
-$(VENV)/.ready: pyproject.toml constraints.txt
+$(VENV)/.ready: pyproject.toml requirements.txt requirements-torch.txt requirements-dev.txt requirements-cuda.txt
 	sh scripts/system_libraries.sh
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade pip
-	# Asked for by its exact version first, because a range would take a build with gigabytes of CUDA libraries here.
-	$(BIN)/python -m pip install --quiet -c constraints.txt torch
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[blender,test,lint]"
+	$(BIN)/python scripts/install_requirements.py requirements-dev.txt
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
 	touch $@
 
-$(VENV_BPY45)/.ready: constraints-bpy45.txt
+$(VENV_BPY45)/.ready: requirements-bpy45.txt
 	sh scripts/system_libraries.sh
 	$(PYTHON) -m venv $(VENV_BPY45)
-	$(VENV_BPY45)/bin/python -m pip install --quiet -r constraints-bpy45.txt
+	$(VENV_BPY45)/bin/python -m pip install --quiet --require-hashes --no-deps -r requirements-bpy45.txt
 	touch $@
 
 demo: venv
@@ -54,6 +52,9 @@ lint: venv
 bench: venv
 	$(BIN)/python scripts/benchmark.py step --out $(BENCH_OUT)
 	$(BIN)/python scripts/benchmark.py trainer --out $(BENCH_OUT)
+
+licences: venv
+	$(BIN)/python scripts/licences.py
 
 clean:
 	rm -rf $(VENV) $(VENV_BPY45) .build out

@@ -1,8 +1,8 @@
 """Makes the Python environment that the worker needs. Standard library only: any Python of a fitting version runs this.
 
-The environment is a folder of its own (venv), filled by pip with what pyproject.toml requires, at the versions of
-constraints.txt where these are for this Python. Where the packages come from is pip's business (its own settings and
-environment variables hold). The environment is marked as complete at the very end.
+The environment is a folder of its own (venv), filled by pip: with the very files of requirements.txt, checked by their
+hashes, where these are for this Python, else with what pyproject.toml requires. Where the packages come from is pip's
+business (its own settings and environment variables hold). The environment is marked as complete at the very end.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ import re
 import shutil
 import subprocess
 import sys
+import tempfile
 import venv
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from .errors import InputError
@@ -22,9 +23,13 @@ from .job import ROOT
 
 STAGE = "environment"
 OLDEST_PYTHON = (3, 11)
-TESTED_PYTHON = (3, 11)  # what constraints.txt is for
+TESTED_PYTHON = (3, 11)  # what the files below are for
+REQUIREMENTS = ROOT / "requirements.txt"
+TORCH_REQUIREMENTS = ROOT / "requirements-torch.txt"
+CUDA_REQUIREMENTS = ROOT / "requirements-cuda.txt"
 _COMPLETE = ".complete"
 _PROBE_SECONDS = 10.0  # for a Python to say whether it can make environments
+_PACKAGES_EACH = 2.5  # that a required package brings along, itself included: 30 for the worker's 11
 _LOG_LINES = 12  # of pip's last words, kept for the message when it fails
 # From pip's own words: "Collecting numpy", "Downloading numpy-2.whl (15 MB)".
 _COLLECTING = re.compile(r"^Collecting (\S+)")
@@ -53,7 +58,7 @@ def can_make_environments(python: str) -> bool:
 
 
 def requirements() -> list[str]:
-    """What the worker needs, for the Python that runs this."""
+    """What the worker needs, as ranges, for the Python that runs this."""
     import tomllib  # Python 3.10, which shall be able to run the doctor, has none
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -63,12 +68,16 @@ def requirements() -> list[str]:
     return [re.sub(r"^(numpy>=[^,]+),<2$", r"\1", requirement) for requirement in project["dependencies"]]
 
 
+def _to_stderr(line: str) -> None:
+    print(line, file=sys.stderr)
+
+
 def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | None = None) -> Path:
     """Make the environment in `folder`; returns its interpreter. What was there is replaced.
 
     Args:
         reporter: told of every download.
-        wanted: packages as pip takes them; None takes `requirements`.
+        wanted: packages as pip takes them; None takes `REQUIREMENTS`, or `requirements` where these do not fit.
 
     Raises:
         InputError: this Python cannot make environments, or a package cannot be had.
@@ -86,35 +95,71 @@ def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | N
         remedy = "choose another Python, or install this one's venv and ensurepip (Debian: python3-venv)"
         raise InputError("cannot make environments", where=sys.executable, remedy=remedy) from None
     reporter.progress(STAGE, _VENV_SHARE, "downloading")
-    packages = list(requirements() if wanted is None else wanted)
-    progress = _PipProgress(len(packages), reporter)
-    _install(python_in(folder), packages, progress)
+    if wanted is None and sys.version_info[:2] == TESTED_PYTHON:
+        install_locked(python_in(folder), reporter)
+    else:
+        packages = list(requirements() if wanted is None else wanted)
+        progress = _PipProgress(round(len(packages) * _PACKAGES_EACH), reporter)
+        _run_pip(python_in(folder), ["install", *packages], progress, _to_stderr)
     (folder / _COMPLETE).touch()
     reporter.progress(STAGE, 1.0, "done")
     return python_in(folder)
 
 
-def _install(python: Path, wanted: Sequence[str], progress: _PipProgress) -> None:
-    command = [
-        str(python),
-        "-m",
-        "pip",
-        "install",
-        "--no-input",
-        "--disable-pip-version-check",
-        "--only-binary",
-        ":all:",
-    ]
-    if sys.version_info[:2] == TESTED_PYTHON:
-        command += ["--constraint", str(ROOT / "constraints.txt")]
-    command += wanted
+def install_locked(
+    python: Path, reporter: Reporter, requirements: Path = REQUIREMENTS, log: Callable[[str], None] = _to_stderr
+) -> None:
+    """Install the very files of a list into an environment, and torch, whatever build of it pip is told to take.
+
+    Nothing else is installed: what the packages need in turn is not looked up but listed. pip would rather take a build
+    that its index announces with a listed hash than any other, so torch's build is chosen without looking at hashes
+    first, and checked then.
+
+    Args:
+        python: the environment's.
+        requirements: the list; those that it includes count as well.
+        log: receives what pip says.
+
+    Raises:
+        InputError: a file cannot be had, or is not the listed one.
+    """
+    (torch,) = re.findall(r"^torch==\S+", TORCH_REQUIREMENTS.read_text(encoding="utf-8"), re.MULTILINE)
+    progress = _PipProgress(_count_entries(requirements) + 1, reporter)
+    locked = ["install", "--require-hashes", "--no-deps"]
+    with tempfile.TemporaryDirectory(dir=python.parent) as folder:
+        _run_pip(python, ["download", "--no-deps", "--dest", folder, torch], progress, log)
+        from_folder = ["--no-index", "--find-links", folder, "--requirement", str(TORCH_REQUIREMENTS)]
+        _run_pip(python, [*locked, *from_folder], progress, log)
+    _run_pip(python, [*locked, "--requirement", str(requirements)], progress, log)
+    if subprocess.run([str(python), "-m", "pip", "check"], capture_output=True).returncode != 0:
+        # torch came as a build with CUDA, whose libraries are packages too.
+        _run_pip(python, [*locked, "--requirement", str(CUDA_REQUIREMENTS)], progress, log)
+
+
+def _count_entries(requirements: Path) -> int:
+    text = requirements.read_text(encoding="utf-8")
+    included = re.findall(r"^-r (\S+)", text, re.MULTILINE)
+    own = len(re.findall(r"^[\w.-]+==", text, re.MULTILINE))
+    return own + sum(_count_entries(requirements.with_name(name)) for name in included)
+
+
+def _run_pip(python: Path, arguments: Sequence[str], progress: _PipProgress, log: Callable[[str], None]) -> None:
+    action, *rest = arguments
+    options = ["--no-input", "--disable-pip-version-check", "--only-binary", ":all:"]
+    command = [str(python), "-m", "pip", action, *options, *rest]
     last: list[str] = []
     with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        errors="replace",
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},  # else what pip says arrives when it has ended
     ) as pip:
         assert pip.stdout is not None
         for line in pip.stdout:
-            print(line.rstrip(), file=sys.stderr)
+            log(line.rstrip())
             last = [*last, line.strip()][-_LOG_LINES:]
             progress.read(line)
     if pip.returncode != 0:
@@ -127,13 +172,11 @@ class _PipProgress:
     """From what pip prints to how far it is.
 
     Args:
-        expected: packages that were asked for; those they need in turn come on top.
+        expected: number of packages that will be installed.
     """
 
-    _PACKAGES_EACH = 2.5  # that a required package brings along, itself included: 30 for the worker's 11
-
     def __init__(self, expected: int, reporter: Reporter) -> None:
-        self._expected = max(expected * self._PACKAGES_EACH, 1.0)
+        self._expected = max(expected, 1)
         self._reporter = reporter
         self._collected = 0
 

@@ -18,7 +18,8 @@ from .enhancer import LutEnhancer, check_strength
 from .gan.apply import average_statistics, enhance, record_statistics
 from .gan.conditioning import palette
 from .gan.generator import Statistics
-from .gan.weights import SHIPPED, load_generator
+from .gan.shipped import load_shipped
+from .gan.weights import load_generator
 from .lut import ColorLut, as_float
 
 _SCENE_VIEWS = 16
@@ -56,7 +57,7 @@ class CganEnhancer:
         check_simulation(cvd, severity, simulation)
         check_strength(strength)
         self._observer, self._strength, self._device = Observer(cvd, severity, simulation), strength, device
-        self._generator = load_generator(weights or SHIPPED).to(device)
+        self._generator = (load_generator(weights) if weights else load_shipped()).to(device)
         self._proposer = LutEnhancer(cvd, severity, simulation, seed=seed)
         self._palette: Tensor | None = None
         self._statistics: Statistics | None = None

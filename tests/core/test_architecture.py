@@ -48,6 +48,7 @@ STANDARD_LIBRARY_ONLY = [
     "photographs/front",
     "job",
     "job_console",
+    "licences",
     "parent",
     "priority",
     "progress",

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
+from .shipped import write_checksum
 from .training import WEIGHTS
 from .weights import SHIPPED, load_generator, read_notes
 
@@ -26,7 +27,7 @@ colours, so the demo is not entirely unseen."""
 
 
 def publish(training: Path, evaluations: Sequence[Path], folder: Path = SHIPPED.parent) -> Path:
-    """Copy a training's weights into `folder` and write ``MODEL_CARD.md`` beside them; returns the card's path.
+    """Copy a training's weights into `folder`, with their checksum and a model card; returns the card's path.
 
     Args:
         training: folder of a finished training.
@@ -42,6 +43,7 @@ def publish(training: Path, evaluations: Sequence[Path], folder: Path = SHIPPED.
             raise InputError("there is no comparison", where=report, remedy="run benchmark.py enhancer first")
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(weights, folder / SHIPPED.name)
+    write_checksum(folder / SHIPPED.name)
     card = folder / "MODEL_CARD.md"
     texts = [report.read_text(encoding="utf-8") for report in reports]
     card.write_text(_card(weights, texts), encoding="utf-8")

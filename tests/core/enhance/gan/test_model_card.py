@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from cvdgs.core.enhance.gan.model_card import publish
+from cvdgs.core.enhance.gan.shipped import load_shipped
 from cvdgs.core.enhance.gan.training import TrainingSettings
-from cvdgs.core.enhance.gan.weights import SHIPPED, load_generator, save_generator
+from cvdgs.core.enhance.gan.weights import SHIPPED, save_generator
 from cvdgs.core.errors import InputError
 
 from .networks import random_generator
@@ -38,7 +39,7 @@ def test_weights_are_published_with_a_card(training, tmp_path):
     (tmp_path / "bench").mkdir()
     (tmp_path / "bench" / "enhancer.md").write_text(REPORT, encoding="utf-8")
     card = publish(training, [tmp_path / "bench"], tmp_path / "shipped").read_text(encoding="utf-8")
-    load_generator(tmp_path / "shipped" / SHIPPED.name)
+    load_shipped(tmp_path / "shipped" / SHIPPED.name)
     for said in (
         "2026-11-21",
         "seed 3",

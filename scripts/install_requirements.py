@@ -1,0 +1,40 @@
+"""Install the listed packages into the environment whose Python runs this: what `make venv` does.
+
+    .venv/bin/python scripts/install_requirements.py                           # the worker's, requirements.txt
+    .venv/bin/python scripts/install_requirements.py requirements-dev.txt      # and what tests, lint and Blender need
+
+Every file is checked by its hash. Exit codes: 0 done, 2 a file cannot be had or is another one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
+import bootstrap
+
+bootstrap.load()
+from cvdgs.core.console import ConsoleReporter  # noqa: E402
+from cvdgs.core.environment import REQUIREMENTS, install_locked  # noqa: E402
+from cvdgs.core.errors import InputError  # noqa: E402
+
+
+def main() -> int:
+    """Parse the command line and install; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("list", nargs="?", type=Path, default=REQUIREMENTS, metavar="FILE", help="(requirements.txt)")
+    requirements = parser.parse_args().list
+    try:
+        if not requirements.is_file():
+            raise InputError("there is no such list", where=requirements, remedy="name one of requirements*.txt")
+        install_locked(Path(sys.executable), ConsoleReporter(sys.stderr), requirements, log=lambda _: None)
+    except InputError as error:
+        print(f"install_requirements.py: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,120 @@
+"""Write requirements*.txt: what `make venv` and the worker's environment install, by exact version and hash.
+
+    python -m pip install uv
+    python scripts/lock_requirements.py              # after a change of pyproject.toml; keeps the versions there are
+    python scripts/lock_requirements.py --upgrade    # the newest versions that pyproject.toml allows
+
+uv resolves for all platforms at once, so the files hold the hashes of Linux's, macOS' and Windows' builds. Which index
+it asks is uv's business (UV_DEFAULT_INDEX). Exit codes: 0 done, 2 uv is missing or refuses.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
+import bootstrap
+
+bootstrap.load()
+from cvdgs.core.environment import CUDA_REQUIREMENTS, REQUIREMENTS, TESTED_PYTHON, TORCH_REQUIREMENTS  # noqa: E402
+from cvdgs.core.errors import InputError  # noqa: E402
+
+DEVELOPMENT_REQUIREMENTS = bootstrap.ROOT / "requirements-dev.txt"
+BPY45_REQUIREMENTS = bootstrap.ROOT / "requirements-bpy45.txt"
+DEVELOPMENT_EXTRAS = ("blender", "test", "lint")
+BUILD = ["setuptools>=77"]  # pyproject.toml's build-system, which is not fetched when the package itself is installed
+# The add-on's side on the older generation of Blender's API.
+BPY45 = ["bpy>=4.5,<4.6", "hypothesis", "pytest", "pytest-timeout", "pytest-xdist", "zstandard"]
+
+# torch's build for Linux loads these; a build without CUDA does without gigabytes of them.
+_CUDA = re.compile(r"^(nvidia|cuda|triton)\b")
+# Builds of torch that an index of packages does not have beside the others: the one for Linux without CUDA.
+_OTHER_BUILDS = {"torch==2.13.0": ["6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b"]}
+
+Lock = dict[str, str]
+"""Requirement with its marker to its whole entry, hashes included, sorted by name."""
+
+
+def resolve(source: Path, extras: tuple[str, ...] = (), keep: tuple[Path, ...] = ()) -> Lock:
+    """What `source` (a pyproject.toml or a list of requirements) needs, with all that it needs in turn.
+
+    Args:
+        extras: of a pyproject.toml.
+        keep: files whose versions are taken where they fit.
+
+    Raises:
+        InputError: uv is missing or cannot resolve it.
+    """
+    command = [sys.executable, "-m", "uv", "pip", "compile", str(source), "--universal", "--generate-hashes"]
+    command += ["--python-version", ".".join(map(str, TESTED_PYTHON)), "--no-header", "--no-annotate", "--quiet"]
+    command += [option for extra in extras for option in ("--extra", extra)]
+    command += [option for path in keep if path.is_file() for option in ("--constraint", str(path))]
+    result = subprocess.run(command, capture_output=True, text=True)
+    if result.returncode != 0:
+        complaint = " ".join(result.stderr.split())
+        raise InputError(f"uv refuses ({complaint})", where=source, remedy=f"{sys.executable} -m pip install uv")
+    entries = re.split(r"\n(?=\S)", result.stdout.strip())
+    return {entry.partition(" \\\n")[0]: entry for entry in map(with_other_builds, entries)}
+
+
+def with_other_builds(entry: str) -> str:
+    """The entry, allowing the builds that uv's index does not know."""
+    hashes = _OTHER_BUILDS.get(entry.partition(" ")[0], [])
+    return " \\\n".join([entry, *(f"    --hash=sha256:{value}" for value in hashes)])
+
+
+def without(lock: Lock, other: Lock) -> Lock:
+    """The entries whose packages `other` does not have."""
+    names = {requirement.partition("==")[0] for requirement in other}
+    return {requirement: entry for requirement, entry in lock.items() if requirement.partition("==")[0] not in names}
+
+
+def write(path: Path, about: str, lock: Lock, *, includes: Path | None = None) -> None:
+    """Write one file."""
+    lines = [f"# {about} (Python 3.11). Written by scripts/lock_requirements.py."]
+    lines += [f"-r {includes.name}"] if includes else []
+    path.write_text("\n".join([*lines, *lock.values()]) + "\n", encoding="utf-8")
+
+
+def lock_all(*, upgrade: bool) -> None:
+    """Resolve everything, then write all files."""
+    project = bootstrap.ROOT / "pyproject.toml"
+    keep = () if upgrade else (REQUIREMENTS, TORCH_REQUIREMENTS, CUDA_REQUIREMENTS, DEVELOPMENT_REQUIREMENTS)
+    with tempfile.TemporaryDirectory() as folder:
+        wanted = Path(folder) / "requirements.in"
+        wanted.write_text("\n".join(BPY45) + "\n", encoding="utf-8")
+        bpy45 = resolve(wanted, keep=() if upgrade else (BPY45_REQUIREMENTS,))
+        wanted.write_text("\n".join(BUILD) + "\n", encoding="utf-8")
+        build = resolve(wanted, keep=keep)
+    everything = resolve(project, DEVELOPMENT_EXTRAS, keep)
+    worker = without(everything, without(everything, resolve(project, keep=keep)))
+    cuda = {requirement: entry for requirement, entry in worker.items() if _CUDA.match(requirement)}
+    torch = {requirement: entry for requirement, entry in worker.items() if requirement.startswith("torch==")}
+    development = without(everything, worker) | without(build, worker)
+    worker = without(worker, cuda | torch)
+    write(REQUIREMENTS, "The worker's packages besides torch", worker)
+    write(TORCH_REQUIREMENTS, "torch, which core/environment.py installs first", torch)
+    write(CUDA_REQUIREMENTS, "What torch's builds with CUDA load besides, on Linux", cuda)
+    write(DEVELOPMENT_REQUIREMENTS, "What make venv installs", development, includes=REQUIREMENTS)
+    write(BPY45_REQUIREMENTS, "The second test environment: the older generation of Blender's API", bpy45)
+
+
+def main() -> int:
+    """Parse the command line and lock; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--upgrade", action="store_true", help="take the newest versions that pyproject.toml allows")
+    try:
+        lock_all(upgrade=parser.parse_args().upgrade)
+    except InputError as error:
+        print(f"lock_requirements.py: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

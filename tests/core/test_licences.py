@@ -1,0 +1,35 @@
+"""What is installed beside cvdgs is free and compatible with its licence, and the page says so."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cvdgs.core.licences import Licence
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the page lists what is installed on Linux")
+def test_the_page_is_what_the_command_writes():
+    command = [sys.executable, ROOT / "scripts" / "licences.py", "--check"]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "compatible"),
+    [
+        ("MIT", True),
+        ("Apache-2.0 AND (BSD-3-Clause AND MIT)", True),
+        ("LicenseRef-Proprietary OR GPL-3.0-or-later", True),
+        ("MIT AND LicenseRef-Proprietary", False),
+        ("GPL-2.0-only", False),
+        ("CC-BY-NC-4.0", False),
+        ("Free for non-commercial use", False),
+        ("MITX", False),
+    ],
+)
+def test_a_licence_is_compatible_when_one_alternative_is_in_all_its_parts(text, compatible):
+    assert Licence("package", "1", text).is_compatible is compatible
