@@ -6,7 +6,7 @@ is drawn, so that whatever draws none does without it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -75,12 +75,15 @@ DARK = Theme("dark", background="#0d1117", ink="#f0f0f0", muted="#aaaaaa", grid=
 Draw = Callable[["Figure", Theme], None]
 
 
-def write_charts(folder: Path, name: str, size: tuple[float, float], draw: Draw) -> list[Path]:
+def write_charts(
+    folder: Path, name: str, size: tuple[float, float], draw: Draw, *, formats: Sequence[str] = ("svg", "png")
+) -> list[Path]:
     """Write ``<name>.svg``, ``<name>.png`` and both with ``-dark``; the same data give the same bytes of SVG.
 
     Args:
         size: width and height in inches.
         draw: puts axes and what they show on an empty figure.
+        formats: those to write.
 
     Raises:
         InputError: matplotlib is missing.
@@ -97,8 +100,9 @@ def write_charts(folder: Path, name: str, size: tuple[float, float], draw: Draw)
         with matplotlib.rc_context(_parameters(theme, salt=name)):
             figure = Figure(figsize=size, layout="constrained")
             draw(figure, theme)
-            for suffix, metadata in ((".svg", {"Date": None}), (".png", None)):
-                written.append(folder / f"{name}{theme.suffix}{suffix}")
+            for kind in formats:
+                written.append(folder / f"{name}{theme.suffix}.{kind}")
+                metadata = {"Date": None} if kind == "svg" else None
                 figure.savefig(written[-1], dpi=PIXELS_PER_INCH, metadata=metadata)
     return written
 
@@ -127,6 +131,16 @@ def plot_series(
     """
     dash = style.dash if joined else "none"
     axes.plot(x, y, color=style.color, marker=style.marker, linestyle=dash, label=label, **more)
+
+
+def logarithmic(axes: Axes) -> None:
+    """Make the x axis logarithmic, with plain numbers at 1, 2 and 5 of every decade."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter("{x:,g}")
 
 
 def _parameters(theme: Theme, salt: str) -> dict[str, Any]:

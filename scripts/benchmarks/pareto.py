@@ -90,7 +90,10 @@ def _measure_peers(source: CaptureFolder, options: argparse.Namespace, reporter:
         subject = source.load()
         if PrototypeLoop.is_there(options.prototype):
             reporter.status(peers.STAGE, peers.PROTOTYPE)
-            found += peers.train_prototype(options.prototype, subject.judged, available_processors())
+            try:
+                found += peers.train_prototype(options.prototype, subject.judged, available_processors())
+            except RuntimeError as error:
+                reporter.warning("no-prototype", f"{error}: left out")
         if options.opensplat:
             found += peers.train_opensplat(options.opensplat, subject, reporter)
     return [ParetoPoint.of_peer(source.name, options.max_size, peer) for peer in found]

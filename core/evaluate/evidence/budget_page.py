@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..charts import SeriesStyle, Theme, picture, plot_series, write_charts
+from ..charts import SeriesStyle, Theme, logarithmic, picture, plot_series, write_charts
 from ..tables import markdown_table, number, write_csv
 from .budget import BudgetRun, Verdict, judge
 from .knee import ALLOWED, TOLERANCE
@@ -64,7 +64,8 @@ def _draw(figure: Figure, theme: Theme, runs: Sequence[BudgetRun], verdicts: Seq
         fixed, auto = [run for run in mine if run.limit], [run for run in mine if not run.limit]
         for row, (name, title) in enumerate(_FIGURES):
             panel = axes[row, column]
-            panel.set(title=title if row else f"{verdict.capture}: {title}", xscale="log")
+            panel.set_title(title if row else f"{verdict.capture}: {title}")
+            logarithmic(panel)
             style = theme.series[row]
             sizes, values = [run.gaussians for run in fixed], [getattr(run, name) for run in fixed]
             plot_series(panel, sizes, values, style, "fixed limits")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..charts import SeriesStyle, Theme, picture, plot_series, write_charts
+from ..charts import SeriesStyle, Theme, logarithmic, picture, plot_series, write_charts
 from ..tables import markdown_table, number, write_csv
 from .pareto import DEFAULT, PEER, SERIES, ParetoPoint
 
@@ -77,7 +77,8 @@ def _draw(figure: Figure, theme: Theme, points: Sequence[ParetoPoint]) -> None:
         (axes[1, 1], everything, lambda p: p.rwe, "RWE (lower is better)", "seconds of everything"),
     ]
     for panel, x, y, title, x_label in panels:
-        panel.set(title=title, xlabel=x_label, xscale="log")
+        panel.set(title=title, xlabel=x_label)
+        logarithmic(panel)
         # All enhancers of one mode have the same geometry.
         shown = [p for p in points if p.series != "enhancer"] if panel is axes[0, 0] else points
         _draw_points(panel, theme, shown, x, y)
