@@ -13,8 +13,9 @@ from .recipe import Recipe, Trial
 from .subject import CaptureFolder
 
 AUTO = "auto"
-HALF_DOUBLINGS = (-4, -3, -2, -1, 0, 1, 2, 3, 4)
-"""Fixed numbers of Gaussians: half doublings from what the automatic decision took, a quarter of it to four times."""
+HALF_DOUBLINGS = (-4, -2, -1, 0, 1, 2, 4)
+"""Fixed numbers of Gaussians: half doublings from what the automatic decision took, a quarter of it to four times;
+closer where the knee should be."""
 FEW_HALF_DOUBLINGS = (-2, 0, 2)
 
 

@@ -19,8 +19,8 @@ _PANEL_WIDTH, _HEIGHT = 4.0, 7.2  # inches
 _STAR = 11  # points
 _FIGURES = (("psnr", "PSNR of held-out views, dB"), ("rwe", "RWE (lower is better)"), ("ccpr", "CCPR"))
 _DEFINITIONS = f"""\
-Each capture is trained once with the number of Gaussians decided automatically, and then with fixed limits half a
-doubling apart around what that took; everything else is the same. Defined beforehand:
+Each capture is trained once with the number of Gaussians decided automatically, and then with fixed limits from a
+quarter to four times of what that took; everything else is the same. Defined beforehand:
 
 - The *plateau* is the best PSNR of held-out views (every eighth) of all fixed limits.
 - The *knee* is the fewest Gaussians that come within {TOLERANCE:g} dB of the plateau, interpolated between runs in the
