@@ -162,11 +162,17 @@ def write_selection(folder: Path, frames: Sequence[Frame], rule: SelectionRule =
     return text
 
 
-def _likeness(frames: Sequence[Frame]) -> str:
-    """Number of frames, mean SSIM, and mean PSNR over those that changed at all."""
+def likeness(frames: Sequence[Frame]) -> tuple[float, float]:
+    """Mean SSIM of the enhanced frames, and mean PSNR over those that changed at all; NaN where there is no frame."""
     if not frames:
-        return "no figures"
+        return math.nan, math.nan
     changed = [frame.psnr for frame in frames if math.isfinite(frame.psnr)]
     ratio = float(np.mean(changed)) if changed else math.inf
-    similarity = float(np.mean([frame.ssim for frame in frames]))
+    return float(np.mean([frame.ssim for frame in frames])), ratio
+
+
+def _likeness(frames: Sequence[Frame]) -> str:
+    if not frames:
+        return "no figures"
+    similarity, ratio = likeness(frames)
     return f"SSIM {number(similarity, 3)}, PSNR {number(ratio, 1)} dB ({len(frames)} frames)"

@@ -26,6 +26,7 @@ from ...splats.renderer import SceneRenderer
 from ...splats.targets import Background
 from ...splats.trainer import TrainingResult
 from ...stages import Reconstruction, Stages
+from ..advice import advise
 from ..evaluation import MOST_SCORED_VIEWS, Evaluation, enhanced_path, spread
 from ..matches import SceneMatches
 from .enhancers import recipe_enhancer
@@ -61,7 +62,27 @@ class _Geometry:
     made: Reconstruction
     warnings: tuple[str, ...]
     cost: _Cost
-    rwe: float
+
+
+@dataclass(frozen=True)
+class EnhancedScene:
+    """What a recipe makes of a capture.
+
+    Attributes:
+        original: in the photographs' colours.
+        layer: in the layer's; None where renderings of `original` are enhanced one by one instead.
+        enhancer: fitted to the scene.
+    """
+
+    original: Gaussians
+    layer: Gaussians | None
+    enhancer: Enhancer
+
+    def picture(self, scene: SceneRenderer, index: int) -> NDArray[np.uint8]:
+        """(H, W, 3) from the renderer's camera of this number."""
+        if self.layer is not None:
+            return scene.color(self.layer, index)
+        return to_bytes(self.enhancer(scene.color(self.original, index)))
 
 
 class CaptureTrials:
@@ -87,11 +108,22 @@ class CaptureTrials:
         self._scene = SceneRenderer(self._rasterizer, subject.judged.views, background)
         self._enhanced: dict[str, _Enhanced] = {}
         self._geometries: dict[str, _Geometry] = {}
+        self._unenhanced: dict[str, float] = {}
 
     def close(self) -> None:
         """Remove what only further recipes would need."""
         for enhanced in self._enhanced.values():
             shutil.rmtree(enhanced.folder, ignore_errors=True)
+
+    def make(self, recipe: Recipe) -> EnhancedScene:
+        """Make its scene.
+
+        Raises:
+            InputError: the recipe or the capture cannot be used.
+        """
+        enhanced = self._enhance(recipe)
+        geometry = self._reconstruct(recipe, enhanced)
+        return self._layer(recipe, self._stages(recipe, enhanced.folder, Reporter()), geometry.made, enhanced)
 
     def try_recipe(self, recipe: Recipe) -> Trial:
         """Make its scene and measure it.
@@ -104,26 +136,30 @@ class CaptureTrials:
         folder = recipe_folder(self._folder, recipe)
         stages = self._stages(recipe, enhanced.folder, Reporter())
         started = _Clock()
-        picture = self._picture(recipe, stages, geometry.made, enhanced)
+        made = self._layer(recipe, stages, geometry.made, enhanced)
         layer_cost = started.cost()
+        picture = _Remembered(lambda index: made.picture(self._scene, index))
         shutil.copytree(enhanced.judged / ENHANCED_FOLDER, folder / ENHANCED_FOLDER, dirs_exist_ok=True)
         evaluation = Evaluation(
             self.subject.judged, self.subject.judged_split, recipe.simulation, self._scene, folder, Reporter()
         )
         figures = evaluation.run(geometry.made.original, {recipe.layer: picture}, self._matches)
+        warnings = geometry.warnings
+        if recipe.advised:
+            warnings += self._advice(recipe, stages, geometry, made, figures, folder)
         return Trial(
             **described(self._name, recipe),
             **_figures(figures),
             gaussians=len(geometry.made.original),
             sh_degree=geometry.made.original.sh_degree,
-            rwe_unenhanced=geometry.rwe,
+            rwe_unenhanced=self._unenhanced_rwe(recipe.geometry_key),
             geometry_seconds=geometry.cost.wall,
             enhance_seconds=enhanced.cost.wall,
             layer_seconds=layer_cost.wall,
             processor_seconds=geometry.cost.processor + enhanced.cost.processor + layer_cost.processor,
             peak_memory_mb=peak_memory_mb() or 0,
             skipped_steps=geometry.result.skipped,
-            warnings=" ".join(geometry.warnings),
+            warnings=" ".join(warnings),
             decision=str(geometry.result.decision.get("gaussians", "")),
         )
 
@@ -157,23 +193,41 @@ class CaptureTrials:
             result = stages.train()
             made = stages.after(result).reconstruct(result)
             cost = started.cost()
-            self._geometries[key] = _Geometry(result, made, tuple(noted.names), cost, self._unenhanced_rwe(made))
+            self._geometries[key] = _Geometry(result, made, tuple(noted.names), cost)
         return self._geometries[key]
 
-    def _unenhanced_rwe(self, made: Reconstruction) -> float:
+    def _unenhanced_rwe(self, geometry_key: str) -> float:
         """What reconstruction and resampling leave of the warping error even without any enhancement."""
-        photographs = [self.subject.judged.views[i].image for i in self._matches.views]
-        rendered = [self._scene.color(made.original, i) for i in self._matches.views]
-        return relative_warping_error(photographs, rendered, self._matches.short).ratio
+        if geometry_key not in self._unenhanced:
+            original = self._geometries[geometry_key].made.original
+            photographs = [self.subject.judged.views[i].image for i in self._matches.views]
+            rendered = [self._scene.color(original, i) for i in self._matches.views]
+            error = relative_warping_error(photographs, rendered, self._matches.short)
+            self._unenhanced[geometry_key] = error.ratio
+        return self._unenhanced[geometry_key]
 
-    def _picture(
-        self, recipe: Recipe, stages: Stages, made: Reconstruction, enhanced: _Enhanced
-    ) -> Callable[[int], NDArray[np.uint8]]:
-        """How the layer looks from a view of the judged capture."""
-        if recipe.mode == "post":
-            return _Remembered(lambda i: to_bytes(enhanced.enhancer(self._scene.color(made.original, i))))
-        gaussians: Gaussians = stages.fit_layer(made, recipe.layer, enhanced.enhancer, Reporter())
-        return lambda i: self._scene.color(gaussians, i)
+    def _layer(self, recipe: Recipe, stages: Stages, made: Reconstruction, enhanced: _Enhanced) -> EnhancedScene:
+        layer = None
+        if recipe.mode != "post":
+            layer = stages.fit_layer(made, recipe.layer, enhanced.enhancer, Reporter())
+        return EnhancedScene(made.original, layer, enhanced.enhancer)
+
+    def _advice(
+        self,
+        recipe: Recipe,
+        stages: Stages,
+        geometry: _Geometry,
+        made: EnhancedScene,
+        figures: dict[str, Any],
+        folder: Path,
+    ) -> tuple[str, ...]:
+        """Names of what the product says of a run on the given capture, whose own figures a user has."""
+        if not self.subject.is_ordinary:
+            picture = _Remembered(lambda index: made.picture(stages.scene, index))
+            figures, folder = stages.evaluate(geometry.made, {recipe.layer: picture}), stages.folder
+        given, split = self.subject.given, self.subject.split
+        advice = advise(given, split, folder, geometry.result.curve, figures)
+        return tuple(warning.name for warning in (*given.warnings, *advice))
 
     def _enhance_judged(self, layer: Layer, enhanced: _Enhanced) -> None:
         """Write the enhanced photographs that evaluations compare with."""

@@ -1,0 +1,126 @@
+"""The texts of the evidence say what the trials gave, and nothing else."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cvdgs.core.evaluate.evidence.ablation import SETTINGS, ablation_jobs, write_ablation
+from cvdgs.core.evaluate.evidence.recipe import Recipe, Trial
+from cvdgs.core.evaluate.evidence.severities import OBSERVERS, severity_jobs, write_severities
+from cvdgs.core.evaluate.evidence.subject import CaptureFolder
+from cvdgs.core.evaluate.evidence.summary import Summary
+from cvdgs.core.evaluate.evidence.table import ROWS, compare, table_jobs, write_table
+
+DEMO = CaptureFolder("demo", Path("nowhere"), 96)
+HEADING = ["By `a command`."]
+
+
+def trial(recipe: Recipe, **figures: float) -> Trial:
+    return replace(Trial.failed("demo", recipe, ""), **figures)
+
+
+def cells(lines: list[str], *start: str) -> list[str]:
+    """The row of a table that starts with these cells."""
+    (found,) = {line for line in lines if line.startswith("| " + " | ".join(start) + " |")}
+    return [cell.strip() for cell in found.strip("|").split("|")]
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=6))
+def test_a_summary_leaves_out_what_could_not_be_measured(values):
+    assert Summary.of([*values, math.nan, math.inf]) == Summary.of(values)
+
+
+def test_a_summary_has_no_spread_without_repetition():
+    assert Summary.of([0.25]).text(2) == "0.25"
+    assert Summary.of([0.1, 0.3]).text(3) == "0.200 ± 0.141"
+    assert Summary.of([]).text(3) == "–"
+
+
+def test_a_mode_is_compared_with_the_baseline_seed_by_seed():
+    base, other = Recipe("post", "post"), Recipe("layers")
+    found = compare(
+        [trial(other, rwe=0.9, ccpr=0.80), trial(other, rwe=1.2, ccpr=0.81)],
+        [trial(base, rwe=1.8, rwe_unenhanced=0.8, ccpr=0.81), trial(base, rwe=1.6, rwe_unenhanced=0.8, ccpr=0.82)],
+    )
+    assert found.rwe.mean == pytest.approx((0.5 + 0.75) / 2)
+    assert found.added.mean == pytest.approx((0.1 / 1.0 + 0.4 / 0.8) / 2)
+    assert found.ccpr.mean == pytest.approx(-0.01)
+
+
+def test_what_the_baseline_does_not_add_cannot_be_compared_with():
+    steady = trial(Recipe("post", "post"), rwe=0.7, rwe_unenhanced=0.8)
+    assert math.isnan(compare([steady], [steady]).added.mean)
+
+
+def figures_of(recipe: Recipe) -> dict[str, float]:
+    """Figures by which rows can be told apart; `layers` reaches what is to be reached with one enhancer only."""
+    figures = {"rwe": 1.0, "rwe_unenhanced": 0.5, "ccpr": 0.8, "psnr": 30.0, "gaussians": 900, "processor_seconds": 8.0}
+    if recipe.mode == "layers":
+        figures |= {"rwe": 0.2, "ccpr": 0.7} if recipe.drift else {"rwe": 0.9, "ccpr": 0.8}
+    return {**figures, "ccpr_input": 0.6, "psnr": 30.0 + recipe.seed}
+
+
+def test_the_table_has_every_row_once_for_each_capture_and_says_what_is_reached(tmp_path):
+    (job,) = table_jobs([DEMO], 100, seeds=2)
+    trials = [trial(recipe, **figures_of(recipe)) for recipe in job.recipes]
+    lines = write_table(tmp_path, trials, ["demo"], HEADING)
+    for row in ROWS:
+        for mode in row.modes:
+            assert cells(lines, row.title, mode)[-4] == "30.50 ± 0.71"
+    assert cells(lines, "input (photographs)")[2] == "0.600"
+    assert cells(lines, "demo", "scene LUT, drifting", "layers")[3] == "0.200 ± 0.000"
+    reached = {line.split(":")[0]: line for line in lines if line.startswith("- demo")}
+    drifting, coin = reached["- demo, scene LUT, drifting"], reached["- demo, LUT of each view"]
+    assert "0.200 of `post`'s (reached)" in drifting
+    assert "CCPR -0.100 (not reached)" in drifting
+    assert "0.900 of `post`'s (not reached)" in coin
+    assert "CCPR +0.000 (reached)" in coin
+    with open(tmp_path / "table.csv", newline="", encoding="utf-8") as file:
+        assert len(list(csv.DictReader(file))) == len(trials)
+
+
+def test_a_trial_that_failed_is_named_and_leaves_dashes(tmp_path):
+    (job,) = table_jobs([DEMO], 100, seeds=1)
+    lines = write_table(tmp_path, [Trial.failed("demo", r, "it broke") for r in job.recipes], ["demo"], HEADING)
+    assert "- demo, network-layers, seed 0: it broke" in lines
+    assert set(cells(lines, "network", "layers")[2:]) == {"–"}
+
+
+def test_every_observer_has_a_row(tmp_path):
+    (job,) = severity_jobs([DEMO], 100)
+    lines = write_severities(tmp_path, [trial(recipe, ccpr=0.5) for recipe in job.recipes], HEADING)
+    for observer in OBSERVERS:
+        assert cells(lines, observer.cvd, f"{observer.severity:g}")[4] == "0.500"
+
+
+def test_all_observers_of_a_capture_have_one_geometry():
+    (job,) = severity_jobs([DEMO], 100)
+    assert len({recipe.geometry_key for recipe in job.recipes}) == 1
+
+
+def test_an_ablation_differs_from_the_default_in_one_thing_and_is_told_by_its_difference(tmp_path):
+    weights = {"instance norm": Path("instance.safetensors")}
+    (job,) = ablation_jobs([DEMO], 100, seeds=2, weights=weights)
+    assert len({recipe.plans for recipe in job.recipes if recipe.mode == "layers"}) == 5
+    trials = []
+    for recipe in job.recipes:
+        changed = recipe.label.startswith("no-pruning")
+        figures = figures_of(recipe) | ({"psnr": 29.5 + 2 * recipe.seed, "gaussians": 1800} if changed else {})
+        trials.append(trial(recipe, **figures))
+    lines = write_ablation(tmp_path, trials, HEADING, weights)
+    row = cells(lines, "no pruning before the end")
+    assert row[1] == "+0.00 ± 0.71"
+    assert row[-2:] == ["2.00 ± 0.00", "1.00 ± 0.00"]
+    assert cells(lines, "instance norm")[2] == "+0.000 ± 0.000"
+
+
+def test_what_changes_the_geometry_alone_is_tried_with_one_enhancer():
+    tried = [{variant.name for variant in setting.variants if variant.of_geometry} for setting in SETTINGS]
+    assert [len(names) for names in tried] == [2, 0]
