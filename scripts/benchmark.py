@@ -20,7 +20,6 @@ from cvdgs.scripts.benchmarks import (  # noqa: E402
     drift,
     enhancer,
     figure,
-    modes,
     pareto,
     select,
     step,
@@ -43,7 +42,6 @@ PARTS = tuple(
         display,
         enhancer,
         drift,
-        modes,
         select,
         batch,
     )
