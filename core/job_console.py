@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import shutil
 import signal
 import time
@@ -217,14 +218,24 @@ class Log:
 
 
 class JsonDisplay:
-    """Events as JSON lines."""
+    """Events as JSON lines; when their reader has gone, the job is cancelled.
+
+    Raises (when called):
+        Cancelled: nobody reads any more.
+    """
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
 
     def __call__(self, event: Event) -> None:
-        self._stream.write(json.dumps(event) + "\n")
-        self._stream.flush()
+        try:
+            self._stream.write(json.dumps(event) + "\n")
+            self._stream.flush()
+        except BrokenPipeError:
+            # What is still to be said, and what Python writes at its end, goes nowhere.
+            with open(os.devnull, "w") as nowhere:
+                os.dup2(nowhere.fileno(), self._stream.fileno())
+            raise Cancelled from None
 
 
 class BarDisplay:

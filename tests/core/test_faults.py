@@ -128,6 +128,24 @@ def test_ctrl_c_twice_ends_a_deaf_worker_too_and_leaves_nothing(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@POSIX
+def test_a_run_whose_reader_has_gone_is_cancelled(tmp_path):
+    body = """
+        emit("status", stage="geometry", message=str(os.getpid()))
+        for i in range(600): emit("status", stage="geometry", message="on"), time.sleep(0.1)
+    """
+    process = start_run(tmp_path / "worker", body, "--json", out=tmp_path / "out")
+    assert process.stdout is not None
+    assert process.stderr is not None
+    process.stdout.readline()
+    worker = int(json.loads(process.stdout.readline())["message"])
+    process.stdout.close()
+    assert process.wait(timeout=30) == 130
+    assert process.stderr.read() == ""
+    assert ends(worker)
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
 def test_a_worker_ends_with_the_program_that_started_it(tmp_path):
     starter = """
