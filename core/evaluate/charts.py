@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 PIXELS_PER_INCH = 110
 _DARK_SUFFIX = "-dark"
 
+Dash = str | tuple[int, tuple[int, ...]]
+"""A dash by its name, or its offset and the lengths of strokes and gaps in points."""
+
 
 @dataclass(frozen=True)
 class SeriesStyle:
@@ -33,13 +36,21 @@ class SeriesStyle:
 
     color: str
     marker: str
-    dash: str | tuple[int, tuple[int, ...]]
+    dash: Dash
 
 
 # Okabe and Ito (2008), "Color universal design", without its yellow, which white swallows; black is the theme's ink.
 _HUES = ("#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-_DASHES = ("solid", (0, (6, 2)), (0, (2, 2)), (0, (8, 2, 2, 2)), (0, (4, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (10, 3)))
+_DASHES: tuple[Dash, ...] = (
+    "solid",
+    (0, (6, 2)),
+    (0, (2, 2)),
+    (0, (8, 2, 2, 2)),
+    (0, (4, 1, 1, 1, 1, 1)),
+    (0, (1, 1)),
+    (0, (10, 3)),
+)
 
 
 @dataclass(frozen=True)
@@ -66,7 +77,9 @@ class Theme:
     def series(self) -> tuple[SeriesStyle, ...]:
         """The styles of up to seven series; the last is in ink."""
         colors = (*_HUES, self.ink)
-        return tuple(SeriesStyle(*style) for style in zip(colors, _MARKERS, _DASHES, strict=True))
+        return tuple(
+            SeriesStyle(color, marker, dash) for color, marker, dash in zip(colors, _MARKERS, _DASHES, strict=True)
+        )
 
 
 LIGHT = Theme("light", background="#ffffff", ink="#111111", muted="#555555", grid="#dddddd")
@@ -143,7 +156,7 @@ def logarithmic(axes: Axes) -> None:
     axes.xaxis.set_major_formatter("{x:,g}")
 
 
-def _parameters(theme: Theme, salt: str) -> dict[str, Any]:
+def _parameters(theme: Theme, salt: str) -> Any:
     """matplotlib's settings for a theme; a fixed `salt` keeps the SVG's identifiers from changing."""
     return {
         "figure.facecolor": theme.background,

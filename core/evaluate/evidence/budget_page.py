@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,12 +43,8 @@ def write_budget(folder: Path, runs: Sequence[BudgetRun], heading: Sequence[str]
     verdicts = judge(runs)
     lines = ["# How many Gaussians a scene needs", "", *heading, "", _DEFINITIONS, ""]
     if verdicts:
-        write_charts(
-            folder,
-            NAME,
-            (_PANEL_WIDTH * len(verdicts), _HEIGHT),
-            lambda figure, theme: _draw(figure, theme, runs, verdicts),
-        )
+        size = (_PANEL_WIDTH * len(verdicts), _HEIGHT)
+        write_charts(folder, NAME, size, partial(_draw, runs=runs, verdicts=verdicts))
         alternative = "PSNR, RWE and CCPR over the number of Gaussians; the tables below have the same figures"
         lines += [picture(NAME, alternative), "", *_verdict_table(verdicts), "", *_in_words(verdicts), ""]
     lines += ["## All runs", "", *_run_table(runs), ""]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +13,7 @@ from ..tables import markdown_table, number, write_csv
 from .pareto import DEFAULT, PEER, SERIES, ParetoPoint
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -57,7 +60,7 @@ def write_pareto(folder: Path, points: Sequence[ParetoPoint], heading: Sequence[
     for capture in captures:
         mine = [point for point in points if point.capture == capture]
         name = NAME if len(captures) == 1 else f"{NAME}-{capture}"
-        write_charts(folder, name, _SIZE, lambda figure, theme, mine=mine: _draw(figure, theme, mine))
+        write_charts(folder, name, _SIZE, partial(_draw, points=mine))
         alternative = f"PSNR, contrast and consistency of {capture} over time; the table below has the same figures"
         lines += [f"## {capture}", "", picture(name, alternative), "", *_defaults(mine), "", *_table(mine), ""]
     text = "\n".join(lines)
@@ -68,13 +71,12 @@ def write_pareto(folder: Path, points: Sequence[ParetoPoint], heading: Sequence[
 def _draw(figure: Figure, theme: Theme, points: Sequence[ParetoPoint]) -> None:
     """Four charts with one legend below."""
     axes = figure.subplots(2, 2)
-    geometry: Quantity = lambda point: point.geometry_seconds  # noqa: E731
-    everything: Quantity = lambda point: point.seconds  # noqa: E731
-    panels: list[tuple[Axes, Quantity, Quantity, str, str]] = [
-        (axes[0, 0], geometry, lambda p: p.psnr, "PSNR of held-out views, dB", "seconds of the geometry"),
-        (axes[0, 1], everything, lambda p: p.score, "CCPR × (1 - RWE)", "seconds of everything"),
-        (axes[1, 0], everything, lambda p: p.ccpr, "CCPR (higher is better)", "seconds of everything"),
-        (axes[1, 1], everything, lambda p: p.rwe, "RWE (lower is better)", "seconds of everything"),
+    geometry, everything = attrgetter("geometry_seconds"), attrgetter("seconds")
+    panels = [
+        (axes[0, 0], geometry, attrgetter("psnr"), "PSNR of held-out views, dB", "seconds of the geometry"),
+        (axes[0, 1], everything, attrgetter("score"), "CCPR × (1 - RWE)", "seconds of everything"),
+        (axes[1, 0], everything, attrgetter("ccpr"), "CCPR (higher is better)", "seconds of everything"),
+        (axes[1, 1], everything, attrgetter("rwe"), "RWE (lower is better)", "seconds of everything"),
     ]
     for panel, x, y, title, x_label in panels:
         panel.set(title=title, xlabel=x_label)
@@ -84,11 +86,11 @@ def _draw(figure: Figure, theme: Theme, points: Sequence[ParetoPoint]) -> None:
         _draw_points(panel, theme, shown, x, y)
     _draw_front(axes[0, 0], theme, [(p.geometry_seconds, p.psnr) for p in points if p.leads_psnr])
     _draw_front(axes[0, 1], theme, [(p.seconds, p.score) for p in points if p.leads_score])
-    handles = {}
+    handles: dict[str, Artist] = {}
     for panel in axes.flat:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=5)
+    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=5)
 
 
 def _draw_points(axes: Axes, theme: Theme, points: Sequence[ParetoPoint], x: Quantity, y: Quantity) -> None:
