@@ -22,6 +22,8 @@ _JPEG_BLOCK = 8
 _ALIGN_BLUR = 1.5  # pixels
 _ALIGN_ROUNDS = 4
 _TILES = 3  # a side
+_AGREEMENT = 1.5  # median shift in units of the tiles' scatter from which on they agree
+_MOST_CONDITION = 1e6  # of a tile's slopes; beyond it they say nothing about one direction
 
 
 @dataclass(frozen=True)
@@ -96,24 +98,27 @@ def blockiness(image: NDArray[np.float64]) -> float:
 def image_shift(rendered: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> float:
     """By how many pixels a photograph is beside a rendering; 0 where the parts of the image do not agree on it.
 
-    Lucas and Kanade's (1981) least squares, for tiles of the image; a camera that is turned moves them all alike.
+    Lucas and Kanade's (1981) least squares, for tiles of the image; a camera that is turned moves most of them alike.
     """
     first, second = (gaussian_filter(luma(image), _ALIGN_BLUR) for image in (rendered, photograph))
     shifts = np.array([_tile_shift(*tiles) for tiles in zip(_tiles(first), _tiles(second), strict=True)])
-    mean = shifts.mean(axis=0)
-    error = float(np.linalg.norm(shifts.std(axis=0, ddof=1))) / np.sqrt(len(shifts))
-    length = float(np.linalg.norm(mean))
-    return length if length > 2.0 * error else 0.0
+    middle = np.median(shifts, axis=0)
+    scatter = float(np.linalg.norm(np.median(np.abs(shifts - middle), axis=0)))
+    length = float(np.linalg.norm(middle))
+    return length if length > _AGREEMENT * scatter else 0.0
 
 
 def _tile_shift(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
     """(2,) rows and columns by which `second` lies beside `first`."""
+    down, right = np.gradient(second)
+    slopes = np.stack([down.ravel(), right.ravel()])
+    normal = slopes @ slopes.T
+    if np.linalg.cond(normal) > _MOST_CONDITION:
+        return np.zeros(2)
     found = np.zeros(2)
     for _ in range(_ALIGN_ROUNDS):
-        moved = shift(second, -found, order=1, mode="nearest")
-        down, right = (slope.ravel() for slope in np.gradient(moved))
-        slopes = np.stack([down, right], axis=1)
-        found = found - np.linalg.lstsq(slopes, (moved - first).ravel(), rcond=None)[0]
+        difference = shift(second, -found, order=1, mode="nearest") - first
+        found -= np.linalg.solve(normal, slopes @ difference.ravel())
     return found
 
 

@@ -54,8 +54,8 @@ def test_a_good_run_is_left_in_peace(showroom: Capture, tmp_path: Path) -> None:
         ("enhancer-contradicts-itself", figures(rwe={"enhanced_ratio": 1.8})),
         ("views-disagree", figures(rwe={"ratio": 1.2})),
         ("colours-not-separated", figures(ccpr={"enhanced": 0.7})),
-        ("contrast-lost", figures(ccpr={"rendered": 0.6})),
-        ("nothing-to-enhance", figures("deutan-0.0", ccpr={"rendered": 0.6})),
+        ("contrast-lost", figures(ccpr={"rendered": 0.3})),
+        ("nothing-to-enhance", figures("deutan-0.0", ccpr={"rendered": 0.3})),
     ],
 )
 def test_bad_figures_are_named_and_nothing_else(
