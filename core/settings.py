@@ -15,6 +15,8 @@ DEVICES = ("auto", "cpu", "cuda")
 ENGINES = ("cycles", "eevee")  # Workbench draws no Gaussians
 ENHANCERS = ("cgan", "lut", "none")
 WEIGHTS_SUFFIX = ".safetensors"
+PLUGIN_PREFIX = "plugin:"
+"""Before the name of an enhancer that an installed package offers; see docs/extending.md."""
 
 MIN_SIZE = 32  # pixels of the longer side; below that SSIM's 11-pixel window sees little else than its own border
 
@@ -48,7 +50,7 @@ class Settings:
         layers: the colour layers to make, in order, without repeats.
         simulation: model behind the CVD simulation.
         strength: 0 (leave as is) to 1 (full enhancement).
-        enhancer: one of `ENHANCERS` or the path of a .safetensors file.
+        enhancer: one of `ENHANCERS`, the path of a .safetensors file, or `PLUGIN_PREFIX` and a name.
         mode: how colour and geometry are fitted.
         iterations: optimisation steps of the geometry stage.
         gaussians: upper bound of their number.
@@ -161,8 +163,9 @@ class Settings:
 
 
 def is_enhancer(name: str) -> bool:
-    """Whether `name` is one of `ENHANCERS` or names a file of weights; the file may still be missing."""
-    return name in ENHANCERS or name.endswith(WEIGHTS_SUFFIX)
+    """Whether `name` is one of `ENHANCERS` or names a file of weights or a plug-in, which may still be missing."""
+    is_plugin = name.startswith(PLUGIN_PREFIX) and name.removeprefix(PLUGIN_PREFIX).isidentifier()
+    return name in ENHANCERS or name.endswith(WEIGHTS_SUFFIX) or is_plugin
 
 
 def _check(condition: bool, what: str, where: str, remedy: str) -> None:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from importlib.metadata import entry_points
 from pathlib import Path
 
 from ..color.matrices import check_simulation
 from ..errors import InputError
-from ..settings import ENHANCERS, WEIGHTS_SUFFIX, is_enhancer
+from ..settings import ENHANCERS, PLUGIN_PREFIX, WEIGHTS_SUFFIX, is_enhancer
 from .cgan import CganEnhancer
 from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer, check_strength
+
+PLUGIN_GROUP = "cvdgs.enhancers"
+"""The group of entry points by which an installed package offers enhancers."""
 
 
 def make_enhancer(
@@ -20,11 +25,11 @@ def make_enhancer(
     seed: int = 0,
     device: str = "cpu",
 ) -> Enhancer:
-    """The enhancer of this name, or the conditional GAN with the weights of a file, for an observer.
+    """The enhancer of this name, the conditional GAN with the weights of a file, or a plug-in's, for an observer.
 
     Raises:
-        InputError: an unknown enhancer, an observer that cannot be simulated, a strength outside [0, 1], or weights
-            that cannot be used.
+        InputError: an unknown enhancer, an observer that cannot be simulated, a strength outside [0, 1], weights that
+            cannot be used, or a plug-in that is not installed or does not work.
     """
     if not is_enhancer(name):
         remedy = f"use {', '.join(ENHANCERS)} or a {WEIGHTS_SUFFIX} file"
@@ -35,5 +40,26 @@ def make_enhancer(
         return IdentityEnhancer()
     if name == "lut":
         return LutEnhancer(cvd, severity, simulation, strength, seed)
+    if name.startswith(PLUGIN_PREFIX):
+        return _plugin(name)(cvd=cvd, severity=severity, simulation=simulation, strength=strength, seed=seed)
     weights = None if name == "cgan" else Path(name)
     return CganEnhancer(cvd, severity, simulation, strength, seed, weights, device)
+
+
+def _plugin(name: str) -> Callable[..., Enhancer]:
+    """What an installed package offers under `name`.
+
+    A name finds nothing but what somebody has installed beside us on purpose: a batch file or a report that names an
+    enhancer cannot make us import a module of its choice.
+    """
+    offered = entry_points(group=PLUGIN_GROUP)
+    chosen = [point for point in offered if point.name == name.removeprefix(PLUGIN_PREFIX)]
+    if not chosen:
+        known = ", ".join(sorted(PLUGIN_PREFIX + point.name for point in offered)) or "none is installed"
+        remedy = f"install the package that offers it into the worker's environment (there: {known})"
+        raise InputError(f"{name!r} is not installed", where="--enhancer", remedy=remedy)
+    try:
+        return chosen[0].load()
+    except (ImportError, AttributeError) as error:
+        remedy = "ask its authors, or use another enhancer"
+        raise InputError(f"{name!r} cannot be loaded ({error})", where="--enhancer", remedy=remedy) from None

@@ -1,0 +1,104 @@
+"""The figures of docs/how-it-works.md, from a finished run of the demo: how training went, and where colours went.
+
+make demo
+python scripts/make_figures.py out/demo --out docs/figures
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
+import bootstrap
+
+bootstrap.load()
+from cvdgs.core.color.simulation import simulate  # noqa: E402
+from cvdgs.core.color.spaces import image_to_tensor, srgb_to_lab, tensor_to_image  # noqa: E402
+from cvdgs.core.errors import InputError  # noqa: E402
+from cvdgs.core.evaluate.charts import Theme, plot_series, write_charts  # noqa: E402
+from cvdgs.core.images import read_png  # noqa: E402
+from cvdgs.core.run_files import CAPTURE_FOLDER, ENHANCED_FOLDER, REPORT_FILE  # noqa: E402
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLORS = 400  # that are shown, drawn at random from a view
+SEED = 0
+
+
+def draw_training(curve: list[dict[str, Any]], figure: Figure, theme: Theme) -> None:
+    """Quality on held-out views and number of Gaussians over the time of training."""
+    seconds = [entry["seconds"] for entry in curve]
+    panels = (("psnr", "PSNR of held-out views, dB", 1.0), ("gaussians", "Gaussians, thousands", 1e-3))
+    axes = figure.subplots(1, len(panels))
+    for panel, (key, title, factor), style in zip(axes, panels, theme.series, strict=False):
+        plot_series(panel, seconds, [entry[key] * factor for entry in curve], style, title)
+        panel.set_title(title)
+        panel.set_xlabel("seconds of training")
+
+
+def draw_colors(
+    before: np.ndarray, after: np.ndarray, observer: tuple[str, float], figure: Figure, theme: Theme
+) -> None:
+    """Where the colours of a view lie for the observer, before and after the enhancement, in CIELAB's a*b* plane.
+
+    Args:
+        before, after: (N, 3) uint8 sRGB colours of the same places.
+        observer: type and severity.
+    """
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    for panel, colors, title in zip(axes, (before, after), ("photograph", "enhanced photograph"), strict=True):
+        seen = simulate(image_to_tensor(colors[None]), *observer)
+        lab = srgb_to_lab(seen)[:, 0].numpy()
+        panel.scatter(lab[1], lab[2], s=12, c=tensor_to_image(seen)[0], edgecolors=theme.muted, linewidths=0.3)
+        panel.set_title(f"{title}, as a {observer[0]} sees it")
+        panel.set_xlabel("a*")
+        panel.set_aspect("equal")
+    axes[0].set_ylabel("b*")
+
+
+def make_figures(run: Path, out: Path) -> None:
+    """Write both figures, each for light and dark pages.
+
+    Raises:
+        InputError: `run` is not a finished run.
+    """
+    try:
+        report = json.loads((run / REPORT_FILE).read_text(encoding="utf-8"))
+        layer, view = next(iter(report["layers"])), report["views_shown"][0]
+        before = read_png(run / CAPTURE_FOLDER / "images" / f"{view}.png").reshape(-1, 3)
+        after = read_png(run / ENHANCED_FOLDER / layer / f"{view}.png").reshape(-1, 3)
+    except (OSError, KeyError, ValueError, StopIteration) as error:
+        raise InputError(f"is not a finished run ({error})", where=run, remedy="run 'make demo' first") from None
+    chosen = np.random.default_rng(SEED).choice(len(before), COLORS, replace=False)
+    cvd, _, severity = layer.rpartition("-")
+
+    def colors(figure: Figure, theme: Theme) -> None:
+        draw_colors(before[chosen], after[chosen], (cvd, float(severity)), figure, theme)
+
+    write_charts(out, "colours", (8.0, 3.6), colors, formats=("svg",))
+    write_charts(out, "training", (8.0, 2.8), lambda *to: draw_training(report["curve"], *to), formats=("svg",))
+
+
+def main(arguments: list[str]) -> int:
+    """Parse the command line and draw; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="make_figures.py", description=__doc__.splitlines()[0])
+    parser.add_argument("run", type=Path, metavar="RUN", help="output folder of scripts/run.py")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the figures")
+    options = parser.parse_args(arguments)
+    try:
+        make_figures(options.run, options.out)
+    except InputError as error:
+        print(f"make_figures.py: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
