@@ -79,17 +79,11 @@ def shown_command(options: argparse.Namespace, arguments: Sequence[str] | None =
     Args:
         arguments: as the shell gave them; those of this process unless given.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    shown, hide = [], False
-    for word in words:
-        option, separator, _ = word.partition("=")
-        if hide:
-            word, hide = "DIR", False
-        elif option in _PLACES and separator:
-            word = f"{option}=DIR"
-        elif word in _PLACES:
-            hide = True
-        shown.append(",".join(_without_folder(part) for part in word.split(",")))
+    words = [part for word in (sys.argv[1:] if arguments is None else arguments) for part in _option_and_value(word)]
+    shown = [
+        "DIR" if before in _PLACES else ",".join(_without_folder(part) for part in word.split(","))
+        for before, word in zip(["", *words], words, strict=False)
+    ]
     return " ".join(["python scripts/benchmark.py", *(shown or [options.part])])
 
 
@@ -109,9 +103,13 @@ def write_text(path: Path, lines: Sequence[str]) -> str:
     return text
 
 
+def _option_and_value(word: str) -> list[str]:
+    """``--option=value`` as two words; others as they are."""
+    option, separator, value = word.partition("=")
+    return [option, value] if word.startswith("-") and separator else [word]
+
+
 def _without_folder(word: str) -> str:
-    """NAME for NAME=FOLDER, the last part of a path; options stay as they are."""
-    if word.startswith("-"):
-        return word
+    """NAME for NAME=FOLDER, and the last part of a path."""
     name, separator, _ = word.partition("=")
     return name if separator else (Path(word).name if "/" in word else word)

@@ -26,10 +26,10 @@ def trial(recipe: Recipe, **figures: float) -> Trial:
     return replace(Trial.failed("demo", recipe, ""), **figures)
 
 
-def cells(lines: list[str], *start: str) -> list[str]:
-    """The row of a table that starts with these cells."""
-    (found,) = {line for line in lines if line.startswith("| " + " | ".join(start) + " |")}
-    return [cell.strip() for cell in found.strip("|").split("|")]
+def cells(lines: list[str], *start: str, table: int = 0) -> list[str]:
+    """The row that starts with these cells, in the first or a later table that has one."""
+    found = [line for line in lines if line.startswith("| " + " | ".join(start) + " |")]
+    return [cell.strip() for cell in found[table].strip("|").split("|")]
 
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=6))
@@ -54,9 +54,23 @@ def test_a_mode_is_compared_with_the_baseline_seed_by_seed():
     assert found.ccpr.mean == pytest.approx(-0.01)
 
 
+def test_what_drift_adds_is_told_from_what_contrast_adds():
+    post, layers = Recipe("post", "post"), Recipe("layers")
+    found = compare(
+        [trial(layers, rwe=0.9)],
+        [trial(post, rwe=1.6)],
+        steady=([trial(layers, rwe=0.8)], [trial(post, rwe=0.6)]),
+    )
+    assert found.drift.mean == pytest.approx(0.1)
+    assert math.isnan(compare([trial(layers, rwe=0.9)], [trial(post, rwe=1.6)]).drift.mean)
+
+
 def test_what_the_baseline_does_not_add_cannot_be_compared_with():
     steady = trial(Recipe("post", "post"), rwe=0.7, rwe_unenhanced=0.8)
     assert math.isnan(compare([steady], [steady]).added.mean)
+
+
+RWE = {"post": "1.000 ± 0.000", "joint": "1.000 ± 0.000", "layers": "0.900 ± 0.000"}
 
 
 def figures_of(recipe: Recipe) -> dict[str, float]:
@@ -73,9 +87,13 @@ def test_the_table_has_every_row_once_for_each_capture_and_says_what_is_reached(
     lines = write_table(tmp_path, trials, ["demo"], HEADING)
     for row in ROWS:
         for mode in row.modes:
-            assert cells(lines, row.title, mode)[-4] == "30.50 ± 0.71"
+            assert cells(lines, row.title, mode)[7] == (
+                "0.200 ± 0.000" if row.drift and mode == "layers" else RWE[mode]
+            )
+            assert cells(lines, row.title, mode, table=1)[2:4] == ["30.50 ± 0.71", "900 ± 0"]
     assert cells(lines, "input (photographs)")[2] == "0.600"
     assert cells(lines, "demo", "scene LUT, drifting", "layers")[3] == "0.200 ± 0.000"
+    assert cells(lines, "demo", "network", "layers")[4:6] == ["0.800 ± 0.000", "–"]
     reached = {line.split(":")[0]: line for line in lines if line.startswith("- demo")}
     drifting, coin = reached["- demo, scene LUT, drifting"], reached["- demo, LUT of each view"]
     assert "0.200 of `post`'s (reached)" in drifting
@@ -90,7 +108,8 @@ def test_a_trial_that_failed_is_named_and_leaves_dashes(tmp_path):
     (job,) = table_jobs([DEMO], 100, seeds=1)
     lines = write_table(tmp_path, [Trial.failed("demo", r, "it broke") for r in job.recipes], ["demo"], HEADING)
     assert "- demo, network-layers, seed 0: it broke" in lines
-    assert set(cells(lines, "network", "layers")[2:]) == {"–"}
+    for table in (0, 1):
+        assert set(cells(lines, "network", "layers", table=table)[2:]) == {"–"}
 
 
 def test_every_observer_has_a_row(tmp_path):
