@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,5 +170,5 @@ class _Page:
             spine.set_visible(False)
         return axes
 
-    def _text(self, figure: Figure, left: float, top: float, words: str, **style: object) -> None:
+    def _text(self, figure: Figure, left: float, top: float, words: str, **style: Any) -> None:
         figure.text(left / _WIDTH, 1.0 - top / self.height, words, va="top", **style)

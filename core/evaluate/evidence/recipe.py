@@ -9,6 +9,7 @@ from ...splats.layers import LayerPlan
 from ...splats.strategy import CloneSplitPrune
 from ...splats.trainer import TrainingPlan
 from ...stages import Plans
+from ..enhancers.methods import method_label
 
 DEUTAN = Layer("deutan", 1.0)
 PLAIN = Plans(
@@ -171,7 +172,7 @@ def described(capture: str, recipe: Recipe) -> dict:
         "capture": capture,
         "label": recipe.label,
         "mode": recipe.mode,
-        "enhancer": recipe.enhancer,
+        "enhancer": method_label(recipe.enhancer),
         "cvd": recipe.layer.cvd,
         "severity": recipe.layer.severity,
         "seed": recipe.seed,

@@ -125,7 +125,7 @@ def test_all_observers_of_a_capture_have_one_geometry():
 
 
 def test_an_ablation_differs_from_the_default_in_one_thing_and_is_told_by_its_difference(tmp_path):
-    weights = {"instance norm": Path("instance.safetensors")}
+    weights = {"instance norm": Path("/home/me/instance.safetensors")}
     (job,) = ablation_jobs([DEMO], 100, seeds=2, weights=weights)
     assert len({recipe.plans for recipe in job.recipes if recipe.mode == "layers"}) == 5
     trials = []
@@ -138,6 +138,7 @@ def test_an_ablation_differs_from_the_default_in_one_thing_and_is_told_by_its_di
     assert row[1] == "+0.00 ± 0.71"
     assert row[-2:] == ["2.00 ± 0.00", "1.00 ± 0.00"]
     assert cells(lines, "instance norm")[2] == "+0.000 ± 0.000"
+    assert "/home" not in (tmp_path / "ablation.csv").read_text()
 
 
 def test_what_changes_the_geometry_alone_is_tried_with_one_enhancer():
