@@ -65,6 +65,14 @@ def test_what_no_view_needs_is_removed_when_all_views_were_asked():
     np.testing.assert_array_equal(refine(asked_some).source, [0, 1, 2])
 
 
+def test_without_pruning_nothing_is_removed_and_the_views_are_not_asked_for_it():
+    strategy, steps = MultiViewConsistent(prune=False), 5000
+    unneeded = opinions(np.array([[20.0, 0.5, 0.0], [0.0, 0.5, 0.0]]), np.zeros((2, 3)))
+    np.testing.assert_array_equal(refine(unneeded, strategy=strategy).source, [0, 1, 2])
+    rounds = [step for step in range(1, steps + 1) if strategy.schedule.due(step, steps)]
+    assert {strategy.views_wanted(step, steps, 43) for step in rounds} == {10}
+
+
 def test_a_blot_before_one_lens_is_removed_and_a_near_object_that_others_see_is_not():
     weight = np.full((4, 6), 20.0)
     weight[1:, 4] = 0.0
