@@ -19,6 +19,7 @@ from cvdgs.scripts.benchmarks import (  # noqa: E402
     display,
     drift,
     enhancer,
+    everything,
     figure,
     pareto,
     select,
@@ -31,6 +32,7 @@ from cvdgs.scripts.benchmarks import (  # noqa: E402
 PARTS = tuple(
     module.PART
     for module in (
+        everything,
         table,
         pareto,
         budget,

@@ -76,7 +76,8 @@ def _draw(figure: Figure, theme: Theme, runs: Sequence[BudgetRun], verdicts: Seq
                 words = f"{TOLERANCE:g} dB below the plateau"
                 panel.axhline(level, color=theme.muted, linewidth=0.9, linestyle="dashed", label=words)
         axes[-1, column].set_xlabel("Gaussians")
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2 * min(len(verdicts), 2))
 
 
 def _verdict_table(verdicts: Sequence[Verdict]) -> list[str]:

@@ -123,7 +123,11 @@ def _of_peers(points: Sequence[ParetoPoint]) -> list[str]:
     programs = list(dict.fromkeys(p.label.partition(",")[0] for p in points if p.series == PEER))
     if not programs:
         return ["No other program was here to be measured beside.", ""]
-    return [f"Measured in the same call: {', '.join(programs)}. They are in the first chart alone.", ""]
+    return [
+        f"Measured in the same call: {', '.join(programs)}. They enhance nothing and are in the first chart alone. "
+        "Programs that need a GPU, such as gsplat, were not run.",
+        "",
+    ]
 
 
 def _defaults(points: Sequence[ParetoPoint]) -> list[str]:

@@ -74,8 +74,9 @@ def test_a_scene_that_contradicts_itself_more_than_photographs_scores_nothing_wh
     assert math.isnan(consistent_contrast(0.9, math.nan))
 
 
-@pytest.fixture
-def page(tmp_path):
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
     peer = PeerFigures("OpenSplat, full resolution", 500, 9000, 3, 28.0, 200.0, 390.0)
     failed = replace(point("broken", math.nan, math.nan), error="InputError: too few views")
     points = [
@@ -86,8 +87,8 @@ def page(tmp_path):
         ParetoPoint.of_peer("room", 480, peer),
         failed,
     ]
-    text = write_pareto(tmp_path, with_fronts(points), ["By `the command`."], base="a base", size=480)
-    return tmp_path, text
+    text = write_pareto(folder, with_fronts(points), ["By `the command`."], base="a base", size=480)
+    return folder, text
 
 
 def test_the_page_says_which_defaults_are_beaten_and_by_what(page):
