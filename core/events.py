@@ -16,8 +16,12 @@ import json
 import os
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TextIO
+
+from .errors import one_line
+from .untrusted import parse_json
 
 
 class Reporter:
@@ -97,6 +101,47 @@ class JsonReporter(Reporter):
 
     def preview(self, file: Path) -> None:
         self.emit("preview", file=str(file))
+
+
+# What an event must have, and may have, by its kind. Of a result the kind of job decides.
+_REQUIRED: Mapping[str, Mapping[str, tuple[type, ...]]] = {
+    "status": {"stage": (str,), "message": (str,)},
+    "progress": {"stage": (str,), "fraction": (int, float)},
+    "preview": {"file": (str,)},
+    "warning": {"name": (str,), "message": (str,)},
+    "error": {"kind": (str,), "message": (str,)},
+}
+_OPTIONAL = {"message": (str,), "seconds_left": (int, float, type(None))}
+_LARGEST_NUMBER = 1e12  # of seconds or a fraction; what is larger need not fit a float
+_SHOWN = ("stage", "name", "message")
+
+
+def parse_event(line: str) -> dict[str, Any] | None:
+    """The event that `line` is, with texts that may be shown anywhere, or None.
+
+    None is whatever else a process writes (a library's print, Blender's banner), and what looks like an event but is
+    none: not JSON, or without what an event of its kind has.
+    """
+    if not line.startswith('{"event"'):
+        return None
+    try:
+        event = parse_json(line)
+    except ValueError:
+        return None
+    if event["event"] == "result":
+        return event
+    required = _REQUIRED.get(event["event"], {}) if isinstance(event["event"], str) else None
+    if required is None or not all(name in event for name in required):
+        return None
+    types = {**_OPTIONAL, **required}
+    if not all(_is_usable(event[name], kinds) for name, kinds in types.items() if name in event):
+        return None
+    shown = {name: one_line(event[name]) for name in _SHOWN if isinstance(event.get(name), str)}
+    return {**event, **shown}
+
+
+def _is_usable(value: Any, kinds: tuple[type, ...]) -> bool:
+    return isinstance(value, kinds) and not (isinstance(value, int | float) and abs(value) > _LARGEST_NUMBER)
 
 
 def claim_stdout() -> TextIO:

@@ -22,6 +22,7 @@ from types import MappingProxyType
 from typing import IO, Any
 
 from .errors import Cancelled, InputError
+from .events import parse_event
 from .priority import BEHIND_FLAGS, put_behind
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -173,13 +174,15 @@ class Job:
             thread.start()
 
     def _read_events(self, stream: IO[str]) -> None:
-        for line in stream:
-            event = _parse(line)
-            if event is None:
-                self._write_log(line.rstrip())
-            else:
-                self._queue.put(event)
-        self._queue.put(None)
+        try:
+            for line in stream:
+                event = parse_event(line)
+                if event is None:
+                    self._write_log(line.rstrip())
+                else:
+                    self._queue.put(event)
+        finally:
+            self._queue.put(None)  # whatever happens here, nobody waits for ever
 
     def _read_log(self, stream: IO[str]) -> None:
         for line in stream:
@@ -295,14 +298,3 @@ class Workers:
             self._cancelled = True
             if self._current is not None:
                 threading.Thread(target=self._current.cancel, name="cancel", daemon=True).start()
-
-
-def _parse(line: str) -> Event | None:
-    """The event in `line`, or None when it is anything else (a library's print, Blender's banner)."""
-    if not line.startswith('{"event"'):
-        return None
-    try:
-        event = json.loads(line)
-    except json.JSONDecodeError:
-        return None
-    return event if isinstance(event, dict) else None

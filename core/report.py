@@ -6,6 +6,7 @@ import base64
 import html
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,65 @@ _STAGE_COLORS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00
 
 
 _TURNTABLE_PICTURES = 4  # that the page shows
+
+
+_TEXT, _NUMBER, _WHOLE = (str,), (int, float, type(None)), (int,)
+_FIGURES = dict.fromkeys(_KINDS, _NUMBER)
+_LAYER_SHAPE = {
+    "ccpr": {**_FIGURES, "tau": _NUMBER},
+    "ccpr_mean": _FIGURES,
+    "ssim_simulated": _FIGURES,
+    "naturalness": {"ssim": _NUMBER, "delta_e": _NUMBER},
+    "rwe": {"ratio": _NUMBER, "enhanced_ratio": _NUMBER},
+    "psnr_to_enhanced": _NUMBER,
+}
+# What of a report is used again when layers are added to its run. A type in brackets is that of a list's entries, `...`
+# stands for any key.
+_SHAPE: Mapping[str, Any] = {
+    "schema": _TEXT,
+    "settings": {"capture": _TEXT, "layers": [{}]},
+    "versions": {},
+    "device": _TEXT,
+    "capture": dict.fromkeys(("views", "train", "test", "width", "height"), _WHOLE),
+    "gaussians": _WHOLE,
+    "reconstruction": {"psnr": _NUMBER, "ssim": _NUMBER},
+    "seconds": {...: _NUMBER, "total": _NUMBER},
+    "peak_memory_mb": _NUMBER,
+    "layers": {...: _LAYER_SHAPE},
+    "views_shown": [_TEXT],
+    "curve": [{...: _NUMBER, "seconds": (int, float)}],
+    "notes": {...: _TEXT},
+    "warnings": [{"name": _TEXT, "message": _TEXT}],
+}
+
+
+def check_report(report: Any) -> None:
+    """Make sure that `report` is what `finish_report` wrote, as far as it is used again.
+
+    Raises:
+        ValueError: it is not; says where.
+    """
+    _check_shape(report, _SHAPE, "report")
+
+
+def _check_shape(value: Any, shape: Any, path: str) -> None:
+    if isinstance(shape, tuple):
+        if type(value) not in shape:
+            raise ValueError(f"{path} is unusable")
+        return
+    kind = list if isinstance(shape, list) else dict
+    if not isinstance(value, kind):
+        raise ValueError(f"{path} is unusable")
+    if kind is list:
+        for index, entry in enumerate(value):
+            _check_shape(entry, shape[0], f"{path}[{index}]")
+        return
+    for name in shape:
+        if name is not ... and name not in value:
+            raise ValueError(f"{path}.{name} is missing")
+    for name, entry in value.items():
+        if name in shape or ... in shape:
+            _check_shape(entry, shape.get(name, shape.get(...)), f"{path}.{name}")
 
 
 def finish_report(folder: Path, report: dict[str, Any]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -13,11 +12,12 @@ import numpy as np
 from .capture import Capture, View, inspect_capture, read_capture
 from .errors import InputError
 from .events import Reporter, StageSpan
-from .report import SCHEMA
+from .report import SCHEMA, check_report
 from .run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE
 from .settings import Settings
 from .splats.gaussians import Gaussians
 from .splats.ply import read_ply
+from .untrusted import read_json
 
 _NEW_RUN = "make a new run in another folder"
 # Options that shaped what is there already. The others (layers, enhancer, strength, device, Blender's) may differ.
@@ -61,16 +61,18 @@ class EarlierRun:
         Raises:
             InputError: there is none, or its files are damaged.
         """
+        if not (folder / REPORT_FILE).exists():
+            raise InputError("no finished run to add a layer to", where=out, remedy="leave out --resume")
         try:
-            report = json.loads((folder / REPORT_FILE).read_text(encoding="utf-8"))
+            report = read_json(folder / REPORT_FILE, remedy=_NEW_RUN)
             schema = report["schema"]
             if schema != SCHEMA:
                 raise InputError(f"a run of another version ({schema})", where=out, remedy=_NEW_RUN)
+            check_report(report)
             settings = Settings.from_dict({**report["settings"], "resume": False})
-        except FileNotFoundError:
-            raise InputError("no finished run to add a layer to", where=out, remedy="leave out --resume") from None
-        except (OSError, ValueError, KeyError, TypeError):
-            raise InputError("the report of the finished run is damaged", where=out, remedy=_NEW_RUN) from None
+        except (ValueError, KeyError, TypeError) as error:
+            what = f"the report of the finished run is damaged ({error})"
+            raise InputError(what, where=out, remedy=_NEW_RUN) from None
         capture = read_capture(folder / CAPTURE_FOLDER, max_size=None)
         return cls(out, report, settings, capture, read_ply(folder / GAUSSIANS_FILE))
 

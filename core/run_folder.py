@@ -68,6 +68,9 @@ class RunFolder:
         try:
             self.out.mkdir(parents=True, exist_ok=True)
             self._lock = self._take_lock()
+            for path in (self.staging, self._complete, self._retired):
+                if path.is_symlink():  # no run makes one, and what it leads to is not ours to move or remove
+                    path.unlink()
             self.mended = self._mend()
             shutil.rmtree(self.staging, ignore_errors=True)
             self.staging.mkdir()
@@ -82,7 +85,7 @@ class RunFolder:
     def _take_lock(self) -> IO[str]:
         path = self.out / _LOCK
         while True:
-            lock = open(path, "w")  # noqa: SIM115 - held open for the life of the run
+            lock = open_lock(path)
             try:
                 lock_exclusively(lock)
                 # The run that held it may have removed the file meanwhile; a lock on that keeps nobody out.
@@ -121,7 +124,7 @@ class RunFolder:
         """
         for path in self._earlier_files(self.out):
             if path.is_dir():
-                shutil.copytree(path, self.staging / path.name)
+                shutil.copytree(path, self.staging / path.name, symlinks=True)  # a run has none; cycles end here
             elif path.is_file():
                 shutil.copy2(path, self.staging / path.name)
 
@@ -202,6 +205,16 @@ class RunFolder:
         for path in self._created:
             with contextlib.suppress(OSError):  # not empty, or never made
                 path.rmdir()
+
+
+def open_lock(path: Path) -> IO[str]:
+    """The lock file `path`, made where it is missing, and never what a link in its place leads to.
+
+    Raises:
+        OSError: it is a link, a folder, or cannot be made.
+    """
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    return open(path, "w", opener=lambda name, _: os.open(name, flags, 0o666))
 
 
 def lock_exclusively(file: IO[str]) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import typing
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -17,6 +19,14 @@ ENHANCERS = ("cgan", "lut", "none")
 WEIGHTS_SUFFIX = ".safetensors"
 PLUGIN_PREFIX = "plugin:"
 """Before the name of an enhancer that an installed package offers; see docs/extending.md."""
+_MOST_EXACT = 2**53  # of whole numbers as floating-point ones
+_TYPE_NAMES: Mapping[type, str] = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "text",
+    type(None): '"auto"',
+}
 
 MIN_SIZE = 32  # pixels of the longer side; below that SSIM's 11-pixel window sees little else than its own border
 
@@ -155,11 +165,30 @@ class Settings:
         """
         unknown = sorted(set(values) - {field.name for field in fields(cls)})
         _check(not unknown, f"unknown settings {', '.join(unknown)}", "settings", "update the program that sends them")
+        typed: dict[str, Any] = {
+            name: typed_value(cls, name, value) for name, value in values.items() if name != "layers"
+        }
         try:
             layers = tuple(Layer(str(layer["cvd"]), float(layer["severity"])) for layer in values.get("layers", ()))
-            return cls(**{**values, "layers": layers} if "layers" in values else values)
-        except (TypeError, KeyError) as error:
+            return cls(**{**typed, "layers": layers} if "layers" in values else typed)
+        except (TypeError, KeyError, ValueError, OverflowError) as error:
             raise InputError(f"unusable settings ({error})", remedy="send what Settings.to_dict() gives") from None
+
+
+def typed_value(owner: type, name: str, value: Any) -> Any:
+    """`value` as the field `name` of the dataclass `owner` wants it; whole numbers also stand for others.
+
+    Raises:
+        InputError: it is of another type.
+    """
+    hint = typing.get_type_hints(owner)[name]
+    allowed = typing.get_args(hint) or (hint,)
+    if float in allowed and type(value) is int and abs(value) <= _MOST_EXACT:
+        return float(value)
+    if type(value) not in allowed:
+        remedy = f"give {' or '.join(_TYPE_NAMES[one] for one in allowed)}"
+        raise InputError(f"{repr(value)[:40]} is unusable", where=f"--{name.replace('_', '-')}", remedy=remedy)
+    return value
 
 
 def is_enhancer(name: str) -> bool:

@@ -16,15 +16,16 @@ Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (its tra
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import signal
 import sys
 import time
 import traceback
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from .errors import Cancelled, InputError
@@ -34,6 +35,7 @@ from .job_console import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
 from .parent import follow_parent
 from .photographs.front import EnhanceRequest
 from .settings import Settings
+from .untrusted import parse_json
 
 # How the system, Warp, torch and CUDA name what is not a defect of ours, in the text of an error.
 _NO_MEMORY = re.compile(
@@ -52,7 +54,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, _cancel)
     follow_parent(_end_alone)
     try:
-        result = _perform(json.loads(sys.stdin.readline()), reporter)
+        result = _perform(parse_request(sys.stdin.readline()), reporter)
     except InputError as error:
         reporter.emit("error", kind="input", message=str(error))
         return EXIT_INPUT
@@ -68,6 +70,59 @@ def main() -> int:
         return EXIT_DEFECT
     reporter.emit("result", **result)
     return EXIT_DONE
+
+
+# What a request must have besides its job, and what it may have.
+_REQUESTS: Mapping[str, Mapping[str, type]] = {
+    "inspect": {"capture": str},
+    "inspect-all": {"captures": list},
+    "normalise": {"capture": str, "folder": str},
+    "check": {"device": str},
+    "make-environment": {"folder": str},
+    "run": {"settings": dict, "folder": str},
+    "enhance": {"request": dict, "folder": str},
+}
+_OPTIONAL: Mapping[str, type] = {"sfm": bool, "previews": bool, "thumbnails": dict, "packages": list}
+_CAPTURE_ENTRY: Mapping[str, type] = {"capture": str, "sfm": bool}
+_THUMBNAILS: Mapping[str, type] = {"folder": str, "count": int, "size": int}
+
+
+def parse_request(line: str) -> dict[str, Any]:
+    """The request in `line`, of which everything that the job needs is there and of its type.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        request = parse_json(line)
+    except ValueError as error:
+        raise _unusable(f"is not JSON ({error})") from None
+    job = request.get("job") if isinstance(request, dict) else None
+    if not isinstance(job, str) or job not in _REQUESTS:
+        raise _unusable(f"is for an unknown job {str(job)[:40]!r}")
+    _require_fields(request, _REQUESTS[job], _OPTIONAL)
+    for entry in request.get("captures", ()):
+        _require_fields(entry, _CAPTURE_ENTRY)
+    if request.get("thumbnails") is not None:
+        _require_fields(request["thumbnails"], _THUMBNAILS)
+    return request
+
+
+def _require_fields(
+    values: Any, required: Mapping[str, type], optional: Mapping[str, type] = MappingProxyType({})
+) -> None:
+    if not isinstance(values, dict):
+        raise _unusable("has something else where an object belongs")
+    for name, kind in {**optional, **required}.items():
+        value = values.get(name)
+        if value is None and name not in required:
+            continue
+        if type(value) is not kind or (kind is str and "\0" in value):
+            raise _unusable(f"has no usable '{name}'")
+
+
+def _unusable(what: str) -> InputError:
+    return InputError(f"the request {what}", where="stdin", remedy="send what the head of core/worker.py shows")
 
 
 def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
@@ -100,7 +155,7 @@ def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
         from .photographs.job import enhance_folder
 
         return {"summary": enhance_folder(enhance_request, Path(request["folder"]), reporter)}
-    raise InputError(f"unknown job '{job}'", remedy="update the program that sends it")
+    raise AssertionError(f"a job that parse_request knows and nobody does: {job}")
 
 
 def _inspect(capture: Path, sfm: bool, thumbnails: dict[str, Any] | None) -> dict[str, Any]:
@@ -111,7 +166,7 @@ def _inspect(capture: Path, sfm: bool, thumbnails: dict[str, Any] | None) -> dic
     summary["source"] = str(summary["source"])
     if thumbnails is None:
         return {"summary": summary}
-    count, size = int(thumbnails["count"]), int(thumbnails["size"])
+    count, size = thumbnails["count"], thumbnails["size"]
     paths = write_thumbnails(capture, Path(thumbnails["folder"]), count=count, size=size, sfm=sfm)
     return {"summary": summary, "thumbnails": [str(path) for path in paths]}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -13,13 +12,16 @@ import gpu
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.errors import InputError
 from ..core.run_files import REPORT_FILE
+from ..core.untrusted import read_json
 from .scene.convert import load_run
 from .scene.finished_run import FinishedRun, read_run
 from .scene.splat_attributes import Attribute, color_attribute
 from .scene.splats import is_splats, layer_names, show_layer
 from .shown import require_object_mode
 
+_MOST_SHOWN = 1e15  # no figure of a run is larger
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader")
 
 RUN_PROPERTY = "cvdgs_run"
@@ -70,20 +72,20 @@ def read_report(folder: str) -> dict[str, Any]:
     path = Path(folder, REPORT_FILE)
     try:
         return _report(path, path.stat().st_mtime_ns)
-    except (OSError, ValueError):
+    except (OSError, ValueError, InputError):
         return {}
 
 
 @lru_cache(maxsize=4)
 def _report(path: Path, _changed: int) -> dict[str, Any]:
     """The report as it was written at a time; panels ask for it at every redraw."""
-    report = json.loads(path.read_text(encoding="utf-8"))
+    report = read_json(path)
     return report if isinstance(report, dict) and isinstance(report.get("layers"), dict) else {}
 
 
 def figures_of(report: dict[str, Any]) -> dict[str, list[tuple[str, str]]]:
     """What the panel shows of a report: a heading and (name, value) pairs; what was not measured is left out."""
-    reconstruction, seconds = report.get("reconstruction") or {}, report.get("seconds") or {}
+    reconstruction, seconds = _part(report, "reconstruction"), _part(report, "seconds")
     tables = {
         "Reconstruction": [
             ("Gaussians", _shown(report.get("gaussians"), "{:,}")),
@@ -92,9 +94,9 @@ def figures_of(report: dict[str, Any]) -> dict[str, list[tuple[str, str]]]:
             ("Time", _shown(seconds.get("total"), "{:.0f} s")),
         ]
     }
-    for name, layer in report.get("layers", {}).items():
-        contrast, natural = layer.get("ccpr") or {}, layer.get("naturalness") or {}
-        consistency = layer.get("rwe") or {}
+    for name in _part(report, "layers"):
+        layer = _part(_part(report, "layers"), name)
+        contrast, natural, consistency = (_part(layer, part) for part in ("ccpr", "naturalness", "rwe"))
         tables[name] = [
             ("Contrast left, photographs", _shown(contrast.get("input"), "{:.0%}")),
             ("Contrast left, enhanced", _shown(contrast.get("enhanced"), "{:.0%}")),
@@ -106,8 +108,14 @@ def figures_of(report: dict[str, Any]) -> dict[str, list[tuple[str, str]]]:
     return {heading: [row for row in rows if row[1]] for heading, rows in tables.items()}
 
 
+def _part(report: dict[str, Any], name: str) -> dict[str, Any]:
+    """The table `name` of a report; empty where there is something else, because a panel must not fail to draw."""
+    part = report.get(name)
+    return part if isinstance(part, dict) else {}
+
+
 def _shown(value: Any, template: str) -> str:
-    return template.format(value) if isinstance(value, int | float) else ""
+    return template.format(value) if isinstance(value, int | float) and abs(value) < _MOST_SHOWN else ""
 
 
 def _newest_layer(folder: str) -> str:

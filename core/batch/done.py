@@ -19,6 +19,7 @@ from typing import Any
 
 from ... import __version__
 from ..errors import InputError
+from ..untrusted import read_json
 from .task import BATCH_FOLDER, Kind, Task
 
 DONE_FOLDER = "done"
@@ -71,10 +72,10 @@ def is_done(task: Task, out: Path) -> bool:
 def read_record(task: Task, out: Path) -> Record | None:
     """The record of `task`; None where there is none, or it is damaged."""
     try:
-        values = json.loads(record_path(task, out).read_text(encoding="utf-8"))
+        values = read_json(record_path(task, out))
         inputs = {path: tuple(signature) for path, signature in values["inputs"].items()}
         return Record(str(values["fingerprint"]), float(values["seconds"]), inputs, dict(values["outputs"]))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (InputError, ValueError, KeyError, TypeError, AttributeError, OverflowError):
         return None
 
 

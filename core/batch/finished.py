@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
 from ..report import SCHEMA
 from ..run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
+from ..untrusted import read_json
 
 CAMERAS = f"{CAPTURE_FOLDER}/transforms.json"
 _REMEDY = "give the output folder of a finished run of scripts/run.py"
@@ -30,8 +30,8 @@ def check_finished_run(folder: Path) -> list[str]:
 def report_or_nothing(folder: Path) -> dict[str, Any]:
     """What the report of the run in `folder` says, for who can do without; empty where it cannot be read."""
     try:
-        report = json.loads((folder / REPORT_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        report = read_json(folder / REPORT_FILE)
+    except InputError:
         return {}
     return report if isinstance(report, dict) else {}
 
@@ -42,15 +42,13 @@ def read_report(folder: Path) -> dict[str, Any]:
     Raises:
         InputError: there is none, or it is damaged or of another version.
     """
-    try:
-        report = json.loads((folder / REPORT_FILE).read_text(encoding="utf-8"))
-        schema = report["schema"]
-        if not isinstance(report["layers"], dict) or not isinstance(report["settings"], dict):
-            raise ValueError("no layers")
-    except FileNotFoundError:
-        raise InputError("no finished run is there", where=folder, remedy=_REMEDY) from None
-    except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(f"{REPORT_FILE} of the finished run is damaged", where=folder, remedy=_REMEDY) from None
-    if schema != SCHEMA:
-        raise InputError(f"a run of another version ({schema})", where=folder, remedy="make the run again")
+    if not (folder / REPORT_FILE).exists():
+        raise InputError("no finished run is there", where=folder, remedy=_REMEDY)
+    report = read_json(folder / REPORT_FILE, remedy=_REMEDY)
+    if not isinstance(report, dict) or "schema" not in report:
+        raise InputError(f"{REPORT_FILE} of the finished run is damaged", where=folder, remedy=_REMEDY)
+    if report["schema"] != SCHEMA:
+        raise InputError(f"a run of another version ({report['schema']})", where=folder, remedy="make the run again")
+    if not isinstance(report.get("layers"), dict) or not isinstance(report.get("settings"), dict):
+        raise InputError(f"{REPORT_FILE} of the finished run is damaged", where=folder, remedy=_REMEDY)
     return report

@@ -38,6 +38,6 @@ def _copy_run(source: Path, target: Path) -> None:
     with all_or_nothing(folder, str(target), LOG_FILE):
         for path in files_of_a_run(source):
             if path.is_dir():
-                shutil.copytree(path, folder.staging / path.name)
+                shutil.copytree(path, folder.staging / path.name, symlinks=True)  # a run has none; cycles end here
             elif path.is_file():
                 shutil.copy2(path, folder.staging / path.name)

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from ..errors import InputError
 from ..job import Event, Job
 from ..job_console import EXIT_DONE, EXIT_INPUT, Listener
-from ..run_folder import lock_exclusively
+from ..run_folder import lock_exclusively, open_lock
 from .course import TELL_SECONDS, Course
 from .machine import Resources
 from .outcome import BatchOutcome
@@ -54,7 +54,7 @@ def alone(plan: Plan) -> Iterator[None]:
     """
     path = plan.out / BATCH_FOLDER / _LOCK_FILE
     path.parent.mkdir(parents=True, exist_ok=True)
-    with open(path, "w") as lock:
+    with open_lock(path) as lock:
         try:
             lock_exclusively(lock)
         except OSError:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ..job_console import Listener, WorkerDefect
-from ..run_folder import lock_exclusively
+from ..run_folder import lock_exclusively, open_lock
 from .done import forget, is_done, sign_inputs, write_record
 from .task import BATCH_FOLDER, Kind, Plan, Task
 
@@ -71,7 +71,7 @@ def _alone(task: Task, out: Path, listen: Listener) -> Iterator[None]:
     """Hold the lock of `task`, which vanishes with this process."""
     path = out / BATCH_FOLDER / LOCK_FOLDER / task.name
     path.parent.mkdir(parents=True, exist_ok=True)
-    with open(path, "w") as lock:
+    with open_lock(path) as lock:
         told = False
         while True:
             try:

@@ -30,13 +30,15 @@ from typing import Any
 
 from ..errors import InputError
 from ..job import ROOT
+from ..untrusted import read_json
 
 SCRIPT = ROOT / "scripts" / "turntable.py"
 BATCH_FOLDER = ".batch"
 PLAN_FILE = "plan.json"
 _FORMAT = 1
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
-_RANGE = re.compile(r"\{(\d+)\.\.(\d+)\}")
+_RANGE = re.compile(r"\{(\d{1,6})\.\.(\d{1,6})\}")
+_MAX_PLAN_BYTES = 256 << 20  # a hundred thousand tasks
 
 
 class Kind(StrEnum):
@@ -94,6 +96,10 @@ class Task:
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
             raise ValueError(f"'{self.name}' is no name of a task")
+        for path in self.outputs:
+            parts = path.replace("\\", "/").split("/")
+            if os.path.isabs(path) or ".." in parts or ":" in parts[0]:
+                raise ValueError(f"the output {path} of '{self.name}' lies outside of the batch's folder")
 
     def input_paths(self, out: Path) -> Iterator[Path]:
         """The inputs in the folder `out`, those of a sequence one by one."""
@@ -207,12 +213,10 @@ def read_plan(path: Path) -> Plan:
     """
     remedy = "plan the batch again"
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = read_json(path, most_bytes=_MAX_PLAN_BYTES, remedy=remedy)
         if values["format"] != _FORMAT:
             raise InputError(f"a plan of another version ({values['format']})", where=path, remedy=remedy)
         tasks = tuple(Task.from_dict(task) for task in values["tasks"])
         return Plan(path.absolute().parent.parent, tasks, int(values["retries"]))
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror})", where=path, remedy=remedy) from None
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
         raise InputError(f"the plan is damaged ({error})", where=path, remedy=remedy) from None

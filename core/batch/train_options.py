@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import typing
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..settings import WEIGHTS_SUFFIX, Layer, Settings
+from ..settings import WEIGHTS_SUFFIX, Layer, Settings, typed_value
 from .table_reader import TableReader
 
 # The others belong to the batch or to the item.
@@ -29,7 +28,6 @@ OPTIONS = (
     "sfm",
 )
 _AUTO = "auto"
-_TYPES = typing.get_type_hints(Settings)
 
 
 def read_train_options(table: TableReader, default: Mapping[str, Any], folder: Path) -> dict[str, Any]:
@@ -55,21 +53,12 @@ def _checked(name: str, value: Any, folder: Path) -> Any:
     Raises:
         InputError: it does not.
     """
-    allowed = typing.get_args(_TYPES[name]) or (_TYPES[name],)
-    if value == _AUTO and type(None) in allowed:
+    if value == _AUTO and getattr(Settings, name) is None:
         return None
-    if float in allowed and type(value) is int:
-        value = float(value)
-    if type(value) not in allowed:
-        raise InputError(f"{value!r} is unusable", remedy=f"give {_described(allowed)}")
+    value = typed_value(Settings, name, value)
     if name == "enhancer" and value.endswith(WEIGHTS_SUFFIX):
         value = os.path.normpath(folder / value)
         if not Path(value).is_file():
             raise InputError(f"no such file: {value}", remedy=f"give a {WEIGHTS_SUFFIX} file that is there")
     Settings("capture", "out", (Layer("deutan", 1.0),), **{name: value})
     return value
-
-
-def _described(allowed: tuple[type, ...]) -> str:
-    words = {bool: "true or false", int: "a whole number", float: "a number", str: "text", type(None): f'"{_AUTO}"'}
-    return " or ".join(words[one] for one in allowed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import sys
 import time
 from dataclasses import asdict, dataclass
@@ -14,11 +15,14 @@ from ..job import WORKER, Event, Job, find_python
 from ..job_console import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from ..progress import RunProgress, format_seconds
 from ..run_folder import RunFolder
-from ..settings import Settings
+from ..settings import Settings, typed_value
+from ..untrusted import read_bytes
 
 METRICS_NAME, SHEET_NAME, LOG_NAME = "metrics.csv", "sheet.html", "enhance.log"
 FILE_COLUMN, OUTPUT_COLUMN = "file", "output"
 """First two columns of metrics.csv: the photograph, and what was made of it."""
+
+_MOST_METRICS_BYTES = 32 << 20  # a hundred thousand photographs
 
 # Share of the time by stage, measured on two cores with twelve photographs of 0.4 megapixels and the LUT.
 _STAGE_SHARES = {"start": 0.14, "read": 0.02, "enhance": 0.84}
@@ -60,7 +64,8 @@ class EnhanceRequest:
             InputError: unknown or missing entries.
         """
         try:
-            return cls(**{**values, "inputs": tuple(values["inputs"])})
+            others = {name: typed_value(cls, name, value) for name, value in values.items() if name != "inputs"}
+            return cls(inputs=tuple(map(str, values["inputs"])), **others)
         except (TypeError, KeyError) as error:
             raise InputError(f"unusable request ({error})", remedy="send what EnhanceRequest.to_dict() gives") from None
 
@@ -104,12 +109,12 @@ def earlier_files(out: Path) -> list[Path]:
     """
     metrics = out / METRICS_NAME
     try:
-        with open(metrics, newline="", encoding="utf-8", errors="replace") as file:
-            rows = csv.DictReader(file)
-            if list(rows.fieldnames or ())[:2] != [FILE_COLUMN, OUTPUT_COLUMN]:
-                return []
-            names = {str(row[OUTPUT_COLUMN] or "") for row in rows}
-    except (OSError, csv.Error):
+        text = read_bytes(metrics, most_bytes=_MOST_METRICS_BYTES).decode("utf-8", "replace")
+        rows = csv.DictReader(io.StringIO(text, newline=""))
+        if list(rows.fieldnames or ())[:2] != [FILE_COLUMN, OUTPUT_COLUMN]:
+            return []
+        names = {str(row[OUTPUT_COLUMN] or "") for row in rows}
+    except (InputError, csv.Error):
         return []
     pictures = [out / name for name in sorted(names) if name.endswith(".png") and Path(name).name == name]
     return [*pictures, out / SHEET_NAME, metrics]

@@ -34,10 +34,12 @@ def read_gaussians(path: str | Path, *, drop_damaged: bool = False) -> Gaussians
         drop_damaged: leave Gaussians out that have other values that are no finite numbers, instead of refusing them.
 
     Raises:
-        InputError: none of these formats, cut short, a mesh, or damaged.
+        InputError: none of these formats, empty, cut short, a mesh, or damaged.
     """
     path = Path(path)
     gaussians = _reader(path)(path)
+    if not len(gaussians):
+        raise InputError("it holds no Gaussians", where=path, remedy="export it again")
     np.clip(gaussians.opacity_logits, -_HIGHEST_LOGIT, _HIGHEST_LOGIT, out=gaussians.opacity_logits)
     damaged = _damaged(gaussians)
     if not damaged.any():

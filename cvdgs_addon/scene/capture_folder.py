@@ -6,16 +6,18 @@ it; ``images/<key>.png``; and ``points.ply``.
 
 from __future__ import annotations
 
-import json
+from collections import ChainMap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.ply_table import VertexTable
+from ...core.untrusted import opened, read_json
 from .intrinsics import Intrinsics
 
 CAMERAS_FILE, POINTS_FILE = "transforms.json", "points.ply"
@@ -29,7 +31,8 @@ _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 _PNG_COLOR_TYPE = 25
 _PNG_TYPES_WITH_ALPHA = (4, 6)
 
-_POINT = np.dtype([("position", "<f4", 3), ("color", "u1", 3)])
+_MOST_VIEWS = 20_000  # as many as a worker reads
+_MOST_POINT_BYTES = 1 << 30
 _POINT_PROPERTIES = ("x", "y", "z", "red", "green", "blue")
 
 
@@ -68,11 +71,10 @@ class CaptureFolder:
 def is_normalised(folder: Path) -> bool:
     """Whether `folder` holds a capture that Blender can use as it is: pinhole cameras, PNG images, readable points."""
     try:
-        document = json.loads((folder / CAMERAS_FILE).read_text(encoding="utf-8"))
-        frames = [{**document, **frame} for frame in document["frames"]]
+        frames = _frames(folder / CAMERAS_FILE)
         read_points(folder)
         return bool(frames) and all(_is_pinhole(frame) for frame in frames)
-    except (OSError, ValueError, KeyError, TypeError, InputError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, InputError):
         return False
 
 
@@ -86,15 +88,27 @@ def read_capture_folder(folder: Path) -> CaptureFolder:
     if not path.is_file():
         raise InputError("no such file", where=path, remedy=_RUN_AGAIN)
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-        views = tuple(_read_view({**document, **frame}, path) for frame in document["frames"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        views = tuple(_read_view(frame, path) for frame in _frames(path))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RuntimeError) as error:
         raise InputError(
             f"not the cameras of a run ({type(error).__name__}: {error})", where=path, remedy=_RUN_AGAIN
         ) from None
     if not views:
         raise InputError("it lists no cameras", where=path, remedy=_RUN_AGAIN)
     return CaptureFolder(folder, views, any(view.image is not None and _has_alpha(view.image) for view in views))
+
+
+def _frames(path: Path) -> list[Mapping[str, Any]]:
+    """The frames of a camera file; what one does not say, the file says for all.
+
+    Raises:
+        InputError: the file cannot be read, or has more frames than a capture may have views.
+        KeyError, TypeError: it is no camera file.
+    """
+    document = read_json(path, remedy=_RUN_AGAIN, strict=False)
+    if len(document["frames"]) > _MOST_VIEWS:
+        raise InputError(f"it has more than {_MOST_VIEWS:,} cameras", where=path, remedy=_RUN_AGAIN)
+    return [ChainMap(frame, document) for frame in document["frames"]]
 
 
 def read_points(folder: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -106,30 +120,13 @@ def read_points(folder: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]
     path = folder / POINTS_FILE
     if not path.is_file():
         return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)
-    with open(path, "rb") as file:
-        count = _read_point_header(file, path)
-        points = np.fromfile(file, _POINT, count)
-    if len(points) < count:
-        raise InputError(f"{count - len(points)} of {count} points are missing", where=path, remedy=_IMPORT_AGAIN)
-    return points["position"].copy(), points["color"].astype(np.float32) / np.float32(255.0)
-
-
-def _read_point_header(file: BinaryIO, path: Path) -> int:
-    """The number of points; leaves `file` at the first one."""
-    count, properties, is_binary = -1, [], False
-    for _ in range(64):
-        words = file.readline(256).decode("ascii", "replace").split()
-        if words[:1] == ["format"]:
-            is_binary = words[1:2] == ["binary_little_endian"]
-        elif words[:2] == ["element", "vertex"] and words[2:3] and words[2].isdecimal():
-            count = int(words[2])
-        elif words[:1] == ["property"]:
-            properties.append(words[-1])
-        elif words == ["end_header"]:
-            break
-    if count < 0 or not is_binary or tuple(properties) != _POINT_PROPERTIES:
-        raise InputError("not the points that a worker writes", where=path, remedy=_IMPORT_AGAIN)
-    return count
+    with opened(path, most_bytes=_MOST_POINT_BYTES, remedy=_IMPORT_AGAIN) as file:
+        table = VertexTable(file, path, noun="points", remedy=_IMPORT_AGAIN)
+        table.require(_POINT_PROPERTIES, "not the points that a worker writes")
+        blocks = list(table.blocks())
+    points = np.concatenate(blocks) if blocks else np.zeros(0, [(name, "f4") for name in _POINT_PROPERTIES])
+    x, y, z, *channels = (points[name].astype(np.float32) for name in _POINT_PROPERTIES)
+    return np.stack([x, y, z], axis=1), np.stack(channels, axis=1) / np.float32(255.0)
 
 
 def _read_view(frame: Mapping[str, Any], path: Path) -> CaptureView:

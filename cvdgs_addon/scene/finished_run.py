@@ -63,6 +63,8 @@ def read_run(folder: str | Path) -> FinishedRun:
         raise InputError("no such folder", where=folder, remedy=_RUN_AGAIN)
     capture = read_capture_folder(folder / CAPTURE_FOLDER)
     gaussians = read_ply(_existing(folder / GAUSSIANS_FILE))
+    if not len(gaussians):
+        raise InputError("it holds no Gaussians", where=folder / GAUSSIANS_FILE, remedy=_RUN_AGAIN)
     layers = {}
     for path in sorted(folder.glob(LAYER_GAUSSIANS_PATTERN)):
         layer = read_ply(path)

@@ -123,12 +123,10 @@ def test_models_are_read_as_colmap_reads_them(tmp_path: Path, form: str) -> None
         (other,) = [one for one in expected.images.values() if one.name == image.name]
         np.testing.assert_allclose(image.world_to_camera, other.cam_from_world().matrix(), atol=1e-9)
     points = [point for point in expected.points3D.values() if point.track.length() >= 2]
-    order = np.lexsort(model.points.T)
-    positions = np.array([point.xyz for point in points], np.float32)
-    other_order = np.lexsort(positions.T)
-    np.testing.assert_array_equal(model.points[order], positions[other_order])
-    colors = np.array([point.color for point in points], np.uint8)
-    np.testing.assert_array_equal(model.point_colors[order], colors[other_order])
+    # Two points may lie in one place and differ in their colours.
+    read = np.column_stack([model.points, model.point_colors])
+    known = np.array([[*point.xyz.astype(np.float32), *point.color] for point in points])
+    np.testing.assert_array_equal(read[np.lexsort(read.T)], known[np.lexsort(known.T)])
 
 
 def test_absent_photographs_of_a_downloaded_camera_file_are_listed(tmp_path: Path) -> None:
