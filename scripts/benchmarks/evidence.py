@@ -87,13 +87,17 @@ def shown_command(options: argparse.Namespace, arguments: Sequence[str] | None =
     return " ".join(["python scripts/benchmark.py", *(shown or [options.part])])
 
 
-def made_by(options: argparse.Namespace) -> list[str]:
-    """The lines of a text that say how its figures were made."""
-    seeds = f"{options.seeds} seeds" if options.seeds > 1 else "one seed"
-    return [
-        f"By `{shown_command(options)}`: views of at most {options.max_size} pixels, {options.iterations:,} steps, "
-        f"{seeds}."
-    ]
+def made_by(options: argparse.Namespace, *, trained: bool = True, seeds: int | None = None) -> list[str]:
+    """The lines of a text that say how its figures were made.
+
+    Args:
+        trained: whether scenes were.
+        seeds: how many of them, where they are not those of the options.
+    """
+    seeds = seeds or options.seeds
+    count = f"{seeds} seeds" if seeds > 1 else "one seed"
+    training = f", {options.iterations:,} steps, {count}" if trained else ""
+    return [f"By `{shown_command(options)}`: views of at most {options.max_size} pixels{training}."]
 
 
 def write_text(path: Path, lines: Sequence[str]) -> str:

@@ -45,7 +45,7 @@ def _measure(options: argparse.Namespace) -> str:
     options = settled(options)
     if options.quick:
         options.views = min(options.views, QUICK_VIEWS)
-    lines = ["# The modes from novel views", "", *made_by(options), "", *_EXPLANATION, ""]
+    lines = ["# The modes from novel views", "", *made_by(options, seeds=1), "", *_EXPLANATION, ""]
     for source in chosen_sources(options):
         subject = source.load()
         for enhancer in options.enhancers:

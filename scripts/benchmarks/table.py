@@ -42,7 +42,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _measure(options: argparse.Namespace) -> str:
     """Compare modes and enhancers, then observers, then frames; writes .csv and .md of table, severities and frames."""
     options = settled(options)
-    reporter, work, heading = ConsoleReporter(sys.stderr), work_folder(options), made_by(options)
+    reporter, work = ConsoleReporter(sys.stderr), work_folder(options)
     rows, observers = (QUICK_ROWS, QUICK_OBSERVERS) if options.quick else (ROWS, OBSERVERS)
     sources = chosen_sources(options)
     synthetic = [source for source in sources if source.name in SHOWROOMS]
@@ -60,11 +60,11 @@ def _measure(options: argparse.Namespace) -> str:
         summarise(source.name, enhancer, found) for source in frames for enhancer, found in frames[source].items()
     ]
     texts = {
-        "table": write_table(options.out, trials, [source.name for source in synthetic], heading, rows),
-        "severities": write_severities(options.out, seen, heading, observers),
+        "table": write_table(options.out, trials, [source.name for source in synthetic], made_by(options), rows),
+        "severities": write_severities(options.out, seen, made_by(options, seeds=1), observers),
     }
     if summaries:
-        texts["frames"] = write_frames(options.out, summaries, heading)
+        texts["frames"] = write_frames(options.out, summaries, made_by(options, trained=False))
     return "\n".join(write_text(options.out / f"{name}.md", lines) for name, lines in texts.items())
 
 
