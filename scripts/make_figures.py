@@ -19,7 +19,7 @@ import bootstrap
 
 bootstrap.load()
 from cvdgs.core.color.simulation import simulate  # noqa: E402
-from cvdgs.core.color.spaces import image_to_tensor, srgb_to_lab, tensor_to_image  # noqa: E402
+from cvdgs.core.color.spaces import image_to_tensor, srgb_to_lab  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.evaluate.charts import Theme, plot_series, write_charts  # noqa: E402
 from cvdgs.core.images import read_png  # noqa: E402
@@ -46,7 +46,9 @@ def draw_training(curve: list[dict[str, Any]], figure: Figure, theme: Theme) -> 
 def draw_colors(
     before: np.ndarray, after: np.ndarray, observer: tuple[str, float], figure: Figure, theme: Theme
 ) -> None:
-    """Where the colours of a view lie for the observer, before and after the enhancement, in CIELAB's a*b* plane.
+    """Where the colours of a view lie for the observer, before and after the enhancement: lightness over blue–yellow.
+
+    These are the two dimensions that a red–green dichromat has.
 
     Args:
         before, after: (N, 3) uint8 sRGB colours of the same places.
@@ -54,13 +56,12 @@ def draw_colors(
     """
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
     for panel, colors, title in zip(axes, (before, after), ("photograph", "enhanced photograph"), strict=True):
-        seen = simulate(image_to_tensor(colors[None]), *observer)
-        lab = srgb_to_lab(seen)[:, 0].numpy()
-        panel.scatter(lab[1], lab[2], s=12, c=tensor_to_image(seen)[0], edgecolors=theme.muted, linewidths=0.3)
+        lab = srgb_to_lab(simulate(image_to_tensor(colors[None]), *observer))[:, 0].numpy()
+        normal = image_to_tensor(before[None]).numpy()[:, 0].T
+        panel.scatter(lab[2], lab[0], s=14, c=normal, edgecolors=theme.muted, linewidths=0.3)
         panel.set_title(f"{title}, as a {observer[0]} sees it")
-        panel.set_xlabel("a*")
-        panel.set_aspect("equal")
-    axes[0].set_ylabel("b*")
+        panel.set_xlabel("b*: blue to yellow")
+    axes[0].set_ylabel("L*: lightness")
 
 
 def make_figures(run: Path, out: Path) -> None:
