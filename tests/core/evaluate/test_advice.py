@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, shift
 
+from cvdgs.core.bootstrap import ROOT
 from cvdgs.core.capture import Capture, PinholeCamera, View, read_capture
 from cvdgs.core.demo import SHOWROOM
+from cvdgs.core.evaluate import advice
 from cvdgs.core.evaluate.advice import advise
 from cvdgs.core.evaluate.evaluation import Split
 from cvdgs.core.evaluate.evidence.stress.disturbances import compressed, dimly_lit, motion_blurred
@@ -112,3 +115,11 @@ def test_photographs_of_one_colour_are_no_reason_to_warn(tmp_path: Path) -> None
     points = np.zeros((0, 3), np.float32)
     capture = Capture(Path("grey"), "transforms", views, points, points.astype(np.uint8))
     assert names(capture, tmp_path) == set()
+
+
+def test_every_warning_is_explained() -> None:
+    source = Path(advice.__file__).read_text(encoding="utf-8")
+    given = set(re.findall(r'CaptureWarning\(\s*"([a-z-]+)"', source))
+    explained = (ROOT / "docs" / "warnings.md").read_text(encoding="utf-8")
+    assert len(given) > 10
+    assert all(f"| `{name}` |" in explained for name in given)

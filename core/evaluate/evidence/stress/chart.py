@@ -30,11 +30,11 @@ def write_stress_chart(folder: Path, name: str, axes: Sequence[Axis], items: Seq
 
     def draw(figure: Figure, theme: Theme) -> None:
         panels = figure.subplots(len(axes), len(_COLUMNS), squeeze=False)
-        for row, axis in zip(panels, axes, strict=True):
-            for panel, (key, title) in zip(row, _COLUMNS.items(), strict=True):
+        for number, axis in enumerate(axes):
+            for panel, (key, title) in zip(panels[number], _COLUMNS.items(), strict=True):
                 _draw_panel(panel, axis, key, items, theme)
-                panel.set_title(title if row is panels[0] else "")
-            row[0].set_title(f"{axis.title}" + (f"\n{_COLUMNS['psnr']}" if row is panels[0] else ""))
+                panel.set_ylabel(title)
+            panels[number][0].set_title(axis.title)
         handles, labels = panels[0][0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
 

@@ -89,7 +89,7 @@ def _how(plan: StressPlan) -> list[str]:
     return [
         f"{plan.base.name} at {plan.base.max_size} pixels, {plan.iterations} steps, at most {plan.gaussians:,} "
         f"Gaussians for every method, {_count_of(len(plan.seeds), 'seed')}. Each axis has the untouched capture, which "
-        f"all axes share, and {_count_of(broken, 'level')} that are ever worse. What is wrong is wrong with what the "
+        f"all axes share, and {_count_of(broken, 'level')} of it made worse. What is wrong is wrong with what the "
         "method is given; results are judged by the untouched photographs and cameras that were held out, and where "
         "the scene itself differs (chroma, satin, sheer cloth, yarns) by those of that scene.",
         "",
@@ -152,11 +152,18 @@ def _warnings(plan: StressPlan, items: Sequence[Standing]) -> list[str]:
     rows = []
     for axis in plan.axes:
         levels = _broken(curve(items, OURS, axis.name))
-        told = [", ".join(sorted(set(item.warnings.split()) - usual)) or "nothing" for item in levels]
+        told = [_told(item, usual) for item in levels]
         rows.append([axis.title, *(f"{item.value}: {names}" for item, names in zip(levels, told, strict=True))])
     header = ["what is made worse", *(f"level {level}" for level in plan.broken_levels)]
     lines = markdown_table(header, rows)
     return [*lines, "", f"On the untouched capture: {', '.join(sorted(usual)) or 'nothing'}."]
+
+
+def _told(item: Standing, usual: set[str]) -> str:
+    """The warnings beside the `usual` ones; where no seed gave a result, why."""
+    if not item.seeds:
+        return item.failed
+    return ", ".join(sorted(set(item.warnings.split()) - usual)) or "nothing"
 
 
 def _page(plan: StressPlan, results: Sequence[StressResult], items: Sequence[Standing]) -> str:
