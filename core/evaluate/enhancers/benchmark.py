@@ -68,7 +68,7 @@ class EnhancerBenchmark:
         text = write_comparison(folder, comparison, image_sets, self._candidate(), self._describe(image_sets))
         points = [point for point in comparison.trade_offs if point.image_set in self.photographs]
         if points:
-            write_chart(folder / "enhancer.svg", points, "CCPR of hard photographs against change")
+            write_chart(folder, "enhancer", points, "CCPR of hard photographs against change")
         for name, observer in dict.fromkeys((shown.image_set, shown.observer) for shown in comparison.shown):
             images = [x.versions for x in comparison.shown if (x.image_set, x.observer) == (name, observer)]
             write_contact_sheet(folder / f"sheet-{name}-{observer.name}.png", images, observer, ENHANCED_FOR)
