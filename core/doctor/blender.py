@@ -16,9 +16,14 @@ from .interpreters import ask, blender_version
 SYSTEM_LIBRARIES = ROOT / "scripts" / "system_libraries.sh"
 
 
-def examine_blender() -> Iterator[Finding]:
+def examine_blender(*, worker_is_here: bool) -> Iterator[Finding]:
     """The Blender that makes scene.blend, and what it needs of the system."""
-    yield _blender()
+    blender = _blender()
+    if blender.state is State.MISSING and not worker_is_here:
+        # Without a worker nothing is known of its bpy module, and whoever makes the worker gets both.
+        remedy = "make the worker first, which has it; or set CVDGS_BLENDER to a Blender program"
+        blender = Finding("Blender", State.MISSING, "is looked for beside the worker, which is missing", remedy)
+    yield blender
     yield from _system_libraries()
     if sys.platform.startswith("linux") and ctypes.util.find_library("EGL") is None:
         remedy = "install it (Debian: libegl1 and libgl1-mesa-dri)"

@@ -23,5 +23,6 @@ def examine(reporter: Reporter | None = None) -> Iterator[Finding]:
     yield Finding("this Python", State.OK, f"{platform.python_version()} ({sys.executable})")
     yield from worker
     tell(STAGE, "asking Blender")
-    yield from examine_blender()
-    yield from examine_computer(environment_is_here=worker[0].state is State.OK)
+    worker_is_here = worker[0].state is State.OK
+    yield from examine_blender(worker_is_here=worker_is_here)
+    yield from examine_computer(environment_is_here=worker_is_here)

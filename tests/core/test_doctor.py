@@ -73,6 +73,7 @@ def test_a_fresh_checkout_is_told_how_to_make_the_environment(empty_python, fres
     assert process.returncode == 2
     assert "no Python with torch and Warp is found" in process.stdout
     assert f"-> run 'make venv' in {fresh_tree}" in process.stdout
+    assert "-> make the worker first" in process.stdout
     assert process.stdout.splitlines()[-1].startswith("Missing: worker")
 
 
