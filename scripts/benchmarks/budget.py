@@ -6,6 +6,7 @@ import argparse
 import sys
 
 from ...core.console import ConsoleReporter
+from ...core.errors import InputError
 from ...core.evaluate.evidence.budget import FEW_HALF_DOUBLINGS, HALF_DOUBLINGS, measure_budgets
 from ...core.evaluate.evidence.budget_page import write_budget
 from .evidence import add_evidence_arguments, chosen_sources, made_by, settled, work_folder
@@ -21,6 +22,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _measure(options: argparse.Namespace) -> str:
     """Train captures with automatic and fixed numbers of Gaussians; writes budget.csv, budget.md and a chart."""
     options = settled(options)
+    if options.seeds != 1:
+        raise InputError("budgets are compared within one seed", where="--seeds", remedy="leave it out")
     runs = measure_budgets(
         chosen_sources(options),
         options.iterations,
