@@ -66,7 +66,8 @@ def _open(path: Path, remedy: str) -> BinaryIO:
 def read_bytes(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) -> bytes:
     """All of the file; errors as for `opened`."""
     with opened(path, most_bytes=most_bytes, remedy=remedy) as file:
-        return file.read(most_bytes)
+        # Not read(most_bytes): Python makes room for all that it is asked for. What grows meanwhile is not read.
+        return file.read(os.fstat(file.fileno()).st_size)
 
 
 def read_text(path: str | Path, *, most_bytes: int, remedy: str = _COPY_AGAIN) -> str:
