@@ -57,8 +57,10 @@ STANDARD_LIBRARY_ONLY = [
     "run_folder",
     "settings",
     "turntables",
+    "untrusted",
 ]
 NUMPY_ONLY = [
+    "ply_table",
     "splats/gaussians",
     "splats/ply",
     "splats/files",

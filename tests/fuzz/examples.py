@@ -1,0 +1,238 @@
+"""A small valid file for every reader, made by the product's own writers and by the libraries of the formats."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import OpenImageIO as oiio
+import pycolmap
+
+from cvdgs.core.capture.points import write_point_cloud
+from cvdgs.core.events import JsonReporter
+from cvdgs.core.photographs.front import EnhanceRequest
+from cvdgs.core.settings import Settings
+from cvdgs.core.splats.gaussians import Gaussians
+from cvdgs.core.splats.ply import write_ply
+from cvdgs.core.splats.splat_file import write_splat
+from cvdgs.core.splats.spz import write_spz
+
+NAMES = ("a.png", "b.png", "c.png")
+SIDE = 20  # pixels of a picture
+
+
+def gaussians(count: int, degree: int) -> Gaussians:
+    rng = np.random.default_rng(degree)
+    return Gaussians(
+        rng.normal(size=(count, 3)).astype(np.float32),
+        rng.normal(size=(count, 3)).astype(np.float32) - 3.0,
+        rng.normal(size=(count, 4)).astype(np.float32),
+        rng.normal(size=count).astype(np.float32),
+        rng.normal(size=(count, (degree + 1) ** 2, 3)).astype(np.float32),
+    )
+
+
+def written(name: str, write) -> bytes:
+    """What `write(path)` writes."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder, name)
+        write(path)
+        return path.read_bytes()
+
+
+def gaussian_plys() -> list[bytes]:
+    text = written("s.ply", lambda path: write_ply(path, gaussians(2, 0)))
+    header, _, _ = text.partition(b"end_header\n")
+    numbers = b" ".join(b"0.5" for _ in range(17))
+    as_text = header.replace(b"binary_little_endian", b"ascii") + b"end_header\n" + numbers + b"\n" + numbers + b"\n"
+    return [text, written("s.ply", lambda path: write_ply(path, gaussians(3, 1))), as_text]
+
+
+def spzs() -> list[bytes]:
+    return [
+        written("s.spz", lambda path, version=version: write_spz(path, gaussians(3, version - 2), version))
+        for version in (2, 3)
+    ]
+
+
+def splats() -> list[bytes]:
+    return [written("s.splat", lambda path: write_splat(path, gaussians(3, 0)))]
+
+
+def point_clouds() -> list[bytes]:
+    points = np.arange(12, dtype=np.float32).reshape(4, 3)
+    return [written("p.ply", lambda path: write_point_cloud(path, points, points.astype(np.uint8)))]
+
+
+@cache
+def colmap_files(*, text: bool) -> dict[str, bytes]:
+    """The files of a model of three images, by their names."""
+    model = pycolmap.Reconstruction()
+    camera = pycolmap.Camera(
+        camera_id=1, model="OPENCV", width=SIDE, height=SIDE, params=[20, 20, 10, 10, 0.1, 0, 0, 0]
+    )
+    model.add_camera_with_trivial_rig(camera)
+    for number, name in enumerate(NAMES, start=1):
+        seen = [pycolmap.Point2D(np.array([3.0, 4.0]))]
+        pose = pycolmap.Rigid3d(np.column_stack([np.eye(3), [0.1 * number, 0.0, 0.0]]))
+        model.add_image_with_trivial_frame(pycolmap.Image(name=name, camera_id=1, image_id=number, points2D=seen), pose)
+    track = pycolmap.Track()
+    for number in (1, 2, 3):
+        track.add_element(number, 0)
+    model.add_point3D(np.array([0.0, 0.0, 3.0]), track, np.array([10, 20, 30], np.uint8))
+    with TemporaryDirectory() as folder:
+        (model.write_text if text else model.write_binary)(folder)
+        return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+
+
+def transforms() -> list[bytes]:
+    pose = np.eye(4).tolist()
+    frames = [{"file_path": name, "transform_matrix": pose} for name in NAMES]
+    shared = {"fl_x": 20.0, "cx": 10.0, "cy": 10.0, "w": SIDE, "h": SIDE, "k1": 0.1, "camera_model": "OPENCV"}
+    return [
+        json.dumps({**shared, "frames": frames}).encode(),
+        json.dumps({"camera_angle_x": 0.9, "frames": frames, "ply_file_path": "points.ply"}).encode(),
+    ]
+
+
+def picture(suffix: str) -> bytes:
+    """A picture in the format of `suffix`."""
+    return written(f"p{suffix}", write_picture)
+
+
+def write_picture(path: Path) -> None:
+    channels = 3 if path.suffix in (".jpg", ".hdr", ".ppm") else 4
+    kind = oiio.HALF if path.suffix == ".exr" else oiio.FLOAT if path.suffix == ".hdr" else oiio.UINT8
+    spec = oiio.ImageSpec(SIDE, SIDE, channels, kind)
+    file = oiio.ImageOutput.create(str(path))
+    pixels = np.linspace(0.0, 1.0, SIDE * SIDE * channels, dtype=np.float32).reshape(SIDE, SIDE, channels)
+    assert file.open(str(path), spec)
+    assert file.write_image(pixels)
+    assert file.close()
+
+
+def weights() -> list[bytes]:
+    from cvdgs.core.enhance.gan.generator import Generator, GeneratorConfig
+    from cvdgs.core.enhance.gan.weights import save_generator
+
+    generator = Generator(GeneratorConfig(widths=(2, 3), embedding=2))
+    return [written("w.safetensors", lambda path: save_generator(generator, path, {"step": "1"}))]
+
+
+def luts() -> list[bytes]:
+    import torch
+
+    from cvdgs.core.enhance.lut import ColorLut
+
+    return [written("l.safetensors", lambda path: ColorLut(torch.zeros(2, 2, 2, 3), {"cvd": "deutan"}).save(path))]
+
+
+BATCH = b"""title = "Autumn"   # a comment
+layers = ["original", "deutan-1.0"]
+retries = 2
+
+[train]
+iterations = 3_000
+strength = 0.5
+max_size = "auto"
+
+[turntable]
+frames = 4
+size = [64, 48]
+engines = ["cycles"]
+
+[cameras.low]
+height = 0.1
+
+[[items]]
+name = "chair"
+capture = '''capture'''
+turntable.frames = 8
+outputs = ["frames", "video"]
+
+[[items]]
+run = "../run"
+layers = ["original"]
+cameras = ["low"]
+train = { device = "cpu", sfm = false }
+"""
+
+
+def requests() -> list[bytes]:
+    sent = [
+        {"job": "inspect", "capture": "c", "sfm": True, "thumbnails": {"folder": "d", "count": 3, "size": 64}},
+        {"job": "inspect-all", "captures": [{"capture": "c", "sfm": False}]},
+        {"job": "run", "settings": Settings("c", "o").to_dict(), "folder": "d", "previews": True},
+        {"job": "enhance", "request": EnhanceRequest(("a.png",), "o").to_dict(), "folder": "d"},
+        {"job": "check", "device": "auto"},
+    ]
+    return [json.dumps(one).encode() for one in sent]
+
+
+def events() -> list[bytes]:
+    lines: list[str] = []
+
+    class Stream:
+        def write(self, text: str) -> None:
+            lines.append(text)
+
+        def flush(self) -> None:
+            pass
+
+    reporter = JsonReporter(Stream(), interval=0.0)  # type: ignore[arg-type]
+    reporter.status("geometry", "training 10288 Gaussians")
+    reporter.progress("geometry", 0.42, "28.1 dB")
+    reporter.warning("few-views", "2 views only")
+    reporter.preview(Path("picture.png"))
+    reporter.emit("error", kind="input", message="no such file")
+    reporter.emit("result", report={"layers": {}})
+    return [line.encode() for line in lines]
+
+
+def report() -> dict:
+    """A report of a finished run, as far as it is read again."""
+    figures = {"input": 0.6, "enhanced": 0.9, "unenhanced": 0.5, "rendered": 0.8}
+    layer = {
+        "ccpr": {**figures, "tau": 6},
+        "ccpr_mean": figures,
+        "ssim_simulated": figures,
+        "naturalness": {"ssim": 0.95, "psnr": None, "delta_e": 4.0},
+        "rwe": {"ratio": 0.9, "enhanced_ratio": 1.1},
+        "psnr_to_enhanced": 30.0,
+    }
+    return {
+        "schema": "cvdgs-report-1",
+        "settings": Settings("c", "o").to_dict(),
+        "versions": {"cvdgs": "0.1.0"},
+        "device": "cpu",
+        "capture": {"views": 3, "train": 3, "test": 0, "width": SIDE, "height": SIDE, "points": 1},
+        "gaussians": 3,
+        "reconstruction": {"psnr": None, "ssim": None},
+        "seconds": {"capture": 1.0, "total": 2.0},
+        "peak_memory_mb": 100.0,
+        "layers": {"deutan-1.0": layer},
+        "views_shown": ["a"],
+        "curve": [{"seconds": 1.0, "psnr": 20.0}],
+        "notes": {},
+        "warnings": [{"name": "few-views", "message": "3 views only"}],
+    }
+
+
+def plan() -> bytes:
+    task = {
+        "name": "chair.video",
+        "kind": "video",
+        "after": [],
+        "arguments": {"frames": 4},
+        "inputs": ["chair/frames/{0001..0004}.png"],
+        "outputs": ["chair/turntable.mp4"],
+        "item": "chair",
+        "seconds": 1.5,
+        "cores": 1,
+        "memory_mb": 512,
+        "gpu": 0,
+    }
+    return json.dumps({"format": 1, "retries": 1, "tasks": [task]}).encode()

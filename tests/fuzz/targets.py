@@ -1,0 +1,251 @@
+"""What is fuzzed: a function for every reader that takes the bytes of a file and lets nothing but `InputError` out.
+
+A target also checks what it was given: everything finite, every path inside the folder, every refusal one short line.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from cvdgs.core.batch.batch_file import read_batch
+from cvdgs.core.batch.finished import check_finished_run, report_or_nothing
+from cvdgs.core.batch.table_reader import UnusableFile
+from cvdgs.core.batch.task import read_plan
+from cvdgs.core.capture.colmap import find_colmap, read_colmap
+from cvdgs.core.capture.images import MAX_SIDE, read_header, read_pixels
+from cvdgs.core.capture.points import read_point_cloud
+from cvdgs.core.capture.source import SourceModel
+from cvdgs.core.capture.transforms import read_transforms
+from cvdgs.core.errors import MOST_CHARACTERS, InputError
+from cvdgs.core.events import parse_event
+from cvdgs.core.photographs.front import EnhanceRequest
+from cvdgs.core.progress import RunProgress, format_seconds
+from cvdgs.core.report import check_report
+from cvdgs.core.settings import Settings
+from cvdgs.core.splats.files import read_gaussians
+from cvdgs.core.untrusted import parse_json
+from cvdgs.core.worker import parse_request
+
+from . import examples
+
+SECONDS = 5.0
+"""Of processor time that reading one file of a fuzzer's size may take; more is a hang."""
+_ESCAPED_LENGTH = 10  # of the longest escape sequence of a character: \\UXXXXXXXX
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reader.
+
+    Attributes:
+        name: for reports and folders of seeds.
+        read: takes a file's content.
+        examples: makes valid contents to begin with.
+    """
+
+    name: str
+    read: Callable[[bytes], None]
+    examples: Callable[[], Sequence[bytes]]
+
+    def __call__(self, data: bytes) -> None:
+        """Read `data`; an `InputError` is as good as success.
+
+        Raises:
+            AssertionError: it took too long, or the refusal is not one short line.
+            Exception: whatever else the reader did not expect.
+        """
+        started = time.process_time()
+        try:
+            self.read(data)
+        except InputError as error:
+            _check_refusal(error)
+        assert time.process_time() - started < SECONDS, "a hang"
+
+
+def _check_refusal(error: InputError) -> None:
+    for line in error.lines() if isinstance(error, UnusableFile) else [str(error)]:
+        assert line.isprintable(), line
+        assert 0 < len(line) <= _ESCAPED_LENGTH * MOST_CHARACTERS, line
+
+
+@cache
+def _folder() -> tempfile.TemporaryDirectory:
+    """One for the process; removed when it ends."""
+    return tempfile.TemporaryDirectory(prefix="cvdgs-fuzz-")
+
+
+def _file(name: str, data: bytes) -> Path:
+    path = Path(_folder().name, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+    return path
+
+
+@cache
+def _capture(name: str) -> Path:
+    """A folder with three photographs and points."""
+    folder = _file(f"{name}/points.ply", examples.point_clouds()[0]).parent
+    for image in examples.NAMES:
+        _file(f"{name}/{image}", examples.picture(".png"))
+    return folder
+
+
+def _check_model(model: SourceModel, folder: Path) -> None:
+    for view in model.views:
+        assert view.path.resolve().is_relative_to(folder.resolve())
+        assert view.path.is_file()
+        assert np.isfinite(view.world_to_camera).all()
+        assert np.isfinite(view.camera.params).all()
+    assert model.points.shape == model.point_colors.shape
+    assert all(warning.message.isprintable() for warning in model.warnings)
+
+
+def _colmap(name: str, *, text: bool) -> Target:
+    @cache
+    def folder_with_model() -> Path:
+        for other, content in examples.colmap_files(text=text).items():
+            _file(f"colmap-{name}/sparse/{other}", content)
+        return _capture(f"colmap-{name}")
+
+    def read(data: bytes) -> None:
+        folder = folder_with_model()
+        _file(f"colmap-{name}/sparse/{name}", data)
+        found = find_colmap(folder)
+        assert found is not None
+        _check_model(read_colmap(found), folder)
+
+    return Target(f"colmap-{name}", read, lambda: [examples.colmap_files(text=text)[name]])
+
+
+def _read_transforms(data: bytes) -> None:
+    folder = _capture("transforms")
+    _check_model(read_transforms(_file("transforms/transforms.json", data)), folder)
+
+
+def _read_points(data: bytes) -> None:
+    points, colors = read_point_cloud(_file("points.ply", data))
+    assert points.shape == colors.shape
+
+
+def _gaussians(suffix: str, make: Callable[[], list[bytes]]) -> Target:
+    def read(data: bytes) -> None:
+        read_back = read_gaussians(_file(f"splats{suffix}", data))
+        for field in fields(read_back):
+            assert np.isfinite(getattr(read_back, field.name)).all()
+
+    return Target(f"gaussians{suffix}", read, make)
+
+
+def _picture(suffix: str) -> Target:
+    def read(data: bytes) -> None:
+        path = _file(f"picture{suffix}", data)
+        header = read_header(path, min_side=1)
+        assert 1 <= max(header.upright_size) <= MAX_SIDE
+        color, alpha = read_pixels(path, upright=True, min_side=1)
+        assert color.shape == (*header.upright_size[::-1], 3)
+        assert alpha is None or alpha.shape == color.shape[:2]
+
+    return Target(f"image{suffix}", read, lambda: [examples.picture(suffix)])
+
+
+def _read_weights(data: bytes) -> None:
+    from cvdgs.core.enhance.gan.weights import load_generator
+
+    load_generator(_file("weights.safetensors", data))
+
+
+def _read_lut(data: bytes) -> None:
+    from cvdgs.core.enhance.lut import ColorLut
+
+    lut = ColorLut.load(_file("lut.safetensors", data))
+    assert np.isfinite(lut(np.zeros((2, 2, 3), np.uint8))).all()
+
+
+@cache
+def _finished_run() -> Path:
+    """A folder with the files of a finished run, as far as they are looked at."""
+    for name in ("splats.ply", "splats.deutan-1.0.ply", "capture/transforms.json"):
+        _file(f"run/{name}", b"")
+    return _file("run/report.json", json.dumps(examples.report()).encode()).parent
+
+
+def _read_batch(data: bytes) -> None:
+    _finished_run()
+    (Path(_folder().name) / "batch" / "capture").mkdir(parents=True, exist_ok=True)
+    batch = read_batch(_file("batch/batch.toml", data))
+    assert batch.items
+
+
+def _read_request(data: bytes) -> None:
+    request = parse_request(data.decode("utf-8", "replace"))
+    if request["job"] == "run":
+        Settings.from_dict(request["settings"])
+    if request["job"] == "enhance":
+        EnhanceRequest.from_dict(request["request"])
+
+
+def _read_event(data: bytes) -> None:
+    event = parse_event(data.decode("utf-8", "replace"))
+    if event is None:
+        return
+    assert event["event"] == "result" or event.get("message", "").isprintable()
+    progress = RunProgress(("geometry", "layers"))
+    progress.update(event)
+    assert 0.0 <= progress.fraction <= 1.0
+    left = progress.seconds_left
+    assert left is None or format_seconds(left)
+
+
+def _read_report(data: bytes) -> None:
+    folder = _finished_run()
+    _file("run/report.json", data)
+    report_or_nothing(folder)
+    try:
+        check_finished_run(folder)
+    finally:
+        _finished_run.cache_clear()
+
+
+def _read_report_to_resume(data: bytes) -> None:
+    try:
+        report = parse_json(data.decode("utf-8", "replace"))
+        check_report(report)
+    except ValueError:
+        return
+    Settings.from_dict(report["settings"])
+
+
+def _read_plan(data: bytes) -> None:
+    plan = read_plan(_file("show/.batch/plan.json", data))
+    for task in plan.tasks:
+        for path in task.output_paths(plan.out):
+            assert Path(os.path.normpath(path)).is_relative_to(plan.out)
+
+
+TARGETS: tuple[Target, ...] = (
+    *(_colmap(f"{name}.bin", text=False) for name in ("cameras", "images", "points3D")),
+    *(_colmap(f"{name}.txt", text=True) for name in ("cameras", "images", "points3D")),
+    Target("transforms.json", _read_transforms, examples.transforms),
+    Target("points.ply", _read_points, examples.point_clouds),
+    _gaussians(".ply", examples.gaussian_plys),
+    _gaussians(".spz", examples.spzs),
+    _gaussians(".splat", examples.splats),
+    *(_picture(suffix) for suffix in (".png", ".jpg", ".tif", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm")),
+    Target("weights.safetensors", _read_weights, examples.weights),
+    Target("lut.safetensors", _read_lut, examples.luts),
+    Target("batch.toml", _read_batch, lambda: [examples.BATCH]),
+    Target("worker-request", _read_request, examples.requests),
+    Target("worker-event", _read_event, examples.events),
+    Target("report.json", _read_report, lambda: [json.dumps(examples.report()).encode()]),
+    Target("report-to-resume", _read_report_to_resume, lambda: [json.dumps(examples.report()).encode()]),
+    Target("plan.json", _read_plan, lambda: [examples.plan()]),
+)
