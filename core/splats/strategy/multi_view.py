@@ -49,10 +49,11 @@ class MultiViewConsistent:
     disturb_every: int = 0
 
     def views_wanted(self, step: int, steps: int, available: int) -> int:
-        """A sample, and at every census all."""
+        """A sample, and all at a census alone."""
         if self.prune and self.schedule.round_of(step, steps) % self.census_every == self.census_every - 1:
             return available
-        return min(max(self.sample, round(self.sample_share * available)), available)
+        # Never all, or every round would be a census where there are few views, and leave next to nothing of the scene.
+        return min(max(self.sample, round(self.sample_share * available)), max(available - 1, 1))
 
     def refine(self, gaussians: Gaussians, evidence: Evidence, budget: int, rng: np.random.Generator) -> Refinement:
         """Remove what no view needs, then divide what the views agree on, within `budget`."""
