@@ -73,7 +73,7 @@ class Axis:
 
 def _views(subject: Subject, count: float, rng: np.random.Generator) -> Subject:
     """So many photographs, none of those that the result is judged by; every eighth is held out as always."""
-    given = disturbances.fewer_views(subject.given, subject.split.train, int(count))
+    given = disturbances.fewer_views(subject.given, subject.split.train, int(count), rng)
     warnings = (*given.warnings, *warnings_of_cameras(given.source, len(given.views), len(given.points)))
     given = replace(given, warnings=warnings)
     return replace(subject, given=given, split=Subject.of(given).split)

@@ -32,10 +32,10 @@ _TINT = 0.5  # standard deviation of the white balance, as a share of the exposu
 _SAMPLES_A_PIXEL = 2  # along the path of a motion blur
 
 
-def fewer_views(capture: Capture, among: list[int], count: int) -> Capture:
-    """`count` of the views `among`, evenly spread."""
-    chosen = np.linspace(0, len(among) - 1, count).round().astype(int)
-    return replace(capture, views=tuple(capture.views[among[i]] for i in chosen))
+def fewer_views(capture: Capture, among: list[int], count: int, rng: np.random.Generator) -> Capture:
+    """`count` of the views `among`, at random: an even choice may keep one of two rings of cameras."""
+    chosen = sorted(rng.permutation(among)[:count].tolist())
+    return replace(capture, views=tuple(capture.views[i] for i in chosen))
 
 
 def turned_cameras(capture: Capture, degrees: float, rng: np.random.Generator) -> Capture:
