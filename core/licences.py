@@ -9,8 +9,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from email.message import Message
 from importlib import metadata
 from pathlib import Path
+from typing import cast
 
 from .errors import InputError
 
@@ -66,7 +68,7 @@ def licences_of(packages: Iterable[str]) -> list[Licence]:
 
 
 def _licence(distribution: metadata.Distribution) -> str:
-    fields = distribution.metadata
+    fields = cast(Message, distribution.metadata)  # which it is; its protocol lacks `get`
     classifiers = [text.rpartition(" :: ")[2] for text in fields.get_all("Classifier", []) if "License ::" in text]
     named = [text for text in classifiers if text not in ("OSI Approved", "DFSG approved")]
     given = (fields.get("License") or "").strip()

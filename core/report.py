@@ -91,10 +91,9 @@ def _check_shape(value: Any, shape: Any, path: str) -> None:
         if type(value) not in shape:
             raise ValueError(f"{path} is unusable")
         return
-    kind = list if isinstance(shape, list) else dict
-    if not isinstance(value, kind):
+    if not isinstance(value, list if isinstance(shape, list) else dict):
         raise ValueError(f"{path} is unusable")
-    if kind is list:
+    if isinstance(value, list):
         for index, entry in enumerate(value):
             _check_shape(entry, shape[0], f"{path}[{index}]")
         return

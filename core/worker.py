@@ -117,7 +117,7 @@ def _require_fields(
         value = values.get(name)
         if value is None and name not in required:
             continue
-        if type(value) is not kind or (kind is str and "\0" in value):
+        if type(value) is not kind or (isinstance(value, str) and "\0" in value):
             raise _unusable(f"has no usable '{name}'")
 
 

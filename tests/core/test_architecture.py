@@ -40,7 +40,8 @@ STANDARD_LIBRARY_ONLY = [
     "batch/train_options",
     "bootstrap",
     "console",
-    *(f"doctor/{path.stem}" for path in sorted((ROOT / "core/doctor").glob("*.py"))),
+    # But for what is run by an interpreter that may have more, to see whether it has.
+    *(f"doctor/{path.stem}" for path in sorted((ROOT / "core/doctor").glob("*.py")) if path.stem != "probe"),
     "environment",
     "errors",
     "events",
