@@ -17,7 +17,7 @@ from .run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE
 from .settings import Settings
 from .splats.gaussians import Gaussians
 from .splats.ply import read_ply
-from .untrusted import read_json
+from .untrusted import MAX_JSON_BYTES, parse_json, read_text
 
 _NEW_RUN = "make a new run in another folder"
 # Options that shaped what is there already. The others (layers, enhancer, strength, device, Blender's) may differ.
@@ -64,12 +64,12 @@ class EarlierRun:
         if not (folder / REPORT_FILE).exists():
             raise InputError("no finished run to add a layer to", where=out, remedy="leave out --resume")
         try:
-            report = read_json(folder / REPORT_FILE, remedy=_NEW_RUN)
+            report = parse_json(read_text(folder / REPORT_FILE, most_bytes=MAX_JSON_BYTES, remedy=_NEW_RUN))
             schema = report["schema"]
             if schema != SCHEMA:
                 raise InputError(f"a run of another version ({schema})", where=out, remedy=_NEW_RUN)
-            check_report(report)
             settings = Settings.from_dict({**report["settings"], "resume": False})
+            check_report(report)
         except (ValueError, KeyError, TypeError) as error:
             what = f"the report of the finished run is damaged ({error})"
             raise InputError(what, where=out, remedy=_NEW_RUN) from None

@@ -20,16 +20,32 @@ from cvdgs.core.splats.ply import write_ply
 MADE_WITH = Settings(capture="photos", out="out", iterations=700, holdout=4, max_size=48, gaussians=900)
 
 
+FIGURES = {"input": 0.6, "enhanced": 0.9, "unenhanced": 0.5, "rendered": 0.8}
+LAYER = {
+    "enhancer": "lut",
+    "ccpr": {**FIGURES, "tau": 6},
+    "ccpr_mean": FIGURES,
+    "ssim_simulated": FIGURES,
+    "naturalness": {"ssim": 0.9, "psnr": None, "delta_e": 4.0},
+    "rwe": {"ratio": None, "enhanced_ratio": 1.1},
+    "psnr_to_enhanced": 30.0,
+}
+
+
 def report() -> dict:
     return {
         "schema": SCHEMA,
         "versions": {"cvdgs": "0"},
         "device": "cpu",
         "settings": MADE_WITH.to_dict(),
+        "capture": {"views": 5, "train": 4, "test": 1, "width": 48, "height": 32, "points": 0},
+        "reconstruction": {"psnr": 30.0, "ssim": 0.9},
+        "views_shown": ["00"],
+        "curve": [{"seconds": 1.0, "psnr": 20.0}],
         "gaussians": 3,
         "seconds": {"geometry": 20.0, "layers": 2.0, "blender": 5.0, "total": 30.0},
         "peak_memory_mb": 800,
-        "layers": {"deutan-1.0": {"enhancer": "lut"}},
+        "layers": {"deutan-1.0": LAYER},
         "notes": {"rwe": "nothing shared"},
         "warnings": [{"name": "few-views", "message": "only 5"}],
         "blender": {"stills": ["stills/a.png"]},
@@ -166,6 +182,8 @@ def test_poses_that_the_run_corrected_may_differ_from_those_given(run, tmp_path)
         ("[]", "damaged"),
         (json.dumps({**report(), "schema": "cvdgs-report-9"}), "another version"),
         (json.dumps({**report(), "settings": {"flavour": "mint"}}), "flavour"),
+        (json.dumps({**report(), "layers": {"deutan-1.0": {}}}), r"report\.layers\.deutan-1\.0\.ccpr is missing"),
+        (json.dumps({**report(), "warnings": 5}), r"report\.warnings is unusable"),
     ],
 )
 def test_a_folder_without_a_usable_run_is_refused(folder, text, complaint):
@@ -187,7 +205,7 @@ def test_the_report_keeps_everything_and_gains_the_layer(run):
         "warnings": [{"name": "few-views", "message": "only 5"}, {"name": "new", "message": "new"}],
     }
     extended = run.extend(added)
-    assert extended["layers"] == {"deutan-1.0": {"enhancer": "lut"}, "protan-1.0": {"enhancer": "none"}}
+    assert extended["layers"] == {"deutan-1.0": LAYER, "protan-1.0": {"enhancer": "none"}}
     assert extended["settings"]["layers"] == [{"cvd": "deutan", "severity": 1.0}, {"cvd": "protan", "severity": 1.0}]
     assert extended["seconds"] == report()["seconds"]
     assert extended["peak_memory_mb"] == 900
