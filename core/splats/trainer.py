@@ -220,9 +220,13 @@ class Trainer:
 
     def _measure(self, step: int) -> Measurement:
         """What the deciding views say; keeps the Gaussians when they are the best so far."""
-        measurement = Measurement(step, len(self.fit), self.fit.psnr(self._deciding), self.fit.work)
+        measurement = Measurement(step, len(self.fit), self._deciding_psnr(), self.fit.work)
         self._decided.keep_if_best(measurement, self.fit)
         return measurement
+
+    def _deciding_psnr(self) -> float:
+        """dB; where exposures differ, apart from that, since a scene that gets better has none of the odd ones."""
+        return self.fit.psnr(self._deciding, any_exposure=self._corrections.exposure.active)
 
     def _conclude(self, step: int) -> None:
         """Decide what is still open, once; the views that were kept aside for it are fitted from then on."""
@@ -293,7 +297,7 @@ class Trainer:
         steps = rule.trial_steps(self._plan.steps)
         for number in range(steps):
             self._fit_next(1, rule.rates(number / steps))
-        return self.fit.psnr(self._deciding)
+        return self._deciding_psnr()
 
     def _show(self, step: int) -> float | None:
         """Append to the curve; returns the held-out PSNR."""
@@ -301,7 +305,7 @@ class Trainer:
         psnr = self.fit.psnr(self._held_out) if self._held_out else None
         entry = {"step": step, "psnr": psnr, "gaussians": len(self.fit)}
         if self._roles.kept_aside and self._deciding:
-            entry["deciding_psnr"] = self.fit.psnr(self._deciding)
+            entry["deciding_psnr"] = self._deciding_psnr()
         if self._held_out and self._corrections.exposure.active:
             entry["psnr_any_exposure"] = self.fit.psnr(self._held_out, any_exposure=True)
         self._measuring += time.perf_counter() - started

@@ -8,10 +8,12 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cvdgs.core.events import Reporter
 from cvdgs.core.splats.exposure import ExposureCorrection, ExposurePlan, estimate_log_gains
 from cvdgs.core.splats.raster import Adam, LearningRates, ParameterSet, Rasterizer
 from cvdgs.core.splats.scene_frame import SceneFrame
 from cvdgs.core.splats.targets import Background, prepare_targets
+from cvdgs.core.splats.trainer import Trainer, TrainingPlan
 
 from .test_poses import ball, photographs
 
@@ -131,3 +133,18 @@ def test_a_gradient_that_is_no_number_moves_nothing():
     exposure.gradient = exposure.gradient + float("nan")
     exposure.step(0, 0.01)
     np.testing.assert_array_equal(exposure.log_gains, before)
+
+
+def test_odd_exposures_of_the_views_that_decide_do_not_end_a_run(views, scene):
+    """As the scene gets better it looks ever less like photographs whose exposure is odd."""
+    log_gains = np.full((len(views), 3), 0.1)
+    log_gains[::2] = -0.6
+    photographed = lit(views, log_gains)
+    plan = TrainingPlan(steps=300, limit=400, sh_degree=0)
+    colors = np.full((len(scene), 3), 128, np.uint8)
+    trainer = Trainer(
+        Rasterizer("cpu", 1), photographed[1:], photographed[:1], scene.means, colors, plan, BLACK, seed=0
+    )
+    decision = trainer.train(Reporter()).decision
+    assert decision["exposure"].startswith("corrected")
+    assert decision["steps"] == "300 of 300"
