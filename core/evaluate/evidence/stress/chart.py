@@ -34,7 +34,8 @@ def write_stress_chart(folder: Path, name: str, axes: Sequence[Axis], items: Seq
             for panel, (key, title) in zip(panels[number], _COLUMNS.items(), strict=True):
                 _draw_panel(panel, axis, key, items, theme)
                 panel.set_ylabel(title)
-            panels[number][0].set_title(axis.title)
+            unit = axis.unit.strip()
+            panels[number][0].set_title(f"{axis.title}, {unit}" if unit else axis.title)
         handles, labels = panels[0][0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
 
@@ -64,7 +65,7 @@ def _draw_panel(panel: Axes, axis: Axis, key: str, items: Sequence[Standing], th
         inputs = curve(items, methods_of(items)[0], axis.name)
         panel.plot([i.level for i in inputs], [i.ccpr_input for i in inputs], color=theme.muted, ls=":", lw=1)
     levels_shown = sorted({HARMLESS, *(item.level for item in items)})
-    panel.set_xticks(levels_shown, [axis.text(level) for level in levels_shown])
+    panel.set_xticks(levels_shown, [axis.text(level).removesuffix(axis.unit) for level in levels_shown])
 
 
 def _draw_curve(panel: Axes, levels: Sequence[Standing], key: str, style: SeriesStyle, method: str) -> None:
