@@ -13,7 +13,7 @@ from .capture import Capture, View, inspect_capture, read_capture
 from .errors import InputError
 from .events import Reporter, StageSpan
 from .report import SCHEMA, check_report
-from .run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE
+from .run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
 from .settings import Settings
 from .splats.gaussians import Gaussians
 from .splats.ply import read_ply
@@ -46,6 +46,7 @@ class EarlierRun:
         settings: its own.
         capture: its photographs and cameras as they were used.
         gaussians: geometry and original colours.
+        layers: those whose files are there; one that was lost may be added again.
     """
 
     out: str
@@ -53,6 +54,7 @@ class EarlierRun:
     settings: Settings
     capture: Capture
     gaussians: Gaussians
+    layers: frozenset[str]
 
     @classmethod
     def read(cls, folder: Path, out: str) -> EarlierRun:
@@ -74,7 +76,8 @@ class EarlierRun:
             what = f"the report of the finished run is damaged ({error})"
             raise InputError(what, where=out, remedy=_NEW_RUN) from None
         capture = read_capture(folder / CAPTURE_FOLDER, max_size=None)
-        return cls(out, report, settings, capture, read_ply(folder / GAUSSIANS_FILE))
+        layers = frozenset(name for name in report["layers"] if (folder / layer_gaussians_file(name)).is_file())
+        return cls(out, report, settings, capture, read_ply(folder / GAUSSIANS_FILE), layers)
 
     def complete(self, asked: Settings) -> Settings:
         """`asked` with the run's own value of every option that has to be the same and was left at its default.
@@ -91,7 +94,7 @@ class EarlierRun:
                     where=f"--{name.replace('_', '-')}",
                     remedy=f"leave it out, or {_NEW_RUN}",
                 )
-        present = sorted({layer.name for layer in asked.layers} & set(self.report["layers"]))
+        present = sorted({layer.name for layer in asked.layers} & self.layers)
         if present:
             raise InputError(
                 f"the finished run has {', '.join(present)} already", where="--cvd", remedy="ask for others"
@@ -130,10 +133,11 @@ class EarlierRun:
             "device": added["device"],
             "seconds": added["seconds"],
         }
-        own = self.report["settings"]
+        own, layers = self.report["settings"], added["settings"]["layers"]
+        kept = [layer for layer in own["layers"] if layer not in layers]  # one that was lost is there already
         return {
             **self.report,
-            "settings": {**own, "layers": [*own["layers"], *added["settings"]["layers"]]},
+            "settings": {**own, "layers": [*kept, *layers]},
             "layers": {**self.report["layers"], **added["layers"]},
             "peak_memory_mb": max(peaks, default=None),
             "warnings": warnings,

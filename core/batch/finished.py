@@ -15,16 +15,16 @@ _REMEDY = "give the output folder of a finished run of scripts/run.py"
 
 
 def check_finished_run(folder: Path) -> list[str]:
-    """The layers of the run in `folder`.
+    """The layers of the run in `folder`; one whose file was lost is none, for it can be added again.
 
     Raises:
-        InputError: there is no run, it is damaged, of another version, or a file of it is missing.
+        InputError: there is no run, it is damaged, of another version, or its geometry or cameras are missing.
     """
     layers = list(read_report(folder)["layers"])
-    for name in (GAUSSIANS_FILE, CAMERAS, *map(layer_gaussians_file, layers)):
+    for name in (GAUSSIANS_FILE, CAMERAS):
         if not (folder / name).is_file():
             raise InputError(f"the run has no {name}", where=folder, remedy=_REMEDY)
-    return layers
+    return [layer for layer in layers if (folder / layer_gaussians_file(layer)).is_file()]
 
 
 def report_or_nothing(folder: Path) -> dict[str, Any]:

@@ -70,7 +70,8 @@ def folder(tmp_path) -> Path:
     write_capture(capture(tmp_path), out / "capture")
     gaussians = Gaussians(*(np.zeros((3, n), np.float32) for n in (3, 3, 4)), np.zeros(3, np.float32),
                           np.zeros((3, 1, 3), np.float32))  # fmt: skip
-    write_ply(out / "splats.ply", gaussians)
+    for name in ("splats.ply", "splats.deutan-1.0.ply"):
+        write_ply(out / name, gaussians)
     (out / "report.json").write_text(json.dumps(report()))
     return out
 
@@ -117,6 +118,16 @@ def test_what_contradicts_the_finished_run_is_refused_by_its_option(run, changes
 
 def test_the_values_of_the_finished_run_may_be_repeated(run):
     assert run.complete(asked(iterations=700, holdout=4, max_size=48)).iterations == 700
+
+
+def test_a_layer_whose_file_was_lost_may_be_added_again_and_is_reported_once(folder):
+    (folder / "splats.deutan-1.0.ply").unlink()
+    run = EarlierRun.read(folder, "out")
+    completed = run.complete(asked(layers=(Layer("deutan", 1.0),)))
+    added = {**report(), "settings": completed.to_dict(), "layers": {"deutan-1.0": {"enhancer": "none"}}}
+    extended = run.extend(added)
+    assert extended["settings"]["layers"] == [{"cvd": "deutan", "severity": 1.0}]
+    assert extended["layers"] == {"deutan-1.0": {"enhancer": "none"}}
 
 
 def test_the_runs_own_capture_is_accepted(run, folder):

@@ -133,12 +133,18 @@ def test_a_problem_is_found_at_its_line(batch, text, line, said):
     assert said in problem
 
 
-def test_a_run_of_another_version_or_with_a_missing_file_is_refused(batch, collection):
+def test_a_layer_whose_file_was_lost_is_one_that_the_run_lacks(batch, collection):
+    run = collection.add_finished_run("finished", "deutan-1.0", "protan-1.0")
+    (run / "splats.deutan-1.0.ply").unlink()
+    assert batch(f"[[items]]\nrun = '{run}'\n").items[0].present == ("protan-1.0",)
+
+
+def test_a_run_of_another_version_or_without_geometry_is_refused(batch, collection):
     run = collection.add_finished_run("finished", "deutan-1.0")
     text = f"[[items]]\nrun = '{run}'\n"
     assert batch(text).items[0].present == ("deutan-1.0",)
-    (run / "splats.deutan-1.0.ply").unlink()
-    assert "splats.deutan-1.0.ply" in problems(batch, text)[0][1]
+    (run / "splats.ply").unlink()
+    assert "splats.ply" in problems(batch, text)[0][1]
     report = json.loads((run / "report.json").read_text())
     (run / "report.json").write_text(json.dumps({**report, "schema": "cvdgs-report-99"}))
     assert "another version" in problems(batch, text)[0][1]

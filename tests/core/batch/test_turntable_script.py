@@ -108,6 +108,30 @@ def test_a_finished_run_is_taken_as_it_is_and_a_layer_that_it_lacks_is_added_to_
     assert {path: path.stat().st_mtime_ns for path in finished.rglob("*")} == files
 
 
+def test_a_layer_whose_file_was_lost_is_made_again_without_training(collection):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    collection.run()
+    lost = collection.out / "chair/run/splats.deutan-1.0.ply"
+    content = lost.read_bytes()
+    lost.unlink()
+    code, events = collection.run()
+    assert code == 0
+    assert [task for task, state in ends(events).items() if state == "done"] == ["chair.layer.deutan-1.0"]
+    assert lost.read_bytes() == content
+
+
+def test_a_layer_whose_file_was_lost_is_added_to_a_copy_of_a_finished_run(collection):
+    finished = collection.add_finished_run("finished", "deutan-1.0")
+    (finished / "splats.deutan-1.0.ply").unlink()
+    collection.write_batch(TURNTABLE + '[[items]]\nrun = "finished"\nlayers = ["deutan"]\n')
+    code, events = collection.run()
+    assert code == 0
+    assert ends(events)["finished.layer.deutan-1.0"] == "done"
+    assert (collection.out / "finished/run/splats.deutan-1.0.ply").is_file()
+    assert not (finished / "splats.deutan-1.0.ply").exists()
+
+
 @pytest.mark.parametrize(("behaviour", "said"), [("break", "ValueError: odd"), ("refuse", "black")])
 def test_an_item_that_fails_does_not_stop_the_others(collection, behaviour, said):
     collection.add_capture("chair", behaviour)
