@@ -26,7 +26,9 @@ from cvdgs.core.errors import InputError  # noqa: E402
 
 DEVELOPMENT_REQUIREMENTS = bootstrap.ROOT / "requirements-dev.txt"
 BPY45_REQUIREMENTS = bootstrap.ROOT / "requirements-bpy45.txt"
+FUZZ_REQUIREMENTS = bootstrap.ROOT / "requirements-fuzz.txt"
 DEVELOPMENT_EXTRAS = ("blender", "test", "lint")
+FUZZ_EXTRA = "fuzz"
 BUILD = ["setuptools>=77"]  # pyproject.toml's build-system, which is not fetched when the package itself is installed
 # The add-on's side on the older generation of Blender's API.
 BPY45 = ["bpy>=4.5,<4.6", "hypothesis", "pytest", "pytest-timeout", "pytest-xdist", "zstandard"]
@@ -84,7 +86,7 @@ def write(path: Path, about: str, lock: Lock, *, includes: Path | None = None) -
 def lock_all(*, upgrade: bool) -> None:
     """Resolve everything, then write all files."""
     project = bootstrap.ROOT / "pyproject.toml"
-    keep = () if upgrade else (REQUIREMENTS, TORCH_REQUIREMENTS, CUDA_REQUIREMENTS, DEVELOPMENT_REQUIREMENTS)
+    keep = () if upgrade else (REQUIREMENTS, TORCH_REQUIREMENTS, CUDA_REQUIREMENTS, DEVELOPMENT_REQUIREMENTS, FUZZ_REQUIREMENTS)
     with tempfile.TemporaryDirectory() as folder:
         wanted = Path(folder) / "requirements.in"
         wanted.write_text("\n".join(BPY45) + "\n", encoding="utf-8")
@@ -92,6 +94,7 @@ def lock_all(*, upgrade: bool) -> None:
         wanted.write_text("\n".join(BUILD) + "\n", encoding="utf-8")
         build = resolve(wanted, keep=keep)
     everything = resolve(project, DEVELOPMENT_EXTRAS, keep)
+    fuzz = without(resolve(project, (*DEVELOPMENT_EXTRAS, FUZZ_EXTRA), keep), everything)
     worker = without(everything, without(everything, resolve(project, keep=keep)))
     cuda = {requirement: entry for requirement, entry in worker.items() if _CUDA.match(requirement)}
     torch = {requirement: entry for requirement, entry in worker.items() if requirement.startswith("torch==")}
@@ -101,6 +104,7 @@ def lock_all(*, upgrade: bool) -> None:
     write(TORCH_REQUIREMENTS, "torch, which core/environment.py installs first", torch)
     write(CUDA_REQUIREMENTS, "What torch's builds with CUDA load besides, on Linux", cuda)
     write(DEVELOPMENT_REQUIREMENTS, "What make venv installs", development, includes=REQUIREMENTS)
+    write(FUZZ_REQUIREMENTS, "What tests/fuzz/campaign.py needs besides what make venv installs", fuzz)
     write(BPY45_REQUIREMENTS, "The second test environment: the older generation of Blender's API", bpy45)
 
 

@@ -41,7 +41,7 @@ def test_every_entry_is_exact_and_has_hashes(path):
 def test_the_lists_have_what_the_project_requires_within_its_bounds():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     worker = entries(environment.REQUIREMENTS) | entries(environment.TORCH_REQUIREMENTS)
-    everything = worker | entries(ROOT / "requirements-dev.txt")
+    everything = worker | entries(ROOT / "requirements-dev.txt") | entries(ROOT / "requirements-fuzz.txt")
     for text in project["dependencies"]:
         assert canonicalize_name(Requirement(text).name) in worker
     extras = [text for extra in project["optional-dependencies"].values() for text in extra]

@@ -39,7 +39,7 @@ from . import examples
 
 SECONDS = 5.0
 """Of processor time that reading one file of a fuzzer's size may take; more is a hang."""
-_ESCAPED_LENGTH = 10  # of the longest escape sequence of a character: \\UXXXXXXXX
+_ESCAPED_LENGTH = 10  # of a character's longest escape sequence: a backslash, U and eight digits
 
 
 @dataclass(frozen=True)
