@@ -29,6 +29,7 @@ BPY45_REQUIREMENTS = bootstrap.ROOT / "requirements-bpy45.txt"
 FUZZ_REQUIREMENTS = bootstrap.ROOT / "requirements-fuzz.txt"
 DEVELOPMENT_EXTRAS = ("blender", "test", "lint")
 FUZZ_EXTRA = "fuzz"
+LISTS = (REQUIREMENTS, TORCH_REQUIREMENTS, CUDA_REQUIREMENTS, DEVELOPMENT_REQUIREMENTS, FUZZ_REQUIREMENTS)
 BUILD = ["setuptools>=77"]  # pyproject.toml's build-system, which is not fetched when the package itself is installed
 # The add-on's side on the older generation of Blender's API.
 BPY45 = ["bpy>=4.5,<4.6", "hypothesis", "pytest", "pytest-timeout", "pytest-xdist", "zstandard"]
@@ -86,7 +87,7 @@ def write(path: Path, about: str, lock: Lock, *, includes: Path | None = None) -
 def lock_all(*, upgrade: bool) -> None:
     """Resolve everything, then write all files."""
     project = bootstrap.ROOT / "pyproject.toml"
-    keep = () if upgrade else (REQUIREMENTS, TORCH_REQUIREMENTS, CUDA_REQUIREMENTS, DEVELOPMENT_REQUIREMENTS, FUZZ_REQUIREMENTS)
+    keep = () if upgrade else LISTS
     with tempfile.TemporaryDirectory() as folder:
         wanted = Path(folder) / "requirements.in"
         wanted.write_text("\n".join(BPY45) + "\n", encoding="utf-8")
