@@ -118,12 +118,14 @@ class VideoArguments(_Arguments):
         frames: pictures of each.
         frames_per_second: of the video.
         file: the MP4.
+        captions: what stands above each sequence; "" for nothing.
     """
 
     sequences: tuple[str, ...]
     frames: int
     frames_per_second: int
     file: str
+    captions: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from typing import Any
 from ..job_console import Listener
 from ..run_files import ORIGINAL
 from .arguments import PageArguments, picture_name
+from .captions import vision
 from .finished import report_or_nothing
 from .frames import simulation_model
 from .page_html import ShownItem, ShownPage, ShownTurn, page_text
@@ -92,7 +93,7 @@ def _shown_item(item: Mapping[str, Any], out: Path, files: Mapping[Preview, Prev
 def _links(turn: Mapping[str, Any], out: Path) -> Iterator[tuple[str, str]]:
     """Text and path of the files of a turntable that are there."""
     paths = [("video", turn["video"])]
-    paths += [(f"beside what {observer} vision sees", path) for observer, path in turn["side_by_side"].items()]
+    paths += [(f"beside what {vision(observer)} sees", path) for observer, path in turn["side_by_side"].items()]
     paths.append(("pictures", turn["folder"]))
     return ((text, path) for text, path in paths if path and (out / path).exists())
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from .captions import seen_by, vision
 from .previews import Preview, PreviewFiles
 
 # What the figures of a layer are computed on: key in the report, and what the table calls it.
@@ -195,7 +196,7 @@ def _captions(preview: Preview) -> list[str]:
     if not preview.observer:
         return ["Original"]
     columns = ["Original", "Enhanced"] if len(preview.columns) > 1 else ["Enhanced"]
-    return columns + [f"{column}, as {_vision(preview.observer)} sees it" for column in columns]
+    return columns + [seen_by(column, preview.observer) for column in columns]
 
 
 def _view_choices(key: str, preview: Preview) -> str:
@@ -204,7 +205,7 @@ def _view_choices(key: str, preview: Preview) -> str:
         options = [("both", "both"), ("first", "original"), ("second", "enhanced")]
         choices += _choice("Colours", f"{key}-colours", "colours", options, chosen="both")
     if preview.observer:
-        options = [("both", "both"), ("normal", "normal vision"), ("observer", _vision(preview.observer))]
+        options = [("both", "both"), ("normal", "normal vision"), ("observer", vision(preview.observer))]
         choices += _choice("Seen by", f"{key}-seen", "seen", options, chosen="both")
     return choices
 
@@ -216,12 +217,6 @@ def _choice(legend: str, name: str, kind: str, options: list[tuple[str, str]], *
         for value, text in options
     )
     return f"<fieldset><legend>{legend}</legend>{labels}</fieldset>\n"
-
-
-def _vision(observer: str) -> str:
-    """An observer in words: ``deutan vision``, ``protan vision of severity 0.6``."""
-    cvd, _, severity = observer.rpartition("-")
-    return f"{cvd} vision" if severity == "1.0" else f"{cvd} vision of severity {severity}"
 
 
 def _figures(turn: ShownTurn) -> str:
@@ -239,7 +234,7 @@ def _figures(turn: ShownTurn) -> str:
         _row("View consistency (RWE)", [None, drift.get("enhanced_ratio"), None, drift.get("ratio")], 2),
     ]
     head = "".join(f"<th scope='col'>{name}</th>" for name in _KINDS.values())
-    caption = f"Measured by the run, for {escape(_vision(turn.preview.observer))}"
+    caption = f"Measured by the run, for {escape(vision(turn.preview.observer))}"
     return (
         f"<div class='scroll'><table><caption>{caption}</caption>"
         f"<thead><tr><th scope='col'></th>{head}</tr></thead><tbody>\n{''.join(rows)}</tbody></table></div>\n"

@@ -31,6 +31,7 @@ from .arguments import (
     pictures,
 )
 from .batch_file import Batch, CameraPath, Item, Needs, Output, layer_of
+from .captions import beside_each_other, seen_by
 from .finished import CAMERAS
 from .task import Kind, Plan, Task
 
@@ -285,18 +286,22 @@ class _PlannedItem:
 
     def _videos(self, turn: _Turn, after: tuple[str, ...]) -> Iterator[Task]:
         if turn.video is not None:
-            yield self._video(f"{turn.name}.video", (turn.frames,), turn.video, after)
+            yield self._video(f"{turn.name}.video", {turn.frames: ""}, turn.video, after)
         for observer, file in turn.side_by_side.items():
-            sequences = (turn.frames, turn.simulated[observer])
+            captions = beside_each_other(turn.layer, observer)
+            sequences = dict(zip((turn.frames, turn.simulated[observer]), captions, strict=True))
             yield self._video(f"{turn.name}.side-by-side.{observer}", sequences, file, after)
 
-    def _video(self, name: str, sequences: tuple[str, ...], file: str, after: tuple[str, ...]) -> Task:
-        settings = self.item.turntable
+    def _video(self, name: str, captioned: Mapping[str, str], file: str, after: tuple[str, ...]) -> Task:
+        """A video of sequences side by side, each with its caption."""
+        settings, sequences = self.item.turntable, tuple(captioned)
         return Task(
             name,
             Kind.VIDEO,
             after=after,
-            arguments=VideoArguments(sequences, settings.frames, settings.frames_per_second, file).to_dict(),
+            arguments=VideoArguments(
+                sequences, settings.frames, settings.frames_per_second, file, tuple(captioned.values())
+            ).to_dict(),
             inputs=tuple(pictures(folder, 1, settings.frames) for folder in sequences),
             outputs=(file,),
             item=self.item.name,
@@ -311,7 +316,7 @@ class _PlannedItem:
             where = self._label(turn)
             rows.append({"label": where, "folder": turn.frames, "frames": frames})
             for observer, folder in turn.simulated.items():
-                rows.append({"label": f"{where}, as {observer} vision sees it", "folder": folder, "frames": frames})
+                rows.append({"label": seen_by(where, observer), "folder": folder, "frames": frames})
         return Task(
             f"{self.item.name}.contact-sheet",
             Kind.SHEET,

@@ -12,7 +12,7 @@ import numpy as np
 from ...core.batch.arguments import SheetArguments, evenly_spread, picture_name
 from ...core.events import Reporter
 from ..scene.stills import partial_picture
-from .lettering import Label, add_labels
+from .lettering import Label, add_labels, text_width
 from .pixels import Pixels, read_picture, write_picture
 from .resampling import downscale
 
@@ -22,7 +22,6 @@ _PICTURE_WIDTH = 240  # pixels, at most
 _MARGIN, _GAP = 36, 8  # pixels around the sheet, and between pictures
 _HEADING, _LABEL, _ANGLE = 30, 17, 13  # pixels of type
 _HEADING_BAND, _LABEL_BAND, _ANGLE_BAND = 44, 42, 30  # pixels of height that the type takes
-_ADVANCE = 0.62  # widths of a character of Blender's typeface, which has even ones, in sizes of type
 # Even and near white: colours are judged against it, and it costs little ink.
 _PAPER = 242
 
@@ -57,7 +56,7 @@ def make_sheet(arguments: SheetArguments, out: Path, *, reporter: Reporter) -> d
 def _widest_line(arguments: SheetArguments) -> int:
     """Pixels that the longest line of type takes."""
     lines = [(arguments.title, _HEADING), *((str(row["label"]), _LABEL) for row in arguments.rows)]
-    return math.ceil(max(len(text) * size * _ADVANCE for text, size in lines))
+    return math.ceil(max(text_width(text, size) for text, size in lines))
 
 
 def _laid_out(rows: list[list[Pixels]], least_width: int) -> tuple[Pixels, list[int]]:

@@ -1,4 +1,4 @@
-"""Text on pictures, through Blender's sequencer and in its own typeface."""
+"""Text on pictures and videos, through Blender's sequencer and in its own typeface."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from ..scene.stills import render_picture
 from .pixels import picture_size
 
 _MOST_STRIPS = 100  # at a time; the sequencer has 128 channels
+_ADVANCE = 0.62  # widths of a character of Blender's typeface, which has even ones, in sizes of type
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,30 @@ class Label:
     grey: float = 0.1
 
 
+def text_width(text: str, size: float) -> float:
+    """Pixels that a line of type takes."""
+    return len(text) * size * _ADVANCE
+
+
+def fitting_size(text: str, width: float) -> float:
+    """Size of type at which a line takes `width` pixels."""
+    return width / text_width(text, 1.0)
+
+
+def add_text_strip(
+    scene: bpy.types.Scene, label: Label, channel: int, frames: int, size: tuple[int, int]
+) -> bpy.types.Strip:
+    """Show `label` on pictures of `size` (width and height) from the first frame on, in a channel of the sequencer."""
+    duration = {"length": frames} if bpy.app.version >= (5, 0) else {"frame_end": 1 + frames}
+    strip = scene.sequence_editor.strips.new_effect("Label", "TEXT", channel, 1, **duration)
+    strip.text, strip.font_size = label.text, label.size
+    strip.color = (label.grey, label.grey, label.grey, 1.0)
+    strip.use_shadow = False
+    strip.anchor_x, strip.anchor_y, strip.alignment_x = "LEFT", "CENTER", "LEFT"
+    strip.location = (label.left / size[0], 1.0 - label.middle / size[1])
+    return strip
+
+
 def add_labels(path: Path, labels: Sequence[Label]) -> None:
     """Write `labels` onto the PNG file `path`; replaces the file that is open in Blender."""
     for start in range(0, len(labels), _MOST_STRIPS):
@@ -48,13 +73,7 @@ def _add_labels(path: Path, labels: Sequence[Label]) -> None:
     strips = scene.sequence_editor_create().strips
     strips.new_image("Picture", str(path), 1, 1, fit_method="ORIGINAL")
     for channel, label in enumerate(labels, start=2):
-        duration = {"length": 1} if bpy.app.version >= (5, 0) else {"frame_end": 2}
-        strip = strips.new_effect("Label", "TEXT", channel, 1, **duration)
-        strip.text, strip.font_size = label.text, label.size
-        strip.color = (label.grey, label.grey, label.grey, 1.0)
-        strip.use_shadow = False
-        strip.anchor_x, strip.anchor_y, strip.alignment_x = "LEFT", "CENTER", "LEFT"
-        strip.location = (label.left / width, 1.0 - label.middle / height)
+        add_text_strip(scene, label, channel, 1, (width, height))
     scene.frame_set(1)
     render_picture(scene, path)
 

@@ -17,7 +17,7 @@ from ..scene.stills import partial_picture
 from .observers import Observer
 from .pixels import Pixels, read_picture, write_picture
 from .resampling import downscale
-from .video import STAGE, Quality, encode, partial_video
+from .video import STAGE, Column, Quality, encode, partial_video
 
 _COMPOSING = 0.7  # of the time; the rest is encoding
 
@@ -61,7 +61,7 @@ def _make(preview: Preview, out: Path, width: int, video: Path, poster: Path, re
             paths.append(Path(folder) / f"{number:04d}.bmp")
             write_picture(paths[-1], _composed(columns, width, observer))
         encoding = StageSpan(reporter, STAGE, _COMPOSING, 1.0, "")
-        encode([paths], preview.frames_per_second, video, Quality.SMALL, encoding)
+        encode([Column(paths)], preview.frames_per_second, video, Quality.SMALL, encoding)
         write_picture(poster, read_picture(paths[0]))
 
 

@@ -18,6 +18,7 @@ from cvdgs.cvdgs_addon.scene.render_settings import Display, set_display, set_pn
 from .batches import SIZE, number_picture, sequence
 
 CLOSE = 6.0  # levels of 255 on average: H.264 is not lossless
+DARK, LIGHT = 60, 150  # levels: the ground of captions, and their ink
 
 
 class Heard(Reporter):
@@ -28,9 +29,17 @@ class Heard(Reporter):
         self.fractions.append(fraction)
 
 
-def make(out: Path, *folders: str, frames: int = 5, reporter: Reporter | None = None) -> Path:
-    make_video(VideoArguments(folders, frames, 12, "turn.mp4"), out, reporter=reporter or Reporter())
+def make(
+    out: Path, *folders: str, frames: int = 5, captions: tuple[str, ...] | None = None, reporter: Reporter | None = None
+) -> Path:
+    arguments = VideoArguments(folders, frames, 12, "turn.mp4", captions or ("",) * len(folders))
+    make_video(arguments, out, reporter=reporter or Reporter())
     return out / "turn.mp4"
+
+
+def enlarged(picture: Pixels) -> Pixels:
+    """As large as captions need to be legible."""
+    return np.repeat(np.repeat(picture, 6, axis=0), 6, axis=1)
 
 
 def frame_of(video: Path, number: int, scratch: Path) -> Pixels:
@@ -73,6 +82,22 @@ def test_sequences_stand_side_by_side(tmp_path):
     assert shown.shape[0] == height
     assert_alike(shown[:, :width], number_picture(2, 0))
     assert_alike(shown[:, -width:], number_picture(2, 2))
+
+
+def test_captions_stand_above_the_pictures_that_they_are_of(tmp_path):
+    for name, hue in (("a", 0), ("b", 2)):
+        for number in (1, 2, 3):
+            write_picture(tmp_path / name / f"{number:04d}.png", enlarged(number_picture(number, hue)))
+    shown = frame_of(make(tmp_path, "a", "b", frames=3, captions=("", "as others see it")), 3, tmp_path)
+    height, width = enlarged(number_picture(1)).shape[:2]
+    band = shown.shape[0] - height
+    assert band > 0
+    left, right = shown[:band, :width], shown[:band, -width:]
+    assert left.max() < DARK
+    assert right.max() > LIGHT
+    assert right[:, -1].max() < DARK  # the caption ends before the video does
+    assert_alike(shown[band:, :width], enlarged(number_picture(3, 0)))
+    assert_alike(shown[band:, -width:], enlarged(number_picture(3, 2)))
 
 
 def test_pictures_of_odd_size_make_a_video_too(tmp_path):

@@ -98,6 +98,19 @@ def test_the_original_is_seen_by_all_observers_and_a_layer_by_its_own(tmp_path, 
     }
 
 
+def test_pictures_side_by_side_say_what_they_are(tmp_path, chair):
+    videos = {task.name: task.arguments for task in of_kind(planned(tmp_path, chair), Kind.VIDEO)}
+    assert videos["chair.original.cycles-turn.video"]["captions"] == ("",)
+    assert videos["chair.protan-0.6.cycles-turn.side-by-side.protan-0.6"]["captions"] == (
+        "Enhanced",
+        "Enhanced, as protan vision of severity 0.6 sees it",
+    )
+    assert videos["chair.original.cycles-turn.side-by-side.deutan-1.0"]["captions"] == (
+        "Original",
+        "Original, as deutan vision sees it",
+    )
+
+
 def test_only_what_is_asked_for_is_made(tmp_path, chair):
     plan = planned(tmp_path, replace(chair, outputs=frozenset({Output.FRAMES})))
     assert {task.kind for task in plan.tasks} == {Kind.TRAIN, Kind.LAYER, Kind.FRAMES}
