@@ -31,8 +31,8 @@ class Enhancer(Protocol):
         """(H, W, 3) uint8, or float in [0, 1], to the enhanced (H, W, 3) float32 image in [0, 1]."""
 
 
-class IdentityEnhancer:
-    """Leaves every image as it is: the control."""
+class SceneIndependent:
+    """The `fit` of enhancers that need to know nothing about a scene."""
 
     def fit(
         self,
@@ -42,6 +42,10 @@ class IdentityEnhancer:
         alphas: Sequence[NDArray[np.uint8] | None] | None = None,
     ) -> None:
         """Nothing to learn."""
+
+
+class IdentityEnhancer(SceneIndependent):
+    """Leaves every image as it is: the control."""
 
     def __call__(self, image: NDArray) -> NDArray[np.float32]:
         """The image as float32."""

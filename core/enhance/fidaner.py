@@ -9,8 +9,6 @@ there, but S is the product's own, in linear light, so that every method is comp
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,8 +16,7 @@ from ..color.matrices import check_simulation
 from ..color.simulation import simulate
 from ..color.spaces import image_to_tensor, tensor_to_image
 from ..errors import InputError
-from ..events import Reporter
-from .enhancer import check_strength
+from .enhancer import SceneIndependent, check_strength
 from .lut import as_float
 
 # M, from the (red, green, blue) error to what is added. Red-green observers keep blue and overall lightness, so the
@@ -30,7 +27,7 @@ _FROM_BLUE = np.array([[1.0, 0.0, 0.7], [0.0, 1.0, 0.7], [0.0, 0.0, 0.0]], np.fl
 _REDISTRIBUTION = {"protan": _FROM_RED, "deutan": _FROM_RED, "tritan": _FROM_BLUE}
 
 
-class FidanerEnhancer:
+class FidanerEnhancer(SceneIndependent):
     """Adds the redistributed error of the simulation to the image.
 
     Args:
@@ -48,15 +45,6 @@ class FidanerEnhancer:
         check_strength(strength)
         self._observer = (cvd, severity, simulation)
         self._matrix = _REDISTRIBUTION[cvd] * np.float32(strength)
-
-    def fit(
-        self,
-        images: Sequence[NDArray[np.uint8]],
-        reporter: Reporter | None = None,
-        *,
-        alphas: Sequence[NDArray[np.uint8] | None] | None = None,
-    ) -> None:
-        """Nothing to learn: the result is a function of the colour alone."""
 
     def __call__(self, image: NDArray) -> NDArray[np.float32]:
         """(H, W, 3) uint8, or float in [0, 1], to the recoloured (H, W, 3) float32 image in [0, 1]."""

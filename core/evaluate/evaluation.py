@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture import Capture, View
+from ..color.simulated_bytes import simulate_bytes
 from ..events import Reporter
 from ..images import read_png, write_png
 from ..run_files import ENHANCED_FOLDER, RENDERS_FOLDER
 from ..settings import Layer
 from ..splats.gaussians import Gaussians
 from ..splats.renderer import SceneRenderer
-from .layer_scores import LayerImages, average, score_view, simulated_bytes
+from .layer_scores import LayerImages, average, score_view
 from .matches import SceneMatches
 
 STAGE = "evaluate"
@@ -125,8 +126,9 @@ class Evaluation:
         path = render_path(self.folder, layer, view)
         place = path.parent
         write_png(path, rendered)
-        write_png(place / "simulated" / f"{view.key}.png", simulated_bytes(rendered, layer, self.simulation))
-        write_png(place / "simulated_input" / f"{view.key}.png", simulated_bytes(view.image, layer, self.simulation))
+        observer = (layer.cvd, layer.severity, self.simulation)
+        write_png(place / "simulated" / f"{view.key}.png", simulate_bytes(rendered, *observer))
+        write_png(place / "simulated_input" / f"{view.key}.png", simulate_bytes(view.image, *observer))
 
     def _advance(self, message: str) -> None:
         self._done += 1

@@ -76,12 +76,6 @@ def _mean(values: list[Any]) -> Any:
     return float(np.mean(finite)) if finite else float("nan")
 
 
-def simulated_bytes(image: NDArray[np.uint8], layer: Layer, simulation: str) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 of `image` as the layer's kind of vision sees it."""
-    seen = simulate(_tensor(image), layer.cvd, layer.severity, simulation)
-    return (seen.permute(1, 2, 0) * 255.0).round().to(torch.uint8).numpy()
-
-
 def _tensor(image: NDArray[np.uint8]) -> Tensor:
     """(3, H, W) float32 in [0, 1]."""
     return torch.from_numpy(image).permute(2, 0, 1).to(torch.float32) / 255.0

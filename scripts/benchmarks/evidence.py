@@ -32,7 +32,7 @@ def add_evidence_arguments(
     processes: int | None = None,
 ) -> None:
     """Declare the options, with the part's own defaults; `processes`: a processor each unless given."""
-    add, processes = parser.add_argument, processes or available_processors()
+    add = parser.add_argument
     add(
         "--captures",
         type=names,
@@ -40,14 +40,22 @@ def add_evidence_arguments(
         metavar="A,B",
         help=f"{', '.join((*SHOWROOMS, *KNOWN))}, folders or NAME=FOLDER ({','.join(captures)})",
     )
+    add_trial_arguments(parser, max_size=max_size, iterations=iterations, seeds=seeds, processes=processes)
+    add("--quick", action="store_true", help="the demo alone, small and short: whether it works at all")
+    parser.set_defaults(usual={name: parser.get_default(name) for name in QUICK})
+
+
+def add_trial_arguments(
+    parser: argparse.ArgumentParser, *, max_size: int, iterations: int, seeds: int, processes: int | None = None
+) -> None:
+    """Declare the options of all parts that train scenes; arguments as for `add_evidence_arguments`."""
+    add, processes = parser.add_argument, processes or available_processors()
     add("--max-size", type=int, default=max_size, metavar="PIXELS", help=f"longer side of the views ({max_size})")
     add("--iterations", type=int, default=iterations, metavar="N", help=f"of a geometry ({iterations})")
     add("--seeds", type=int, default=seeds, metavar="N", help=f"of everything random ({seeds})")
     add("--processes", type=int, default=processes, metavar="N", help=f"that share the work ({processes})")
     add("--work", type=Path, metavar="DIR", help="for scenes, pictures and what lets a run go on (OUT/work)")
     add("--again", action="store_true", help="forget what an earlier run has measured")
-    add("--quick", action="store_true", help="the demo alone, small and short: whether it works at all")
-    parser.set_defaults(usual={name: parser.get_default(name) for name in QUICK})
 
 
 def settled(options: argparse.Namespace) -> argparse.Namespace:

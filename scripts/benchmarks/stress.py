@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from ...core.console import ConsoleReporter
 from ...core.demo import SHOWROOM
@@ -14,8 +13,7 @@ from ...core.evaluate.evidence.stress.axes import AXES, HARMLESS, LEVELS, Axis
 from ...core.evaluate.evidence.stress.page import write_stress
 from ...core.evaluate.evidence.stress.plan import StressPlan, run_stress
 from ...core.evaluate.evidence.subject import CaptureFolder
-from ...core.splats.raster.runner_cpu import available_processors
-from .evidence import shown_command, work_folder
+from .evidence import add_trial_arguments, shown_command, work_folder
 from .options import names
 from .part import Part
 
@@ -25,7 +23,7 @@ _QUICK_SIZE, _QUICK_ITERATIONS, _QUICK_LEVEL = 80, 60, 3
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add, processes = parser.add_argument, available_processors()
+    add = parser.add_argument
     known = ",".join(axis.name for axis in AXES)
     add("--axes", type=names, metavar="A,B", help=f"what is made worse ({known})")
     add(
@@ -35,12 +33,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"with the harmless one; the worst are left out ({LEVELS})",
     )
-    add("--seeds", type=int, default=_SEEDS, metavar="N", help=f"of training and of the mistakes ({_SEEDS})")
-    add("--max-size", type=int, default=_SIZE, metavar="PIXELS", help=f"longer side of the views ({_SIZE})")
-    add("--iterations", type=int, default=_ITERATIONS, metavar="N", help=f"of a geometry ({_ITERATIONS})")
-    add("--processes", type=int, default=processes, metavar="N", help=f"that share the work ({processes})")
-    add("--work", type=Path, metavar="DIR", help="for scenes, pictures and what lets a run go on (OUT/work)")
-    add("--again", action="store_true", help="forget what an earlier run has measured")
+    add_trial_arguments(parser, max_size=_SIZE, iterations=_ITERATIONS, seeds=_SEEDS)
     add("--quick", action="store_true", help="two axes, two levels, small and short: whether it works at all")
 
 

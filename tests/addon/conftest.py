@@ -57,6 +57,15 @@ def addon(tmp_path: Path):
 
 
 @pytest.fixture
+def capture(tmp_path: Path, addon):
+    """A scene whose capture was inspected."""
+    scene = bpy.context.scene
+    scene.cvdgs.capture.folder = scene.cvdgs.capture.inspected = str(tmp_path / "photos")
+    scene.cvdgs.capture.views, scene.cvdgs.capture.width, scene.cvdgs.capture.height = 24, 480, 360
+    return scene
+
+
+@pytest.fixture
 def worker(tmp_path: Path, monkeypatch):
     """Lets a program that does what it is given take the place of the worker's Python."""
 

@@ -23,15 +23,6 @@ from .interpreters import CRASHING, REFUSING, REPORT, SLEEPING, finishing, repor
 from .waiting import finished, until
 
 
-@pytest.fixture
-def capture(tmp_path: Path, addon):
-    """A scene whose capture was inspected."""
-    scene = bpy.context.scene
-    scene.cvdgs.capture.folder = scene.cvdgs.capture.inspected = str(tmp_path / "photos")
-    scene.cvdgs.capture.views, scene.cvdgs.capture.width, scene.cvdgs.capture.height = 24, 480, 360
-    return scene
-
-
 def splats_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     return [candidate for candidate in scene.objects if is_splats(candidate)]
 

@@ -10,10 +10,17 @@ from pathlib import Path
 
 import pytest
 
+from ..few_views import write_few_views
 from .desktop import MISSING, PROGRAM, ROOT, Desktop
-from .small_capture import make_small_capture
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+
+
+def small_capture(share: Path) -> Path:
+    """Half of the demo's views, a quarter as large, in place of what is there."""
+    folder = share / "small"
+    shutil.rmtree(folder, ignore_errors=True)
+    return write_few_views(folder, 20, 0.25)
 
 
 @pytest.fixture(scope="session")
@@ -53,7 +60,7 @@ def installed(desktop: Desktop, extension: Path):
     shutil.copy(extension, desktop.share / extension.name)
     desktop.command("--command", "extension", "validate", f"/share/{extension.name}")
     desktop.command("--command", "extension", "install-file", "-r", "user_default", "-e", f"/share/{extension.name}")
-    make_small_capture(desktop.share / "small")
+    small_capture(desktop.share)
     (desktop.share / "nothing").mkdir(exist_ok=True)
     shutil.rmtree(desktop.share / "small CVD", ignore_errors=True)
     (desktop.share / "scene.blend").unlink(missing_ok=True)
@@ -71,7 +78,7 @@ def finished_run(desktop: Desktop) -> str:
     if given:
         shutil.copytree(given, folder)
     else:
-        make_small_capture(desktop.share / "small")
-        command = [sys.executable, REPOSITORY / "scripts" / "run.py", desktop.share / "small", "--out", folder]
+        small = small_capture(desktop.share)
+        command = [sys.executable, REPOSITORY / "scripts" / "run.py", small, "--out", folder]
         subprocess.run([*command, "--no-blend", "--iterations", "300"], check=True)
     return "/share/finished"

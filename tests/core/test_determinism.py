@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -14,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.job import ROOT
 from cvdgs.core.run_facts import versions
+
+from ..few_views import write_few_views
 
 VIEWS = 6
 RUN = """
@@ -41,15 +40,7 @@ assert report["gaussians"] > 4096, report["gaussians"]  # as many as all stages 
 @pytest.fixture
 def capture(tmp_path) -> Path:
     """A few of the demo's views."""
-    folder = tmp_path / "photographs"
-    (folder / "images").mkdir(parents=True)
-    document = json.loads((SHOWROOM / "transforms.json").read_text(encoding="utf-8"))
-    document["frames"] = document["frames"][:: len(document["frames"]) // VIEWS][:VIEWS]
-    for frame in document["frames"]:
-        shutil.copy(SHOWROOM / frame["file_path"], folder / "images")
-    shutil.copy(SHOWROOM / "points.ply", folder)
-    (folder / "transforms.json").write_text(json.dumps(document), encoding="utf-8")
-    return folder
+    return write_few_views(tmp_path / "photographs", VIEWS)
 
 
 def digests(folder: Path) -> dict[str, str]:

@@ -19,8 +19,9 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.job import ROOT
+
+from ..few_views import write_few_views
 
 pytestmark = [
     pytest.mark.slow,
@@ -32,7 +33,7 @@ HAS_BLENDER = importlib.util.find_spec("bpy") is not None
 STAGES = ["capture", "enhance", "geometry", "layers", "evaluate", *(("blender", "turntable") if HAS_BLENDER else ())]
 OPTIONS = ("--max-size", "64", "--iterations", "60", "--gaussians", "500")
 BLENDER_OPTIONS = ("--turntable", "8") if HAS_BLENDER else ("--no-blend",)
-VIEWS_LEFT_OUT = 4  # of five
+VIEWS = 8
 DISK_MB = 64
 NEEDS_MOUNTS = pytest.mark.skipif(os.geteuid() != 0, reason="mounting a small disk needs root")
 
@@ -96,16 +97,8 @@ def state_of(folder: Path) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory) -> Path:
-    """A fifth of the demo's views."""
-    folder = tmp_path_factory.mktemp("photographs")
-    document = json.loads((SHOWROOM / "transforms.json").read_text(encoding="utf-8"))
-    document["frames"] = document["frames"][:: VIEWS_LEFT_OUT + 1]
-    (folder / "images").mkdir()
-    for frame in document["frames"]:
-        shutil.copy(SHOWROOM / frame["file_path"], folder / "images")
-    shutil.copy(SHOWROOM / "points.ply", folder)
-    (folder / "transforms.json").write_text(json.dumps(document), encoding="utf-8")
-    return folder
+    """A few of the demo's views."""
+    return write_few_views(tmp_path_factory.mktemp("photographs"), VIEWS)
 
 
 @pytest.fixture(scope="module")

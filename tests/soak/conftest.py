@@ -7,6 +7,6 @@ import importlib.util
 if importlib.util.find_spec("bpy") is None:
     collect_ignore_glob = ["test_blender.py"]
 else:
-    from ..addon.conftest import addon, run_folder, worker
+    from ..addon.conftest import addon, capture, run_folder, worker
 
-    __all__ = ["addon", "run_folder", "worker"]
+    __all__ = ["addon", "capture", "run_folder", "worker"]

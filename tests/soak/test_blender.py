@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import sys
 import textwrap
-from pathlib import Path
 
 import bpy
 import numpy as np
@@ -37,15 +36,6 @@ def data_blocks() -> dict[str, int]:
     """How many of each kind the file has."""
     kinds = [name for name in dir(bpy.data) if isinstance(getattr(bpy.data, name), bpy.types.bpy_prop_collection)]
     return {name: len(getattr(bpy.data, name)) for name in kinds}
-
-
-@pytest.fixture
-def capture(tmp_path: Path, addon):
-    """A scene whose capture was inspected."""
-    scene = bpy.context.scene
-    scene.cvdgs.capture.folder = scene.cvdgs.capture.inspected = str(tmp_path / "photos")
-    scene.cvdgs.capture.views, scene.cvdgs.capture.width, scene.cvdgs.capture.height = 24, 480, 360
-    return scene
 
 
 def test_runs_that_are_loaded_and_removed_leave_nothing_in_blender(capture, worker, run_folder, tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 from pathlib import Path
@@ -10,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from cvdgs.core.capture.thumbnails import write_thumbnails
-from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.events import Reporter
 from cvdgs.core.pipeline import run
 from cvdgs.core.settings import Layer, Settings
 
+from ..few_views import write_few_views
 from .measure import repeat
 
 ROUNDS, WARM_UP = 50, 5
@@ -31,15 +30,7 @@ pytestmark = [
 @pytest.fixture
 def capture(tmp_path) -> Path:
     """A few of the demo's views."""
-    folder = tmp_path / "photographs"
-    (folder / "images").mkdir(parents=True)
-    document = json.loads((SHOWROOM / "transforms.json").read_text(encoding="utf-8"))
-    document["frames"] = document["frames"][:: len(document["frames"]) // VIEWS][:VIEWS]
-    for frame in document["frames"]:
-        shutil.copy(SHOWROOM / frame["file_path"], folder / "images")
-    shutil.copy(SHOWROOM / "points.ply", folder)
-    (folder / "transforms.json").write_text(json.dumps(document), encoding="utf-8")
-    return folder
+    return write_few_views(tmp_path / "photographs", VIEWS)
 
 
 def test_runs_leave_nothing_in_the_process(capture, tmp_path):

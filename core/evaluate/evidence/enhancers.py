@@ -12,6 +12,7 @@ from ...color.difference import delta_e_76
 from ...color.spaces import image_to_tensor, lab_to_linear, linear_to_srgb, srgb_to_lab, tensor_to_image
 from ...enhance import Enhancer, LutEnhancer
 from ...enhance.controls import ContrastGain
+from ...enhance.enhancer import SceneIndependent
 from ...enhance.teacher import TeacherSettings
 from ...events import Reporter
 from ...images import to_bytes
@@ -42,20 +43,7 @@ def recipe_enhancer(recipe: Recipe) -> Enhancer:
     return Drifting(enhancer, recipe.drift) if recipe.drift else enhancer
 
 
-class _Fitted:
-    """What the enhancers of this module have in common: nothing is learnt of the scene."""
-
-    def fit(
-        self,
-        images: Sequence[NDArray[np.uint8]],
-        reporter: Reporter | None = None,
-        *,
-        alphas: Sequence[NDArray[np.uint8] | None] | None = None,
-    ) -> None:
-        """Nothing to do."""
-
-
-class PerViewLut(_Fitted):
+class PerViewLut(SceneIndependent):
     """Fits a LUT to every image anew: what a method that knows single images only does to a scene.
 
     Two colours that look alike can be told apart in either direction. For a scene the teacher decides that once; here
@@ -84,7 +72,7 @@ class PerViewLut(_Fitted):
         return enhancer(image)
 
 
-class MatchedGain(_Fitted):
+class MatchedGain:
     """Plain contrast gain that changes the scene by the mean ΔE76 of another enhancer.
 
     Args:

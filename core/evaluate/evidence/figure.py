@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...color.simulated_bytes import simulate_bytes
 from ...settings import Layer
 from ..charts import Theme, write_charts
-from ..layer_scores import simulated_bytes
 from .novel_views import COMPARED, ORIGINAL, NovelViews, least_steady_step, window_of_disagreement
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def write_figure(folder: Path, name: str, views: NovelViews, layer: Layer, simul
     choice = Choice.of(views)
     sights: Mapping[str, Callable[[Image], Image]] = {
         "normal\nvision": lambda image: image,
-        layer.name.replace("-", "\n"): lambda image: simulated_bytes(image, layer, simulation),
+        layer.name.replace("-", "\n"): lambda image: simulate_bytes(image, layer.cvd, layer.severity, simulation),
     }
     height, width = views.pictures[ORIGINAL][0].shape[:2]
     page = _Page(width / height)

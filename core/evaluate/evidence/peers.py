@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import subprocess
@@ -81,8 +82,8 @@ def train_prototype(
         prototype.curve(every, every, threads)  # compiles
         curve = prototype.curve(steps, every, threads)
     return [
-        PeerFigures(PROTOTYPE, every * number, len(capture.points), 0, psnr, seconds, math.nan)
-        for number, (seconds, psnr) in enumerate(curve, start=1)
+        PeerFigures(f"{PROTOTYPE}, {done:,} steps", done, len(capture.points), 0, psnr, seconds, math.nan)
+        for done, (seconds, psnr) in zip(itertools.count(every, every), curve, strict=False)
     ]
 
 

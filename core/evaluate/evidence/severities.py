@@ -20,7 +20,7 @@ OBSERVERS = tuple(Layer(cvd, severity) for cvd in CVD_TYPES for severity in SEVE
 def severity_jobs(
     sources: Sequence[SubjectSource], iterations: int, observers: Sequence[Layer] = OBSERVERS
 ) -> list[Job]:
-    """A job a capture: the product's defaults for every observer."""
+    """A job a capture: the default settings with the network as enhancer, for every observer."""
     return [
         Job(
             source,

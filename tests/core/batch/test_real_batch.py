@@ -1,7 +1,6 @@
 """A batch with the real worker and the real Blender: from photographs to the page, and a layer for a finished run."""
 
 import json
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from cvdgs.core.images import read_png
+
+from ...few_views import write_few_views
 
 ROOT = Path(__file__).resolve().parents[3]
 SMALL = """
@@ -33,24 +34,11 @@ def run(batch: str, folder: Path, out: str) -> dict:
     return json.loads(ended.stdout.splitlines()[-1])
 
 
-def few_views(folder: Path) -> Path:
-    """Every fourth photograph of the demo."""
-    demo = ROOT / "core" / "demo" / "showroom"
-    document = json.loads((demo / "transforms.json").read_text())
-    document["frames"] = document["frames"][::4]
-    (folder / "images").mkdir(parents=True)
-    (folder / "transforms.json").write_text(json.dumps(document))
-    for frame in document["frames"]:
-        shutil.copy(demo / frame["file_path"], folder / frame["file_path"])
-    shutil.copy(demo / "points.ply", folder)
-    return folder
-
-
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_from_photographs_to_the_page_and_a_layer_for_a_finished_run(tmp_path):
     pytest.importorskip("bpy")
-    capture = few_views(tmp_path / "showroom")
+    capture = write_few_views(tmp_path / "showroom", 10)
     batch = f"{SMALL}\n[[items]]\ncapture = '{capture}'\nlayers = ['original', 'deutan']\n"
     result = run(batch, tmp_path, "first")
     assert result["items"] == {"showroom": True}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-import pickle
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +22,15 @@ from cvdgs.core.evaluate.evidence.subject import CaptureFolder, Subject
 BY_NAME = {axis.name: axis for axis in AXES}
 BROKEN = range(HARMLESS + 1, LEVELS)
 WIDTH, HEIGHT = 48, 32
+KEY = """
+import sys
+from pathlib import Path
+from cvdgs.core.evaluate.evidence.stress.axes import AXES
+from cvdgs.core.evaluate.evidence.stress.subject import StressedCapture
+from cvdgs.core.evaluate.evidence.subject import CaptureFolder
+(axis,) = (axis for axis in AXES if axis.name == "poses")
+sys.stdout.write(StressedCapture(CaptureFolder("empty", Path(sys.argv[1]), 100), axis, 2, 0).key)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +160,9 @@ def test_recipes_drift_and_grow_milder_as_the_level_says() -> None:
 def test_a_stressed_capture_is_the_same_in_another_process_and_differs_by_seed_and_level(tmp_path: Path) -> None:
     base = CaptureFolder("empty", tmp_path, 100)
     first = StressedCapture(base, BY_NAME["poses"], 2, 0)
-    assert pickle.loads(pickle.dumps(first)).key == first.key
+    command = [sys.executable, "-c", KEY, str(tmp_path)]
+    other = subprocess.run(command, env={**os.environ, "PYTHONHASHSEED": "7"}, capture_output=True, text=True)
+    assert other.stdout == first.key, other.stderr
     assert len({first.key, replace(first, level=3).key, replace(first, seed=1).key}) == 3
 
 
