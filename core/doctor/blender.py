@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import ctypes.util
 import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from ..errors import InputError
 from ..job import ROOT, blender_command
@@ -18,35 +19,39 @@ SYSTEM_LIBRARIES = ROOT / "scripts" / "system_libraries.sh"
 
 def examine_blender(*, worker_is_here: bool) -> Iterator[Finding]:
     """The Blender that makes scene.blend, and what it needs of the system."""
-    blender = _blender()
+    blender, is_module = _blender()
     if blender.state is State.MISSING and not worker_is_here:
         # Without a worker nothing is known of its bpy module, and whoever makes the worker gets both.
         remedy = "make the worker first, which has it; or set CVDGS_BLENDER to a Blender program"
         blender = Finding("Blender", State.MISSING, "is looked for beside the worker, which is missing", remedy)
     yield blender
-    yield from _system_libraries()
+    if is_module:  # a Blender program brings its libraries, or its package asks for them
+        yield from _system_libraries()
     if sys.platform.startswith("linux") and ctypes.util.find_library("EGL") is None:
         remedy = "install it (Debian: libegl1 and libgl1-mesa-dri)"
         yield Finding("EGL", State.NOTE, "is not found; only --engine eevee and workbench need it", remedy)
 
 
-def _blender() -> Finding:
+def _blender() -> tuple[Finding, bool]:
+    """What is found of it, and whether it is, or would be, the bpy module."""
     this = sys.modules.get("bpy")
     if this is not None and this.app.binary_path and not os.environ.get("CVDGS_BLENDER"):
-        return Finding("Blender", State.OK, f"{this.app.version_string} ({this.app.binary_path})")
+        return Finding("Blender", State.OK, f"{this.app.version_string} ({this.app.binary_path})"), False
+    is_module = True
     try:
         program, *arguments = blender_command([])
-        if "-b" in arguments:
-            return Finding("Blender", State.OK, f"{blender_version(program)} ({program})")
+        is_module = "-b" not in arguments
+        if not is_module:
+            return Finding("Blender", State.OK, f"{blender_version(program)} ({program})"), is_module
         module = ask(program, {"bpy": "bpy"})["packages"]["bpy"]
     except InputError as error:
         found = f"{error.where}: {error.what}" if error.where else error.what
-        return Finding("Blender", State.MISSING, found, error.remedy)
+        return Finding("Blender", State.MISSING, found, error.remedy), is_module
     if module["problem"]:
         found = f"the bpy module {module['version'] or ''} of {program}: {module['problem']}"
         remedy = f"run 'sh {SYSTEM_LIBRARIES}', or do without Blender: --no-blend"
-        return Finding("Blender", State.MISSING, found, remedy)
-    return Finding("Blender", State.OK, f"bpy module {module['version']} ({program})")
+        return Finding("Blender", State.MISSING, found, remedy), is_module
+    return Finding("Blender", State.OK, f"bpy module {module['version']} ({program})"), is_module
 
 
 def _system_libraries() -> Iterator[Finding]:
@@ -60,6 +65,14 @@ def _system_libraries() -> Iterator[Finding]:
         return
     if missing:
         found = f"{len(missing)} that Blender's module loads are missing"
-        yield Finding("libraries", State.MISSING, found, f"sudo apt-get install {' '.join(missing)}")
+        yield Finding("libraries", State.MISSING, found, _how_to_install(missing))
     else:
         yield Finding("libraries", State.OK, "all that Blender's module loads")
+
+
+def _how_to_install(packages: Sequence[str]) -> str:
+    names = " ".join(packages)
+    if shutil.which("apt-get") is None:
+        return f"install what Debian calls {names}"
+    sudo = "" if os.geteuid() == 0 else "sudo "  # which a root without packages does not have
+    return f"{sudo}apt-get install {names}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 from ..environment import TESTED_PYTHON, can_make_environments
 from ..errors import InputError
@@ -60,8 +61,9 @@ def examine_worker() -> Iterator[Finding]:
 
 
 def _package_remedy(name: str, python: str) -> str:
-    if python.startswith(str(ROOT)):
-        return f"run 'make clean venv' in {ROOT}"
+    environment = ROOT / ".venv"
+    if Path(python).is_relative_to(environment):
+        return f"delete {environment} and run 'make venv' in {ROOT}"
     return f"{python} -m pip install {name}"
 
 

@@ -40,10 +40,10 @@ def empty_python(tmp_path_factory) -> Path:
     return folder / "bin" / "python"
 
 
-@pytest.fixture(scope="module")
-def fresh_tree(tmp_path_factory) -> Path:
+@pytest.fixture
+def fresh_tree(tmp_path) -> Path:
     """A copy of the code alone, as if just unpacked: there is no environment in it."""
-    tree = tmp_path_factory.mktemp("fresh") / "tree"
+    tree = tmp_path / "tree"
     for part in ("core", "scripts"):
         shutil.copytree(ROOT / part, tree / part, ignore=shutil.ignore_patterns("showroom", "weights", "__pycache__"))
     shutil.copy(ROOT / "__init__.py", tree)
@@ -75,6 +75,29 @@ def test_a_fresh_checkout_is_told_how_to_make_the_environment(empty_python, fres
     assert f"-> run 'make venv' in {fresh_tree}" in process.stdout
     assert "-> make the worker first" in process.stdout
     assert process.stdout.splitlines()[-1].startswith("Missing: worker")
+
+
+def test_an_environment_that_lacks_something_is_made_again_without_touching_results(empty_python, fresh_tree):
+    environment = fresh_tree / ".venv"
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment], check=True)
+    process = ask_doctor(python=empty_python, tree=fresh_tree, CVDGS_PYTHON="")
+    assert f"-> delete {environment} and run 'make venv' in {fresh_tree}" in process.stdout
+    assert "clean" not in process.stdout  # that deletes out/ as well
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs sh")
+def test_libraries_of_the_bpy_module_are_asked_for_unless_there_is_a_blender(empty_python, fresh_tree, tmp_path):
+    (fresh_tree / "scripts" / "system_libraries.sh").write_text("echo libgone6\n")
+    without = ask_doctor(python=empty_python, tree=fresh_tree, CVDGS_PYTHON="", CVDGS_BLENDER="")
+    assert "libgone6" in without.stdout
+    assert without.stdout.splitlines()[-1].startswith("Missing: worker, Blender, libraries")
+    blender = tmp_path / "blender"
+    blender.write_text("#!/bin/sh\necho Blender 9.9\n")
+    blender.chmod(0o755)
+    process = ask_doctor("--json", python=empty_python, tree=fresh_tree, CVDGS_PYTHON="", CVDGS_BLENDER=str(blender))
+    found = states(process)
+    assert found["Blender"] == "ok"
+    assert "libraries" not in found
 
 
 @pytest.mark.skipif(not BPY45.exists(), reason="needs .venv-bpy45")
