@@ -61,11 +61,12 @@ class RunFolder:
     ) -> None:
         self.out = Path(out).absolute()
         self._earlier_files, self._last = earlier_files, last
-        self._created = [p for p in (self.out, *self.out.parents) if not p.exists()]
+        self._created: list[Path] = []
         self.staging = self.out / _STAGING
         self._complete, self._retired = self.out / _COMPLETE, self.out / _RETIRED
         self._lock: IO[str] | None = None
         try:
+            self._created = [path for path in (self.out, *self.out.parents) if not path.exists()]
             self.out.mkdir(parents=True, exist_ok=True)
             self._lock = self._take_lock()
             for path in (self.staging, self._complete, self._retired):

@@ -25,6 +25,21 @@ _CHECK_PATH = "check the path and its permissions"
 _COPY_AGAIN = "copy or export the file again"
 
 
+def is_file(path: str | Path) -> bool:
+    """Whether a regular file is there; False, where `Path.is_file` raises, for a name that is too long or forbidden."""
+    return os.path.isfile(path)
+
+
+def is_folder(path: str | Path) -> bool:
+    """Whether a folder is there; as `is_file`."""
+    return os.path.isdir(path)
+
+
+def is_there(path: str | Path) -> bool:
+    """Whether anything is there, at the end of all links; as `is_file`."""
+    return os.path.exists(path)
+
+
 @contextmanager
 def opened(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) -> Iterator[BinaryIO]:
     """The file `path`, open for reading; the caller reads what is there and need not fear that it never ends.

@@ -37,7 +37,7 @@ from typing import Any
 from ..errors import InputError
 from ..run_files import ORIGINAL
 from ..settings import CVD_TYPES, ENGINES, Layer, Settings
-from ..untrusted import read_text
+from ..untrusted import is_file, is_folder, read_text
 from .arguments import DIGITS
 from .finished import check_finished_run
 from .table_reader import Problem, Problems, TableReader, UnusableFile
@@ -152,7 +152,7 @@ class Item:
         """Folder of what the item is made from."""
         path = self.capture or self.run
         assert path is not None
-        return path.parent if path.suffix.lower() == ".json" and path.is_file() else path
+        return path.parent if path.suffix.lower() == ".json" and is_file(path) else path
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ def _with_source_checked(item: Item, table: TableReader) -> Item:
             present = []
         return replace(item, present=tuple(present))
     if item.capture is not None:
-        if not (item.capture.is_dir() or (item.capture.is_file() and item.capture.suffix.lower() == ".json")):
+        if not (is_folder(item.capture) or (is_file(item.capture) and item.capture.suffix.lower() == ".json")):
             table.add("capture", f"no such folder: {item.capture}", "give a folder of photographs with cameras")
         layers = tuple(filter(None, map(layer_of, item.layers)))
         if not layers:

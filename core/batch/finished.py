@@ -8,7 +8,7 @@ from typing import Any
 from ..errors import InputError
 from ..report import SCHEMA
 from ..run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
-from ..untrusted import read_json
+from ..untrusted import is_file, is_there, read_json
 
 CAMERAS = f"{CAPTURE_FOLDER}/transforms.json"
 _REMEDY = "give the output folder of a finished run of scripts/run.py"
@@ -22,7 +22,7 @@ def check_finished_run(folder: Path) -> list[str]:
     """
     layers = list(read_report(folder)["layers"])
     for name in (GAUSSIANS_FILE, CAMERAS):
-        if not (folder / name).is_file():
+        if not is_file(folder / name):
             raise InputError(f"the run has no {name}", where=folder, remedy=_REMEDY)
     return [layer for layer in layers if (folder / layer_gaussians_file(layer)).is_file()]
 
@@ -42,7 +42,7 @@ def read_report(folder: Path) -> dict[str, Any]:
     Raises:
         InputError: there is none, or it is damaged or of another version.
     """
-    if not (folder / REPORT_FILE).exists():
+    if not is_there(folder / REPORT_FILE):
         raise InputError("no finished run is there", where=folder, remedy=_REMEDY)
     report = read_json(folder / REPORT_FILE, remedy=_REMEDY)
     if not isinstance(report, dict) or "schema" not in report:

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..settings import WEIGHTS_SUFFIX, Layer, Settings, typed_value
+from ..untrusted import is_file
 from .table_reader import TableReader
 
 # The others belong to the batch or to the item.
@@ -58,7 +59,7 @@ def _checked(name: str, value: Any, folder: Path) -> Any:
     value = typed_value(Settings, name, value)
     if name == "enhancer" and value.endswith(WEIGHTS_SUFFIX):
         value = os.path.normpath(folder / value)
-        if not Path(value).is_file():
+        if not is_file(value):
             raise InputError(f"no such file: {value}", remedy=f"give a {WEIGHTS_SUFFIX} file that is there")
     Settings("capture", "out", (Layer("deutan", 1.0),), **{name: value})
     return value

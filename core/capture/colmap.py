@@ -10,8 +10,9 @@ import numpy as np
 import pycolmap
 
 from ..errors import InputError
+from ..untrusted import is_file
 from .colmap_model import ColmapModel, read_model
-from .files import is_file, list_images, quote_first, resolve_inside
+from .files import list_images, quote_first, resolve_inside
 from .poses import rigid_pose
 from .source import SourceModel, SourceView
 

@@ -22,8 +22,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..untrusted import opened
-from .files import is_file
+from ..untrusted import is_file, opened
 from .points import as_float32
 from .source import MOST_VIEWS
 

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
+from ..untrusted import is_file
 
 # What OpenImageIO reads and what cameras, scanners and renderers write.
 IMAGE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm")
@@ -19,14 +20,6 @@ _UNSAFE_IN_KEY = re.compile(r"[^A-Za-z0-9._-]+")
 _WINDOWS_DEVICE = re.compile(r"^(con|prn|aux|nul|com[1-9]|lpt[1-9])(\.|$)", re.IGNORECASE)
 # Output files add a suffix; file systems stop at 255 bytes.
 _KEY_LENGTH = 120
-
-
-def is_file(path: Path) -> bool:
-    """Whether `path` exists as a regular file; False where it cannot be looked at (a cyclic link, a name too long)."""
-    try:
-        return stat.S_ISREG(path.stat().st_mode)
-    except (OSError, ValueError):
-        return False
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:

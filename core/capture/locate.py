@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import InputError
+from ..untrusted import is_file, is_folder, is_there
 from .colmap import IMAGE_FOLDERS, find_colmap, read_colmap
 from .files import list_images, resolve_inside
 from .source import MOST_VIEWS, SourceModel
@@ -25,11 +26,11 @@ def read_cameras(path: Path) -> SourceModel | None:
     Raises:
         InputError: nothing is there, or a camera file is damaged.
     """
-    if not path.exists():
-        raise InputError("no such file or folder", where=path, remedy="check the path of the capture")
-    if path.is_file() and path.suffix.lower() == ".json":
+    if is_file(path) and path.suffix.lower() == ".json":
         return _with_enough_views(read_transforms(path))
-    if not path.is_dir():
+    if not is_there(path):
+        raise InputError("no such file or folder", where=path, remedy="check the path and its permissions")
+    if not is_folder(path):
         raise InputError("not a capture", where=path, remedy="give the folder with the photographs")
     colmap_folder, transforms_file = find_colmap(path), find_transforms(path)
     colmap = read_colmap(colmap_folder) if colmap_folder else None

@@ -15,9 +15,9 @@ import numpy as np
 import pycolmap
 
 from ..errors import InputError
-from ..untrusted import read_json
+from ..untrusted import is_file, read_json
 from .colmap import check_camera
-from .files import IMAGE_EXTENSIONS, is_file, quote_first, resolve_inside
+from .files import IMAGE_EXTENSIONS, quote_first, resolve_inside
 from .images import read_header
 from .points import read_point_cloud
 from .poses import OPENGL_TO_OPENCV, invert_rigid, rigid_pose

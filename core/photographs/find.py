@@ -16,6 +16,7 @@ from ..capture.files import list_images, make_keys, natural_key, quote_first
 from ..capture.images import ImageHeader, read_header, read_pixels
 from ..errors import InputError
 from ..events import Reporter
+from ..untrusted import is_file, is_folder, is_there
 from .front import earlier_files
 
 STAGE = "read"
@@ -85,7 +86,7 @@ def find_photographs(inputs: Sequence[str], out: Path, reporter: Reporter) -> li
     paths: dict[str, Path] = {}
     for name in inputs:
         path = Path(name)
-        for found in _search(path, out, reporter) if path.is_dir() else [_existing(path)]:
+        for found in _search(path, out, reporter) if is_folder(path) else [_existing(path)]:
             paths.setdefault(os.path.abspath(found), found)
     portable = [Path(name).as_posix() for name in paths]
     photographs = [Photograph(path, key) for path, key in zip(paths.values(), make_keys(portable), strict=True)]
@@ -170,8 +171,8 @@ def _real(path: Path) -> Path:
 
 
 def _existing(path: Path) -> Path:
-    if not path.is_file():
-        what = "is not a file or folder" if path.exists() else "there is no such file or folder"
+    if not is_file(path):
+        what = "is not a file or folder" if is_there(path) else "there is no such file or folder"
         raise InputError(what, where=path, remedy="name photographs or a folder of them")
     return path
 

@@ -85,6 +85,11 @@ def test_a_folder_that_cannot_be_written_is_refused_in_one_line(tmp_path):
         RunFolder(tmp_path / "file" / "out")
 
 
+def test_a_folder_whose_name_is_too_long_is_refused_in_one_line(tmp_path):
+    with pytest.raises(InputError, match="cannot be written to"):
+        RunFolder(tmp_path / ("a" * 300))
+
+
 def test_another_job_says_what_it_replaces(tmp_path):
     (tmp_path / "report.json").write_text("of a run")
     (tmp_path / "old.png").write_text("ours")

@@ -163,6 +163,7 @@ def test_numbers_are_ordered_by_value() -> None:
 
 def test_missing_folder_is_named(tmp_path: Path) -> None:
     assert "no such file or folder" in refused(tmp_path / "absent")
+    assert "no such file or folder" in refused(tmp_path / ("a" * 300))
 
 
 def test_empty_folder_says_what_to_give(tmp_path: Path) -> None:
