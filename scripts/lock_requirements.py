@@ -11,6 +11,7 @@ it asks is uv's business (UV_DEFAULT_INDEX). Exit codes: 0 done, 2 uv is missing
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import re
 import subprocess
 import sys
@@ -53,6 +54,8 @@ def resolve(source: Path, extras: tuple[str, ...] = (), keep: tuple[Path, ...] =
     Raises:
         InputError: uv is missing or cannot resolve it.
     """
+    if importlib.util.find_spec("uv") is None:
+        raise InputError("uv is missing", where=sys.executable, remedy=f"{sys.executable} -m pip install uv")
     command = [sys.executable, "-m", "uv", "pip", "compile", str(source), "--universal", "--generate-hashes"]
     command += ["--python-version", ".".join(map(str, TESTED_PYTHON)), "--no-header", "--no-annotate", "--quiet"]
     command += [option for extra in extras for option in ("--extra", extra)]
@@ -60,7 +63,7 @@ def resolve(source: Path, extras: tuple[str, ...] = (), keep: tuple[Path, ...] =
     result = subprocess.run(command, capture_output=True, text=True)
     if result.returncode != 0:
         complaint = " ".join(result.stderr.split())
-        raise InputError(f"uv refuses ({complaint})", where=source, remedy=f"{sys.executable} -m pip install uv")
+        raise InputError(f"uv refuses ({complaint})", where=source, remedy="change the versions that it asks for")
     entries = re.split(r"\n(?=\S)", result.stdout.strip())
     return {entry.partition(" \\\n")[0]: entry for entry in map(with_other_builds, entries)}
 
@@ -69,6 +72,19 @@ def with_other_builds(entry: str) -> str:
     """The entry, allowing the builds that uv's index does not know."""
     hashes = _OTHER_BUILDS.get(entry.partition(" ")[0], [])
     return " \\\n".join([entry, *(f"    --hash=sha256:{value}" for value in hashes)])
+
+
+def require_other_builds(torch: Lock) -> None:
+    """Refuse a version of torch whose build for CPUs nobody has looked up: without its hash it would be refused later.
+
+    Raises:
+        InputError: `_OTHER_BUILDS` does not know it.
+    """
+    for requirement in torch:
+        version = requirement.partition(" ")[0]
+        if version not in _OTHER_BUILDS:
+            remedy = "add the hash of its build for CPUs to _OTHER_BUILDS (torch's own index shows it)"
+            raise InputError(f"{version} is new here", where=Path(__file__).name, remedy=remedy)
 
 
 def without(lock: Lock, other: Lock) -> Lock:
@@ -99,6 +115,7 @@ def lock_all(*, upgrade: bool) -> None:
     worker = without(everything, without(everything, resolve(project, keep=keep)))
     cuda = {requirement: entry for requirement, entry in worker.items() if _CUDA.match(requirement)}
     torch = {requirement: entry for requirement, entry in worker.items() if requirement.startswith("torch==")}
+    require_other_builds(torch)
     development = without(everything, worker) | without(build, worker)
     worker = without(worker, cuda | torch)
     write(REQUIREMENTS, "The worker's packages besides torch", worker)

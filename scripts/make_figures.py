@@ -1,7 +1,9 @@
 """The figures of docs/how-it-works.md, from a finished run of the demo: how training went, and where colours went.
 
-make demo
-python scripts/make_figures.py out/demo --out docs/figures
+    make demo
+    python scripts/make_figures.py out/demo --out docs/figures
+
+Exit codes: 0 done, 2 not a finished run.
 """
 
 from __future__ import annotations

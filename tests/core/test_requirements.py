@@ -15,6 +15,7 @@ from packaging.utils import canonicalize_name
 from cvdgs.core import environment
 from cvdgs.core.errors import InputError
 from cvdgs.core.events import Reporter
+from cvdgs.scripts import lock_requirements
 
 from .test_environment import shelf  # noqa: F401
 
@@ -48,6 +49,13 @@ def test_the_lists_have_what_the_project_requires_within_its_bounds():
     for requirement in map(Requirement, [*project["dependencies"], *extras]):
         if requirement.name != "cvdgs":
             assert everything[canonicalize_name(requirement.name)] in requirement.specifier, requirement
+
+
+def test_a_new_torch_is_refused_until_the_hash_of_its_build_for_cpus_is_known():
+    (listed,) = re.findall(r"^torch==\S+", environment.TORCH_REQUIREMENTS.read_text(encoding="utf-8"), re.MULTILINE)
+    lock_requirements.require_other_builds({listed: ""})
+    with pytest.raises(InputError, match=r"torch==99\.0 is new here"):
+        lock_requirements.require_other_builds({"torch==99.0 ; sys_platform == 'linux'": ""})
 
 
 def test_no_list_names_a_server():
