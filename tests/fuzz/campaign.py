@@ -23,6 +23,8 @@ import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .mutation import PAYLOADS, edited, random_edits
+
 if TYPE_CHECKING:
     from .targets import Target  # only by name: atheris has to be there when the package is loaded
 
@@ -31,6 +33,7 @@ FINDINGS = ROOT / "out" / "fuzz"
 MEMORY_BYTES = 4 << 30
 """Of address space that a reader's process may take with torch, OpenImageIO and pycolmap in it."""
 _LONGEST = 16_384  # bytes of an input; the examples have 20 to 10,000
+_LONGEST_WORD = 64  # bytes; of libFuzzer's dictionary
 
 
 def main(arguments: list[str]) -> int:
@@ -109,16 +112,21 @@ def _fuzz(target: Target, folder: Path, options: argparse.Namespace) -> int:
     corpus.mkdir(parents=True, exist_ok=True)
     for number, data in enumerate(starts):
         (corpus / f"example-{number}").write_bytes(data)
+    words = folder / "words.txt"
+    words.write_text("".join(f'"{_escaped(word)}"\n' for word in PAYLOADS if len(word) <= _LONGEST_WORD))
     flags = [f"-runs={options.executions}", f"-seed={options.seed}", f"-artifact_prefix={folder}/", "-timeout=30"]
-    flags += [f"-max_len={_LONGEST}", f"-max_total_time={options.seconds}", "-rss_limit_mb=0"]
+    flags += [f"-max_len={_LONGEST}", f"-dict={words}", f"-max_total_time={options.seconds}", "-rss_limit_mb=0"]
     atheris.Setup([sys.argv[0], *flags, str(corpus)], target)
     atheris.Fuzz()
     return 0
 
 
-def _mutate(target: Target, starts: list[bytes], folder: Path, options: argparse.Namespace) -> int:
-    from .mutation import edited, random_edits
+def _escaped(word: bytes) -> str:
+    """`word` as libFuzzer's dictionaries have it."""
+    return "".join(f"\\x{byte:02x}" for byte in word)
 
+
+def _mutate(target: Target, starts: list[bytes], folder: Path, options: argparse.Namespace) -> int:
     started, last = time.monotonic(), folder / "last"
     for number in range(options.executions):
         if options.seconds and time.monotonic() - started > options.seconds:

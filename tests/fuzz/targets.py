@@ -79,14 +79,19 @@ def _check_refusal(error: InputError) -> None:
 
 @cache
 def _folder() -> tempfile.TemporaryDirectory:
-    """One for the process; removed when it ends."""
-    return tempfile.TemporaryDirectory(prefix="cvdgs-fuzz-")
+    """One for the process, in memory where the system offers that; removed when it ends."""
+    in_memory = Path("/dev/shm")
+    place = in_memory if os.access(in_memory, os.W_OK) else None
+    return tempfile.TemporaryDirectory(prefix="cvdgs-fuzz-", dir=place)
 
 
 def _file(name: str, data: bytes) -> Path:
     path = Path(_folder().name, name)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(data)
+    try:
+        path.write_bytes(data)
+    except FileNotFoundError:  # at first; looking each time would take as long as some readers do
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
     return path
 
 
@@ -171,15 +176,15 @@ def _read_lut(data: bytes) -> None:
 
 
 @cache
-def _finished_run() -> Path:
+def _finished_run(name: str) -> Path:
     """A folder with the files of a finished run, as far as they are looked at."""
-    for name in ("splats.ply", "splats.deutan-1.0.ply", "capture/transforms.json"):
-        _file(f"run/{name}", b"")
-    return _file("run/report.json", json.dumps(examples.report()).encode()).parent
+    for file in ("splats.ply", "splats.deutan-1.0.ply", "capture/transforms.json"):
+        _file(f"{name}/{file}", b"")
+    return _file(f"{name}/report.json", json.dumps(examples.report()).encode()).parent
 
 
 def _read_batch(data: bytes) -> None:
-    _finished_run()
+    _finished_run("run")  # that the example names
     (Path(_folder().name) / "batch" / "capture").mkdir(parents=True, exist_ok=True)
     batch = read_batch(_file("batch/batch.toml", data))
     assert batch.items
@@ -206,13 +211,10 @@ def _read_event(data: bytes) -> None:
 
 
 def _read_report(data: bytes) -> None:
-    folder = _finished_run()
-    _file("run/report.json", data)
+    folder = _finished_run("reported")
+    (folder / "report.json").write_bytes(data)
     report_or_nothing(folder)
-    try:
-        check_finished_run(folder)
-    finally:
-        _finished_run.cache_clear()
+    check_finished_run(folder)
 
 
 def _read_report_to_resume(data: bytes) -> None:
