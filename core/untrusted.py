@@ -86,9 +86,12 @@ def read_bytes(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) 
 
 
 def read_text(path: str | Path, *, most_bytes: int, remedy: str = _COPY_AGAIN) -> str:
-    """All of a UTF-8 text file, its line ends as they are; also raises `InputError` where it is something else."""
+    """All of a UTF-8 text file, its line ends as they are; also raises `InputError` where it is something else.
+
+    The mark that editors on Windows put before the text (a BOM) is left out.
+    """
     try:
-        return read_bytes(path, most_bytes=most_bytes, remedy=remedy).decode("utf-8")
+        return read_bytes(path, most_bytes=most_bytes, remedy=remedy).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError("is not UTF-8 text", where=path, remedy=remedy) from None
 

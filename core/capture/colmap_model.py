@@ -8,6 +8,7 @@ pose of every image that they make up, for programs that know nothing of them.
 
 from __future__ import annotations
 
+import codecs
 import mmap
 import re
 import struct
@@ -32,8 +33,8 @@ _MOST_BYTES = 4 << 30
 _MOST_POINT_BYTES = 1 << 30  # ten million points of ordinary tracks
 _MOST_NAME_BYTES = 4096  # Linux' own limit for a path
 _LONGEST_LINE = 16 << 20  # bytes of text: the features of an image, hundreds of thousands
-# A point that one view alone sees has no depth.
-_MIN_TRACK_LENGTH = 2
+# One view alone gives a point no depth; COLMAP writes none with a shorter track.
+_LEAST_TRACK_LENGTH = 2
 
 _PARAMETER_COUNTS = {
     name: len(pycolmap.Camera.create_from_model_id(0, model, 1.0, 2, 2).params)
@@ -48,6 +49,9 @@ _IMAGE = struct.Struct("<I7dI")  # id, quaternion wxyz, translation, camera
 _POINT = struct.Struct("<Q3d3BdQ")  # id, position, colour, error, length of the track
 _OBSERVATION_BYTES = 24
 _TRACK_ELEMENT_BYTES = 8
+
+_Point = tuple[Sequence[float], Sequence[int], int]
+"""Position, colour, and how many images its track names."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,8 @@ class ColmapModel:
     Attributes:
         cameras: by their numbers.
         images: in the file's order; their cameras are there.
-        points: (P, 3) float32 positions of those that at least two images see, and `point_colors` (P, 3) uint8.
+        points: (P, 3) float32 positions of those that can be trusted (`_trusted_points`), and `point_colors` (P, 3)
+            uint8.
     """
 
     cameras: dict[int, pycolmap.Camera] = field(default_factory=dict)
@@ -118,13 +123,26 @@ def read_model(folder: Path) -> ColmapModel:
         _require(known, f"damaged: {image.name} is of camera {image.camera_id}, which is not there", images)
         _require(len(model.images) < MOST_VIEWS, f"it has more than {MOST_VIEWS:,} images", images)
         model.images.append(image)
-    positions, colors = array("d"), bytearray()
-    for position, color in (_binary_points if binary else _text_points)(points):
+    positions, colors, track_lengths = array("d"), bytearray(), bytearray()
+    for position, color, track_length in (_binary_points if binary else _text_points)(points):
         positions.extend(position)
         colors.extend(color)
-    model.points = as_float32(np.frombuffer(positions, np.float64).reshape(-1, 3))
-    model.point_colors = np.frombuffer(colors, np.uint8).reshape(-1, 3)
+        track_lengths.append(min(track_length, _LEAST_TRACK_LENGTH))
+    trusted = _trusted_points(np.frombuffer(track_lengths, np.uint8))
+    model.points = as_float32(np.frombuffer(positions, np.float64).reshape(-1, 3)[trusted])
+    model.point_colors = np.frombuffer(colors, np.uint8).reshape(-1, 3)[trusted]
     return model
+
+
+def _trusted_points(track_lengths: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """(P,) whether a point is used, from the number of images that its track names, counted up to two.
+
+    Programs that take points from depth maps or a scanner and write them in COLMAP's layout leave tracks empty, or name
+    one image a point. Theirs are as good as any; in a model with longer tracks, a track of one image is a guess.
+    """
+    if (track_lengths >= _LEAST_TRACK_LENGTH).any():
+        return track_lengths != 1
+    return np.ones(len(track_lengths), bool)
 
 
 def _require(condition: bool, what: str, path: Path) -> None:
@@ -202,14 +220,13 @@ def _binary_images(path: Path) -> Iterator[ColmapImage]:
             yield ColmapImage(name, camera_id, tuple(pose[:4]), tuple(pose[4:]))
 
 
-def _binary_points(path: Path) -> Iterator[tuple[Sequence[float], Sequence[int]]]:
+def _binary_points(path: Path) -> Iterator[_Point]:
     with opened(path, most_bytes=_MOST_POINT_BYTES) as file:
         walker = _Walker(file, path)
         for _ in walker.records():
             _, x, y, z, red, green, blue, _, track_length = walker.take(_POINT)
             walker.skip(_TRACK_ELEMENT_BYTES * track_length)
-            if track_length >= _MIN_TRACK_LENGTH:
-                yield (x, y, z), (red, green, blue)
+            yield (x, y, z), (red, green, blue), track_length
 
 
 # ---- text
@@ -230,6 +247,7 @@ class _Lines:
     def __iter__(self) -> Iterator[str]:
         while line := self._file.readline(_LONGEST_LINE):
             self.number += 1
+            line = line.removeprefix(codecs.BOM_UTF8) if self.number == 1 else line
             self._ended = line.endswith(b"\n")
             _require(self._ended or len(line) < _LONGEST_LINE, f"line {self.number} is too long", self.path)
             if line.startswith(b"#"):
@@ -244,8 +262,9 @@ class _Lines:
                 ) from None
 
     def check_count(self, count: int) -> None:
-        """Make sure that there are as many entries as the file's own comment says."""
-        whole = self._promised is None or (self._promised == count and self._ended)
+        """Make sure that there are no fewer entries than the file's own comment says."""
+        # More are whole too: some programs write the comment before they know.
+        whole = self._promised is None or (self._promised <= count and self._ended)
         _require(whole, f"the file is cut short or damaged ({count} of {self._promised} entries are there)", self.path)
 
     def refuse(self) -> InputError:
@@ -294,7 +313,7 @@ def _text_images(path: Path) -> Iterator[ColmapImage]:
         lines.check_count(count)
 
 
-def _text_points(path: Path) -> Iterator[tuple[Sequence[float], Sequence[int]]]:
+def _text_points(path: Path) -> Iterator[_Point]:
     with opened(path, most_bytes=_MOST_POINT_BYTES) as file:
         lines, count = _Lines(file, path), 0
         for line in lines:
@@ -307,6 +326,5 @@ def _text_points(path: Path) -> Iterator[tuple[Sequence[float], Sequence[int]]]:
             if not all(0 <= channel <= 255 for channel in color):
                 raise lines.refuse()
             count += 1
-            if (len(words) - 8) // 2 >= _MIN_TRACK_LENGTH:
-                yield position, color
+            yield position, color, (len(words) - 8) // 2
         lines.check_count(count)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import struct
 from pathlib import Path
@@ -189,6 +190,51 @@ def test_cut_text_file_is_refused(tmp_path: Path, name: str, part: float) -> Non
     file.write_text(text[: header + int((len(text) - header) * part)])
     with pytest.raises(InputError, match=r"cut short|damaged"):
         inspect_capture(tmp_path)
+
+
+@pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])
+@pytest.mark.parametrize("length", [0, 1])
+def test_points_of_programs_that_write_no_tracks_are_kept(tmp_path: Path, text: bool, length: int) -> None:
+    write_colmap(tmp_path, shots(3), text=text)
+    with_tracks = inspect_capture(tmp_path).points
+    rewrite_points(tmp_path / "sparse" / "0", text, [length] * with_tracks)
+    assert inspect_capture(tmp_path).points == with_tracks
+
+
+@pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])
+def test_beside_longer_tracks_a_point_of_one_view_is_left_out(tmp_path: Path, text: bool) -> None:
+    write_colmap(tmp_path, shots(3), text=text)
+    rewrite_points(tmp_path / "sparse" / "0", text, [2, 1, 0, 3])
+    np.testing.assert_array_equal(read_model(tmp_path / "sparse" / "0").points[:, 0], [0, 2, 3])
+
+
+def rewrite_points(model: Path, text: bool, track_lengths: list[int]) -> None:
+    """Replace the points by grey ones on the x axis at 0, 1, ..., whose tracks name so many images."""
+    if text:
+        lines = [f"{i} {i} 0 0 9 9 9 0.5" + " 1 0" * length for i, length in enumerate(track_lengths)]
+        (model / "points3D.txt").write_text("\n".join(lines) + "\n")
+        return
+    records = [
+        struct.pack("<Q3d3BdQ", i, i, 0, 0, 9, 9, 9, 0.5, length) + bytes(8 * length)
+        for i, length in enumerate(track_lengths)
+    ]
+    (model / "points3D.bin").write_bytes(struct.pack("<Q", len(records)) + b"".join(records))
+
+
+@pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
+def test_text_with_a_mark_of_windows_editors_is_read(tmp_path: Path, name: str) -> None:
+    write_colmap(tmp_path, shots(3), text=True)
+    file = tmp_path / "sparse" / "0" / f"{name}.txt"
+    expected = inspect_capture(tmp_path)
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
+    assert inspect_capture(tmp_path) == expected
+
+
+def test_a_comment_that_counts_too_few_does_not_make_a_text_file_damaged(tmp_path: Path) -> None:
+    write_colmap(tmp_path, shots(3), text=True)
+    file = tmp_path / "sparse" / "0" / "images.txt"
+    file.write_text(re.sub(r"Number of images: \d+", "Number of images: 0", file.read_text()))
+    assert inspect_capture(tmp_path).views == 3
 
 
 def test_missing_model_file_is_named(tmp_path: Path) -> None:

@@ -53,6 +53,13 @@ def test_the_file_itself_is_accepted(tmp_path: Path) -> None:
     assert len(read_capture(tmp_path / "other.json", max_size=None).views) == 3
 
 
+def test_a_file_with_a_mark_of_windows_editors_is_read(tmp_path: Path) -> None:
+    write_transforms(tmp_path, shots(3))
+    file = tmp_path / "transforms.json"
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    assert inspect_capture(tmp_path).views == 3
+
+
 def test_intrinsics_in_every_frame(tmp_path: Path) -> None:
     photographs = shots(2, pinhole(focal=80.0)) + shots(4, pinhole(72, 96, focal=61.5))[2:]
     listed = [{**frame, **intrinsics(s.camera)} for frame, s in zip(frames(photographs), photographs, strict=True)]
