@@ -6,7 +6,7 @@ import os
 import re
 import stat
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
@@ -14,6 +14,13 @@ from ..untrusted import is_file
 
 # What OpenImageIO reads and what cameras, scanners and renderers write.
 IMAGE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm")
+
+# What telephones, cameras and editors leave beside them and our build of OpenImageIO does not read as a photograph.
+FOREIGN_EXTENSIONS = (
+    *(".heic", ".heif", ".avif", ".jxl", ".gif", ".psd"),
+    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef"),
+    *(".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".insv"),
+)
 
 _UNSAFE_IN_KEY = re.compile(r"[^A-Za-z0-9._-]+")
 # Names that Windows keeps for devices, with or without an extension.
@@ -73,14 +80,18 @@ def _is_encodable(name: str) -> bool:
     return True
 
 
-def list_images(folder: Path) -> list[str]:
-    """Names, relative to `folder` with ``/`` and in natural order, of the image files in it and below it."""
+def list_images(folder: Path, extensions: Collection[str] = IMAGE_EXTENSIONS) -> list[str]:
+    """Names, relative to `folder` with ``/`` and in natural order, of the image files in it and below it.
+
+    Args:
+        extensions: in lower case; those of other files, to list these instead.
+    """
     names = []
     for directory, subfolders, files in os.walk(folder, followlinks=False):
         subfolders[:] = [name for name in subfolders if not name.startswith(".")]
         for file in files:
             path = Path(directory, file)
-            if path.suffix.lower() in IMAGE_EXTENSIONS and not file.startswith(".") and is_file(path):
+            if path.suffix.lower() in extensions and not file.startswith(".") and is_file(path):
                 names.append(path.relative_to(folder).as_posix())
     return sorted(names, key=natural_key)
 

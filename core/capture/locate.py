@@ -7,7 +7,7 @@ from pathlib import Path
 from ..errors import InputError
 from ..untrusted import is_file, is_folder, is_there
 from .colmap import IMAGE_FOLDERS, find_colmap, read_colmap
-from .files import list_images, resolve_inside
+from .files import FOREIGN_EXTENSIONS, list_images, quote_first, resolve_inside
 from .source import MOST_VIEWS, SourceModel
 from .transforms import find_transforms, read_transforms
 
@@ -54,6 +54,9 @@ def photographs_without_cameras(folder: Path, *, sfm: bool) -> tuple[Path, list[
     photographs = next((subfolder for subfolder in subfolders if subfolder.is_dir()), folder)
     names = list_images(photographs)
     if not names:
+        if foreign := list_images(photographs, FOREIGN_EXTENSIONS):
+            what = f"no photographs that can be read, only {quote_first(foreign)}"
+            raise InputError(what, where=folder, remedy="export them, or a video's frames, as JPEG, PNG or TIFF")
         raise InputError("no photographs and no cameras are there", where=folder, remedy="give a capture folder")
     if not sfm:
         raise InputError(

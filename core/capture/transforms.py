@@ -95,6 +95,9 @@ class _Reader:
             )
         if reshaped:
             model.warn("reorthonormalised", f"{self._file}: rotations made orthonormal: {quote_first(reshaped)}")
+        masked = sum(bool(frame.get("mask_path")) for frame in frames)
+        if masked:
+            model.warn("masks-unused", f"{self._file}: the masks of {masked} photographs are not used")
         self._add_points(model)
         return model
 

@@ -170,6 +170,14 @@ def test_empty_folder_says_what_to_give(tmp_path: Path) -> None:
     assert "no photographs" in refused(tmp_path)
 
 
+def test_photographs_of_a_format_that_is_not_read_are_named(tmp_path: Path) -> None:
+    for name in ("IMG_0002.HEIC", "IMG_0001.HEIC", "IMG_0003.mov", "notes.txt"):
+        (tmp_path / name).write_text("")
+    message = refused(tmp_path)
+    assert "only IMG_0001.HEIC, IMG_0002.HEIC, IMG_0003.mov" in message
+    assert "as JPEG, PNG or TIFF" in message
+
+
 def test_another_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.mp4").write_text("")
     assert "not a capture" in refused(tmp_path / "x.mp4")

@@ -60,6 +60,14 @@ def test_a_file_with_a_mark_of_windows_editors_is_read(tmp_path: Path) -> None:
     assert inspect_capture(tmp_path).views == 3
 
 
+def test_masks_that_are_not_used_are_counted(tmp_path: Path) -> None:
+    listed = frames(shots(3))
+    listed[0]["mask_path"] = listed[2]["mask_path"] = "masks/mask.png"
+    capture = inspect_capture(write_transforms(tmp_path, shots(3), {**intrinsics(pinhole()), "frames": listed}))
+    (message,) = [warning.message for warning in capture.warnings if warning.name == "masks-unused"]
+    assert "masks of 2 photographs" in message
+
+
 def test_intrinsics_in_every_frame(tmp_path: Path) -> None:
     photographs = shots(2, pinhole(focal=80.0)) + shots(4, pinhole(72, 96, focal=61.5))[2:]
     listed = [{**frame, **intrinsics(s.camera)} for frame, s in zip(frames(photographs), photographs, strict=True)]
