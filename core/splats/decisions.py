@@ -90,7 +90,7 @@ class GrowthRule:
     doubling_gain: float = 0.4
     work_gain: float = 0.4
     window: int = 2
-    pixels_each: int = 120
+    pixels_each: int = 100
     fewest: int = 1000
 
     def ceiling(self, pixels: int) -> int:
