@@ -17,7 +17,7 @@ from .run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussi
 from .settings import Settings
 from .splats.gaussians import Gaussians
 from .splats.ply import read_ply
-from .untrusted import MAX_JSON_BYTES, parse_json, read_text
+from .untrusted import MAX_JSON_BYTES, explained, is_file, parse_json, read_text
 
 _NEW_RUN = "make a new run in another folder"
 # Options that shaped what is there already. The others (layers, enhancer, strength, device, Blender's) may differ.
@@ -70,13 +70,13 @@ class EarlierRun:
             schema = report["schema"]
             if schema != SCHEMA:
                 raise InputError(f"a run of another version ({schema})", where=out, remedy=_NEW_RUN)
-            settings = Settings.from_dict({**report["settings"], "resume": False})
+            settings = _settings_of(report, out)
             check_report(report)
         except (ValueError, KeyError, TypeError) as error:
-            what = f"the report of the finished run is damaged ({error})"
+            what = f"the report of the finished run is damaged{explained(error)}"
             raise InputError(what, where=out, remedy=_NEW_RUN) from None
         capture = read_capture(folder / CAPTURE_FOLDER, max_size=None)
-        layers = frozenset(name for name in report["layers"] if (folder / layer_gaussians_file(name)).is_file())
+        layers = frozenset(name for name in report["layers"] if is_file(folder / layer_gaussians_file(name)))
         return cls(out, report, settings, capture, read_ply(folder / GAUSSIANS_FILE), layers)
 
     def complete(self, asked: Settings) -> Settings:
@@ -151,6 +151,20 @@ class _ProgressOnly(StageSpan):
 
     def warning(self, name: str, message: str) -> None:
         """Said before."""
+
+
+def _settings_of(report: Mapping[str, Any], out: str) -> Settings:
+    """The settings that the run of `report` had.
+
+    Raises:
+        InputError: they are damaged; what is wrong with them concerns the run, not the options that are given now.
+        KeyError, TypeError, ValueError: there are none.
+    """
+    try:
+        return Settings.from_dict({**report["settings"], "resume": False})
+    except InputError as error:
+        what = f"the report of the finished run is damaged ({error.where}: {error.what})"
+        raise InputError(what, where=out, remedy=_NEW_RUN) from None
 
 
 def _shown(value: Any) -> str:

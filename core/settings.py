@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from .errors import InputError
+from .untrusted import explained
 
 CVD_TYPES = ("protan", "deutan", "tritan", "achromat")
 SIMULATIONS = ("machado", "vienot", "brettel")
@@ -19,6 +20,7 @@ ENHANCERS = ("cgan", "lut", "none")
 WEIGHTS_SUFFIX = ".safetensors"
 PLUGIN_PREFIX = "plugin:"
 """Before the name of an enhancer that an installed package offers; see docs/extending.md."""
+_UPDATE = "update the program that sends them"
 _MOST_EXACT = 2**53  # of whole numbers as floating-point ones
 _TYPE_NAMES: Mapping[type, str] = {
     bool: "true or false",
@@ -164,7 +166,7 @@ class Settings:
             InputError: an unknown key or an unusable value.
         """
         unknown = sorted(set(values) - {field.name for field in fields(cls)})
-        _check(not unknown, f"unknown settings {', '.join(unknown)}", "settings", "update the program that sends them")
+        _check(not unknown, f"unknown settings {', '.join(unknown)}", "settings", _UPDATE)
         typed: dict[str, Any] = {
             name: typed_value(cls, name, value) for name, value in values.items() if name != "layers"
         }
@@ -172,7 +174,7 @@ class Settings:
             layers = tuple(Layer(str(layer["cvd"]), float(layer["severity"])) for layer in values.get("layers", ()))
             return cls(**{**typed, "layers": layers} if "layers" in values else typed)
         except (TypeError, KeyError, ValueError, OverflowError) as error:
-            raise InputError(f"unusable settings ({error})", remedy="send what Settings.to_dict() gives") from None
+            raise InputError(f"unusable settings{explained(error)}", remedy=_UPDATE) from None
 
 
 def typed_value(owner: type, name: str, value: Any) -> Any:

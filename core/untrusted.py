@@ -127,6 +127,17 @@ def parse_json(text: str, *, strict: bool = True) -> Any:
         raise ValueError("nested too deeply") from None
 
 
+def explained(error: Exception) -> str:
+    """What `error` has to say to a user, in brackets behind a space, for the end of a sentence; often nothing.
+
+    Python's own words about types and attributes explain nothing to somebody who has not seen the code.
+    """
+    if isinstance(error, KeyError):
+        return f" ({error.args[0]} is missing)"
+    said = (getattr(error, "strerror", "") or str(error)) if isinstance(error, OSError | ValueError) else ""
+    return f" ({said})" if said else ""
+
+
 def _with_distinct_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     result = dict(pairs)
     if len(result) < len(pairs):

@@ -48,7 +48,9 @@ def build(out: Path, tool: Path) -> Path:
             _run(tool, "validate", str(zip_file))
             os.replace(zip_file, out / name)
     except OSError as error:
-        raise InputError(f"cannot be written to ({error.strerror})", where=out, remedy="choose another --out") from None
+        raise InputError(
+            f"cannot be written to ({error.strerror})", where=out, remedy="choose another folder with --out"
+        ) from None
     return out / name
 
 

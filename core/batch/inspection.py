@@ -31,7 +31,7 @@ def check_captures(batch: Batch, path: Path, listen: Listener) -> None:
         return
     items = [batch.items[place] for place in places]
     captures = [{"capture": str(item.capture), "sfm": bool(item.train.get("sfm", False))} for item in items]
-    listen({"event": "status", "stage": STAGE, "message": f"looking at {len(captures)} captures"})
+    listen({"event": "status", "stage": STAGE, "message": f"captures to look at: {len(captures)}"})
     request = {"job": "inspect-all", "captures": captures}
     refusals = finish(Workers().start(request, _log), listen)["refusals"]
     if any(refusals):

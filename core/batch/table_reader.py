@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path as FilePath
 from typing import Any, TypeVar
 
-from ..errors import InputError
+from ..errors import InputError, one_line
 from .toml_lines import LineNumbers, Path
 
 _Value = TypeVar("_Value")
@@ -47,9 +47,9 @@ class UnusableFile(InputError):
     def lines(self) -> Iterator[str]:
         """A problem each: file, line, what is wrong, what to do."""
         for problem in self.problems[:_MOST_LINES]:
-            yield str(InputError(problem.text, where=f"{self._file}, line {problem.line}"))
+            yield one_line(f"{self._file}, line {problem.line}: {problem.text}")
         if len(self.problems) > _MOST_LINES:
-            yield str(InputError(f"{len(self.problems) - _MOST_LINES} more problems", where=self._file))
+            yield one_line(f"{self._file}: {len(self.problems) - _MOST_LINES} more problems")
 
     def __str__(self) -> str:
         return "\n".join(self.lines())

@@ -30,7 +30,7 @@ from typing import Any
 
 from ..errors import InputError
 from ..job import ROOT
-from ..untrusted import read_json
+from ..untrusted import explained, read_json
 
 SCRIPT = ROOT / "scripts" / "turntable.py"
 BATCH_FOLDER = ".batch"
@@ -38,6 +38,7 @@ PLAN_FILE = "plan.json"
 _FORMAT = 1
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _RANGE = re.compile(r"\{(\d{1,6})\.\.(\d{1,6})\}")
+_PLAN_AGAIN = "run scripts/turntable.py on the batch file again"
 _MAX_PLAN_BYTES = 256 << 20  # a hundred thousand tasks
 
 
@@ -160,7 +161,7 @@ class Plan:
         for task in self.tasks:
             if task.name == name:
                 return task
-        raise InputError(f"no task is called '{name}'", where=plan_path(self.out), remedy="plan the batch again")
+        raise InputError(f"no task is called '{name}'", where=plan_path(self.out), remedy=_PLAN_AGAIN)
 
 
 def plan_path(out: Path) -> Path:
@@ -211,7 +212,7 @@ def read_plan(path: Path) -> Plan:
     Raises:
         InputError: there is none, or it is damaged or of another version.
     """
-    remedy = "plan the batch again"
+    remedy = _PLAN_AGAIN
     try:
         values = read_json(path, most_bytes=_MAX_PLAN_BYTES, remedy=remedy)
         if values["format"] != _FORMAT:
@@ -219,4 +220,4 @@ def read_plan(path: Path) -> Plan:
         tasks = tuple(Task.from_dict(task) for task in values["tasks"])
         return Plan(path.absolute().parent.parent, tasks, int(values["retries"]))
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
-        raise InputError(f"the plan is damaged ({error})", where=path, remedy=remedy) from None
+        raise InputError(f"the plan is damaged{explained(error)}", where=path, remedy=remedy) from None

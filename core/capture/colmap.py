@@ -89,7 +89,10 @@ def add_model(model: SourceModel, read: ColmapModel, image_folder: Path, root: P
             f"{quote_first(sorted(missing))}",
         )
     if reshaped:
-        model.warn("reorthonormalised", f"{model.file}: rotations made orthonormal: {quote_first(sorted(reshaped))}")
+        model.warn(
+            "reorthonormalised",
+            f"{model.file}: slightly skewed rotations are corrected: {quote_first(sorted(reshaped))}",
+        )
     registered = {image.name for image in images}
     unregistered = [name for name in list_images(image_folder) if name not in registered]
     if unregistered:

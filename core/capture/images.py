@@ -245,7 +245,7 @@ def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
             remedy="export it smaller or without further channels",
         )
     if spec.depth > 1 or spec.nchannels < 1:
-        raise InputError("not a flat image", where=path, remedy=_EXPORT_PLAIN)
+        raise InputError("the image is a volume or without channels, not flat", where=path, remedy=_EXPORT_PLAIN)
     spaces = [spec.get_string_attribute(name) for name in ("jpeg:ColorSpace", "tiff:ColorSpace", "oiio:ColorSpace")]
     if any(space.upper() in ("CMYK", "YCCK", "SEPARATED", "COLOR SEPARATED") for space in spaces):
         raise InputError("the image is CMYK, made for print", where=path, remedy="convert it to RGB (sRGB)")

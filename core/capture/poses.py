@@ -42,7 +42,9 @@ def rigid_pose(matrix: NDArray[np.float64], *, frame: str, where: str | Path) ->
     scale = np.cbrt(abs(determinant))
     error = np.abs(axes.T @ axes / scale**2 - np.eye(3)).max() if scale > 1e-12 else np.inf
     if error > _REPAIRABLE:
-        raise InputError(f"the rotation of {frame} is not orthonormal (error {error:.2g})", where=where, remedy=remedy)
+        raise InputError(
+            f"the rotation of {frame} is skewed: not orthonormal by {error:.2g}", where=where, remedy=remedy
+        )
     if determinant < 0.0:
         raise InputError(f"the rotation of {frame} is a reflection", where=where, remedy=remedy)
     pose = np.eye(4)

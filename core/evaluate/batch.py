@@ -201,7 +201,9 @@ class BatchBenchmark:
         )
         plan = make_plan(read_batch(path), self.folder.absolute() / name)
         if plan.out.exists():
-            raise InputError("there is an earlier batch", where=plan.out, remedy="choose another --out, or remove it")
+            raise InputError(
+                "there is an earlier batch", where=plan.out, remedy="choose another folder with --out, or remove it"
+            )
         write_plan(plan)
         return plan
 
@@ -239,13 +241,16 @@ def _run_by_openjd(plan: Plan) -> None:
     command = [sys.executable, "-m", "openjd", "run", str(export_openjd(plan))]
     ran = subprocess.run(command, capture_output=True, text=True)
     if ran.returncode != 0:
-        raise InputError("the openjd command failed", where=plan.out, remedy=ran.stdout[-500:])
+        what = f"openjd failed ({ran.stdout[-500:].strip()})"
+        raise InputError(what, where=plan.out, remedy=f"run it by hand: {' '.join(command)}")
 
 
 def _require_success(outcome: BatchOutcome) -> None:
     for name, ended in outcome.tasks.items():
         if not ended.state.is_good:
-            raise InputError(f"{name} failed: {ended.message}", where=log_path(name, outcome.plan.out))
+            raise InputError(
+                f"{name} failed: {ended.message}", where=log_path(name, outcome.plan.out), remedy="read this log"
+            )
 
 
 def _done(plan: Plan) -> int:

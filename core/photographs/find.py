@@ -20,6 +20,7 @@ from ..untrusted import is_file, is_folder, is_there
 from .front import earlier_files
 
 STAGE = "read"
+_OTHER_FOLDER = "choose another folder with --out"
 _SCENE_PIXELS = 64_000_000
 """Pixels of all photographs together that are kept for the fit (192 MB); more are thinned out."""
 
@@ -138,7 +139,7 @@ def survey(
 def _search(folder: Path, out: Path, reporter: Reporter) -> list[Path]:
     """The images in `folder` and below, without those in `out`; warns of files that are none."""
     if _real(folder) == _real(out):
-        raise InputError("is the folder of photographs itself", where=out, remedy="choose another --out")
+        raise InputError("is the folder of photographs itself", where=out, remedy=_OTHER_FOLDER)
     images = [path for path in (folder / name for name in list_images(folder)) if not _is_inside(path, out)]
     others = _other_files(folder, set(images), out)
     if not images:
@@ -185,13 +186,11 @@ def _keep_foreign_files(photographs: Sequence[Photograph], out: Path) -> None:
             raise InputError(
                 "the photograph is the result of an earlier run, which this one would replace",
                 where=photograph.path,
-                remedy="choose another --out",
+                remedy=_OTHER_FOLDER,
             )
         target = out / photograph.output
         if target.exists() and _real(target) not in ours:
-            raise InputError(
-                "is there already and was not made by an earlier run", where=target, remedy="choose another --out"
-            )
+            raise InputError("is there already and was not made by an earlier run", where=target, remedy=_OTHER_FOLDER)
 
 
 def _describe(headers: Sequence[ImageHeader], reporter: Reporter) -> None:

@@ -16,7 +16,7 @@ from ..job_console import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing
 from ..progress import RunProgress, format_seconds
 from ..run_folder import RunFolder
 from ..settings import Settings, typed_value
-from ..untrusted import read_bytes
+from ..untrusted import explained, read_bytes
 
 METRICS_NAME, SHEET_NAME, LOG_NAME = "metrics.csv", "sheet.html", "enhance.log"
 FILE_COLUMN, OUTPUT_COLUMN = "file", "output"
@@ -67,7 +67,7 @@ class EnhanceRequest:
             others = {name: typed_value(cls, name, value) for name, value in values.items() if name != "inputs"}
             return cls(inputs=tuple(map(str, values["inputs"])), **others)
         except (TypeError, KeyError) as error:
-            raise InputError(f"unusable request ({error})", remedy="send what EnhanceRequest.to_dict() gives") from None
+            raise InputError(f"unusable request{explained(error)}", remedy="update the program that sends it") from None
 
 
 def enhance_in_console(request: EnhanceRequest, *, json_events: bool) -> int:

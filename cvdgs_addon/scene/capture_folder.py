@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.ply_table import VertexTable
-from ...core.untrusted import opened, read_json
+from ...core.untrusted import explained, opened, read_json
 from .intrinsics import Intrinsics
 
 CAMERAS_FILE, POINTS_FILE = "transforms.json", "points.ply"
@@ -90,9 +90,7 @@ def read_capture_folder(folder: Path) -> CaptureFolder:
     try:
         views = tuple(_read_view(frame, path) for frame in _frames(path))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RuntimeError) as error:
-        raise InputError(
-            f"not the cameras of a run ({type(error).__name__}: {error})", where=path, remedy=_RUN_AGAIN
-        ) from None
+        raise InputError(f"not the cameras of a run{explained(error)}", where=path, remedy=_RUN_AGAIN) from None
     if not views:
         raise InputError("it lists no cameras", where=path, remedy=_RUN_AGAIN)
     return CaptureFolder(folder, views, any(view.image is not None and _has_alpha(view.image) for view in views))

@@ -78,7 +78,9 @@ class CaptureSettings:
     def check(self) -> None:
         """Raise `InputError` for values that no showroom can have."""
         if self.scene.variant not in VARIANTS:
-            raise InputError(f"there is no showroom {self.scene.variant!r}", where="--variant")
+            raise InputError(
+                f"there is no showroom {self.scene.variant!r}", where="--variant", remedy=f"use {' or '.join(VARIANTS)}"
+            )
         limits = (
             ("--views", self.cameras.views, 2, 1000),
             ("--width", self.cameras.width, 8, 8192),

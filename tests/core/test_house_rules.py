@@ -55,6 +55,23 @@ def test_no_data_is_run_as_code_and_no_command_goes_through_a_shell(path):
 
 
 @each_module
+def test_a_refusal_says_what_to_do(path):
+    """Behind a dash, so it begins small and needs no full stop. What `complain` is given is no refusal."""
+    tree = parse(path)
+    shown = {id(part) for call in calls(tree) if ast.unparse(call.func) == "complain" for part in call.args}
+    for call in calls(tree):
+        if ast.unparse(call.func) != "InputError" or id(call) in shown:
+            continue
+        given = {keyword.arg: keyword.value for keyword in call.keywords}
+        assert "remedy" in given, f"line {call.lineno}: no remedy"
+        for text in [part for part in (*call.args, given["remedy"]) if isinstance(part, ast.Constant)]:
+            assert text.value, f"line {call.lineno}: nothing is said"
+            assert not text.value.endswith("."), f"line {call.lineno}: {text.value}"
+        if isinstance(given["remedy"], ast.Constant):
+            assert given["remedy"].value[0].islower(), f"line {call.lineno}: {given['remedy'].value}"
+
+
+@each_module
 def test_durations_are_not_taken_from_the_clock_on_the_wall(path):
     """It jumps. A moment for a reader may come from it: a row of a log, the date of a page."""
     for node in ast.walk(parse(path)):

@@ -13,7 +13,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from ...errors import InputError
-from ...untrusted import parse_json
+from ...untrusted import explained, parse_json
 from ..tensor_file import read_tensors
 
 _FORMAT = "cvdgs-enhancer-checkpoint"
@@ -66,8 +66,7 @@ def load_checkpoint(
             _restore(optimizer, f"optimizer/{name}/", tensors)
         return int(metadata["step"])
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        what = (str(error) or type(error).__name__).splitlines()[0]
-        raise InputError(f"the checkpoint cannot be read ({what})", where=path, remedy=_REMEDY) from None
+        raise InputError(f"the checkpoint is damaged{explained(error)}", where=path, remedy=_REMEDY) from None
 
 
 def _compare(stored: dict[str, Any], asked: dict[str, Any], path: Path) -> None:
