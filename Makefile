@@ -5,6 +5,8 @@ VENV := .venv
 # The add-on is tested on both generations of Blender's API; the wheels exclude each other in one environment.
 VENV_BPY45 := .venv-bpy45
 BIN := $(VENV)/bin
+# "no" goes on where libraries of Blender's module are missing and nobody may install them (run.py --no-blend).
+BLENDER ?= yes
 DEMO_OUT ?= out/demo
 BENCH_OUT ?= out/bench
 
@@ -19,7 +21,7 @@ export OMP_WAIT_POLICY = passive
 venv: $(VENV)/.ready
 
 $(VENV)/.ready: pyproject.toml requirements.txt requirements-torch.txt requirements-dev.txt requirements-cuda.txt
-	sh scripts/system_libraries.sh
+	[ "$(BLENDER)" = no ] || sh scripts/system_libraries.sh
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python scripts/install_requirements.py requirements-dev.txt
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .

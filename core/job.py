@@ -56,7 +56,7 @@ def find_python() -> str:
             return str(candidate)
     raise InputError(
         "no Python with torch and Warp is found",
-        remedy=f"run 'make venv' in {ROOT}, or set CVDGS_PYTHON to an interpreter that has them",
+        remedy=f"run 'make venv' in {ROOT} (its README says what that needs), or set CVDGS_PYTHON to one that has them",
     )
 
 

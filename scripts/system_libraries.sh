@@ -26,6 +26,7 @@ fi
 if [ "$(id -u)" != 0 ]; then
     echo "Blender's module needs system libraries that are missing. Type:" >&2
     echo "    sudo apt-get install$missing" >&2
+    echo "or do without Blender's module: make venv BLENDER=no, then run.py with --no-blend." >&2
     exit 1
 fi
 echo "installing system libraries for Blender's module:$missing"
