@@ -32,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FINDINGS = ROOT / "out" / "fuzz"
 MEMORY_BYTES = 4 << 30
 """Of address space that a reader's process may take with torch, OpenImageIO and pycolmap in it."""
-_LONGEST = 16_384  # bytes of an input; the examples have 20 to 10,000
+_LEAST_LONGEST = 2048  # bytes of an input, or twice the longest example; longer ones take time and hide nothing
 _LONGEST_WORD = 64  # bytes; of libFuzzer's dictionary
 
 
@@ -115,10 +115,14 @@ def _fuzz(target: Target, folder: Path, options: argparse.Namespace) -> int:
     words = folder / "words.txt"
     words.write_text("".join(f'"{_escaped(word)}"\n' for word in PAYLOADS if len(word) <= _LONGEST_WORD))
     flags = [f"-runs={options.executions}", f"-seed={options.seed}", f"-artifact_prefix={folder}/", "-timeout=30"]
-    flags += [f"-max_len={_LONGEST}", f"-dict={words}", f"-max_total_time={options.seconds}", "-rss_limit_mb=0"]
+    flags += [f"-max_len={_longest(target)}", f"-dict={words}", f"-max_total_time={options.seconds}", "-rss_limit_mb=0"]
     atheris.Setup([sys.argv[0], *flags, str(corpus)], target)
     atheris.Fuzz()
     return 0
+
+
+def _longest(target: Target) -> int:
+    return max(_LEAST_LONGEST, 2 * max(map(len, target.examples())))
 
 
 def _escaped(word: bytes) -> str:
@@ -127,12 +131,12 @@ def _escaped(word: bytes) -> str:
 
 
 def _mutate(target: Target, starts: list[bytes], folder: Path, options: argparse.Namespace) -> int:
-    started, last = time.monotonic(), folder / "last"
+    started, last, longest = time.monotonic(), folder / "last", _longest(target)
     for number in range(options.executions):
         if options.seconds and time.monotonic() - started > options.seconds:
             break
         generator = random.Random(options.seed * 1_000_003 + number)
-        data = edited(generator.choice(starts), random_edits(generator))[:_LONGEST]
+        data = edited(generator.choice(starts), random_edits(generator))[:longest]
         last.write_bytes(data)  # stays where the process itself ends
         try:
             target(data)
