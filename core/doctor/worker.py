@@ -85,8 +85,8 @@ def _what_makes_one() -> Iterator[Finding]:
     version = ".".join(map(str, TESTED_PYTHON))
     python = shutil.which(f"python{version}") or (sys.executable if sys.version_info[:2] == TESTED_PYTHON else None)
     if python is None:
-        remedy = f"install Python {version} (Debian 12: python3 and python3-venv; elsewhere from python.org or pyenv), or "
-        remedy += "let the add-on make an environment (Preferences > Add-ons > cvdgs) and set CVDGS_PYTHON to it"
+        remedy = f"install Python {version} (Debian 12: python3 and python3-venv; elsewhere from python.org or pyenv)"
+        remedy += ", or let the add-on make an environment (Preferences > Add-ons > cvdgs) and set CVDGS_PYTHON to it"
         yield Finding("Python", State.MISSING, f"no python{version} is found, which 'make venv' needs", remedy)
     elif not can_make_environments(python):
         remedy = "install its venv and ensurepip (Debian: python3-venv)"
