@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,13 @@ import bpy
 from ...core.batch.arguments import FramesArguments, SheetArguments, VideoArguments
 from ...core.errors import InputError
 from ...core.events import Reporter
+from ..scene.disk import is_full
 from ..scene.remembered_settings import set_settings
 from ..scene.render_settings import Engine, engine_settings, png_settings
 from ..scene.stills import partial_picture, render_picture
 from . import contact_sheet, frames, previews, video
 
 _TRIAL_SIZE = 16  # pixels
-_FULL_DISK = 4 << 20  # bytes; with less free, a failure to write has that reason
 
 
 def perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
@@ -34,7 +33,7 @@ def perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
         raise InputError(f"{name}{error.strerror or error}", remedy="free space or check the permissions") from error
     except RuntimeError as error:  # what bpy's operators raise, whatever the reason
         out = Path(request.get("out", "."))
-        if shutil.disk_usage(out).free > _FULL_DISK:
+        if not is_full(out):
             raise
         raise InputError("the disk is full", where=out, remedy="free space, then run the batch again") from error
 

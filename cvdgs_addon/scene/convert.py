@@ -17,6 +17,7 @@ from ...core.events import Reporter
 from ...core.run_files import BLEND_FILE, ORIGINAL, STILLS_FOLDER
 from .cameras import use_camera
 from .capture_folder import CaptureView
+from .disk import is_full
 from .display import BACKGROUND_PROPERTY
 from .finished_run import PARTIAL_FOLDER, FinishedRun, read_run
 from .import_capture import add_cameras
@@ -27,8 +28,6 @@ from .splats import add_gaussians, check_gaussians, core_bounds, set_input, show
 from .stills import render_still, turned_to
 
 STAGE = "blender"
-
-_FULL_DISK = 4 << 20  # bytes; with less free, a failure to write has that reason
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,7 @@ def convert(
     except OSError as error:
         raise _cannot_write(run.folder, error) from error
     except RuntimeError as error:  # what bpy's operators raise, whatever the reason
-        if shutil.disk_usage(run.folder).free > _FULL_DISK:
+        if not is_full(run.folder):
             raise
         raise _cannot_write(run.folder, error) from error
 
