@@ -85,9 +85,18 @@ def list_images(folder: Path, extensions: Collection[str] = IMAGE_EXTENSIONS) ->
 
     Args:
         extensions: in lower case; those of other files, to list these instead.
+
+    Raises:
+        InputError: `folder` cannot be read. Folders in it that cannot (a disk's ``lost+found``) are left out.
     """
+
+    def refuse(error: OSError) -> None:
+        if error.filename == str(folder):
+            remedy = "check the path and its permissions"
+            raise InputError(f"cannot be read ({error.strerror})", where=folder, remedy=remedy)
+
     names = []
-    for directory, subfolders, files in os.walk(folder, followlinks=False):
+    for directory, subfolders, files in os.walk(folder, onerror=refuse, followlinks=False):
         subfolders[:] = [name for name in subfolders if not name.startswith(".")]
         for file in files:
             path = Path(directory, file)

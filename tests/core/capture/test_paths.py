@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cvdgs.core.capture import inspect_capture, read_capture
-from cvdgs.core.capture.files import make_keys, natural_key, resolve_inside
+from cvdgs.core.capture.files import list_images, make_keys, natural_key, resolve_inside
 from cvdgs.core.errors import InputError
 
 from .make_captures import frames, intrinsics, pinhole, save, save_images, shots, write_colmap, write_transforms
@@ -159,6 +159,18 @@ def test_numbers_are_ordered_by_value() -> None:
 
 
 # --- what is no capture
+
+
+def test_a_folder_that_cannot_be_listed_is_not_an_empty_one(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        list_images(tmp_path / "gone")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_photographs_that_may_not_be_read_are_not_called_missing(tmp_path: Path) -> None:
+    save_images(tmp_path / "images", shots(3))
+    (tmp_path / "images").chmod(0)
+    assert "Permission denied" in refused(tmp_path)
 
 
 def test_missing_folder_is_named(tmp_path: Path) -> None:
