@@ -1,5 +1,6 @@
 """Entry of the worker process: ``python core/__main__.py`` with one JSON request on stdin. See `worker`."""
 
+import os
 import sys
 
 if __name__ == "__main__":
@@ -9,4 +10,8 @@ if __name__ == "__main__":
     bootstrap.load()
     from cvdgs.core.worker import main
 
-    sys.exit(main())
+    code = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Not sys.exit: libraries in C++ may crash while they are taken down, when the result has been told already.
+    os._exit(code)

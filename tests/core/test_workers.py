@@ -13,7 +13,7 @@ import pytest
 
 from cvdgs.core.errors import Cancelled, InputError
 from cvdgs.core.front import run
-from cvdgs.core.job import Workers
+from cvdgs.core.job import WORKER, Job, Workers
 from cvdgs.core.job_console import finish
 from cvdgs.core.settings import Settings
 
@@ -100,3 +100,16 @@ def test_a_missing_interpreter_is_refused_before_a_folder_is_made(tmp_path, monk
     with pytest.raises(InputError, match="not a program"):
         run(Settings("photos", str(tmp_path / "out")), lambda _: None)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_library_that_crashes_at_the_end_does_not_spoil_the_result(tmp_path):
+    program = f"""
+        import atexit, os, runpy, sys
+        atexit.register(os.abort)
+        sys.path.insert(0, {str(WORKER.parent)!r})
+        runpy.run_path({str(WORKER)!r}, run_name="__main__")
+    """
+    command = [sys.executable, "-c", textwrap.dedent(program)]
+    job = Job(command, {"job": "inspect-all", "captures": [{"capture": str(tmp_path), "sfm": False}]})
+    assert [event["event"] for event in job.events()][-1] == "result"
+    assert job.wait() == 0
