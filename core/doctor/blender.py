@@ -74,5 +74,6 @@ def _how_to_install(packages: Sequence[str]) -> str:
     names = " ".join(packages)
     if shutil.which("apt-get") is None:
         return f"install what Debian calls {names}"
-    sudo = "" if os.geteuid() == 0 else "sudo "  # which a root without packages does not have
-    return f"{sudo}apt-get install {names}"
+    if os.geteuid() == 0:  # a root without packages has neither sudo nor apt's lists
+        return f"run 'sh {SYSTEM_LIBRARIES}', which installs {names}"
+    return f"sudo apt-get install {names}"
