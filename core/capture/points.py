@@ -55,11 +55,7 @@ def _to_bytes(colors: NDArray, is_fraction: bool) -> NDArray[np.uint8]:
 
 def write_point_cloud(path: Path, points: NDArray[np.float32], colors: NDArray[np.uint8]) -> None:
     """Write (P, 3) positions and (P, 3) sRGB colours as a binary PLY file."""
-    vertices = np.empty(
-        len(points), [*((axis, "<f4") for axis in "xyz"), *((c, "u1") for c in ("red", "green", "blue"))]
-    )
-    for index, axis in enumerate("xyz"):
-        vertices[axis] = points[:, index]
-    for index, channel in enumerate(("red", "green", "blue")):
-        vertices[channel] = colors[:, index]
+    vertices = np.empty(len(points), [*((axis, "<f4") for axis in _POSITION), *((c, "u1") for c in _COLOR)])
+    for index, (axis, channel) in enumerate(zip(_POSITION, _COLOR, strict=True)):
+        vertices[axis], vertices[channel] = points[:, index], colors[:, index]
     PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(path))

@@ -27,7 +27,8 @@ _HIGHEST_LOGIT = 30.0  # exporters write an opacity of one as an infinite logit;
 def read_gaussians(path: str | Path, *, drop_damaged: bool = False) -> Gaussians:
     """Read a 3DGS .ply (text or binary), a .spz (version 2 to 4) or a .splat file.
 
-    Infinite opacity logits become large ones. All values of what is returned are finite.
+    Infinite opacity logits become large ones, and a rotation of length zero becomes none. All values of what is
+    returned are finite.
 
     Args:
         path: the file.
@@ -41,6 +42,7 @@ def read_gaussians(path: str | Path, *, drop_damaged: bool = False) -> Gaussians
     if not len(gaussians):
         raise InputError("it holds no Gaussians", where=path, remedy="export it again")
     np.clip(gaussians.opacity_logits, -_HIGHEST_LOGIT, _HIGHEST_LOGIT, out=gaussians.opacity_logits)
+    gaussians.quaternions[~gaussians.quaternions.any(axis=1), 0] = 1.0  # of length zero it has no direction to turn to
     damaged = _damaged(gaussians)
     if not damaged.any():
         return gaussians

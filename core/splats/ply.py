@@ -56,7 +56,9 @@ def read_ply(path: str | Path) -> Gaussians:
     path = Path(path)
     with opened(path, most_bytes=MOST_FILE_BYTES) as file:
         table = VertexTable(file, path, noun="Gaussians", remedy=_USE_ANOTHER)
-        table.require(_REQUIRED, "a mesh or point cloud, not Gaussians")
+        # Flat Gaussians (2DGS) have opacities too, and two scales.
+        kind = "Gaussians of another kind" if "opacity" in table.names else "a mesh or point cloud, not Gaussians"
+        table.require(_REQUIRED, kind)
         rest_count = sum(name.startswith("f_rest_") for name in table.names)
         if rest_count not in (0, 9, 24, 45):
             raise InputError(

@@ -148,6 +148,28 @@ def test_infinite_opacity_logits_become_opaque(tmp_path):
     np.testing.assert_allclose(result.opacities, [1.0, 0.0, 0.62245935], atol=1e-6)
 
 
+@pytest.mark.parametrize("suffix", [".ply", ".splat"])
+def test_a_rotation_of_length_zero_becomes_none(tmp_path, suffix):
+    original = cloud(3)
+    write_gaussians(path := tmp_path / f"s{suffix}", original)
+    data = bytearray(path.read_bytes())
+    if suffix == ".ply":
+        data[-16:] = bytes(16)  # rot_0 to rot_3 stand last
+    else:
+        data[-4:] = bytes([128] * 4)
+    path.write_bytes(data)
+    result = read_gaussians(path)
+    np.testing.assert_array_equal(result.quaternions[2], [1, 0, 0, 0])
+    assert not np.array_equal(result.quaternions[1], [1, 0, 0, 0])
+
+
+def test_flat_gaussians_are_not_called_a_mesh(tmp_path):
+    write_ply(path := tmp_path / "flat.ply", cloud(2))
+    path.write_bytes(path.read_bytes().replace(b"property float scale_2", b"property float thickness"))
+    with pytest.raises(InputError, match=r"Gaussians of another kind \(no scale_2\)"):
+        read_gaussians(path)
+
+
 def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, SCRIPT, *arguments], capture_output=True, text=True, check=False)
 
