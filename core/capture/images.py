@@ -19,10 +19,11 @@ from ..untrusted import opened
 MAX_SIDE = 16_384
 MAX_MEGAPIXELS = 200
 # Of the decoded pixels with all their channels: four of 8 bits at the most megapixels, or 50 megapixels of
-# floating-point RGBA. Turning those into 8 bits takes another 1.5 GB, so reading any image stays below 3 GB.
+# floating-point RGBA. With a copy of each channel, reading any image stays below 3 GiB (tests/fuzz/test_memory.py).
 MAX_DECODED_BYTES = 4 * MAX_MEGAPIXELS * 1_000_000
 # Of a file: no format is larger than its pixels by more than a few headers.
 MAX_FILE_BYTES = 2 * MAX_DECODED_BYTES
+_BAND_PIXELS = 1 << 20  # that are turned from linear light into 8 bits at a time
 # Below this no training view holds a patch that a loss or a metric could use (SSIM looks at 11 x 11).
 MIN_SIDE = 16
 
@@ -138,9 +139,7 @@ def read_pixels(
         reason = error.splitlines()[0] if error else "no pixels could be read"
         raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
     pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
-    color, alpha = _split_channels(pixels, spec)
-    if linear:
-        color, alpha = _encode_linear(color, alpha)
+    color, alpha = _encode_linear(pixels, spec) if linear else _split_channels(pixels, spec)
     if alpha is not None and alpha.min() == 255:
         alpha = None
     if upright:
@@ -272,6 +271,17 @@ def _split_channels(pixels: NDArray, spec: oiio.ImageSpec) -> tuple[NDArray, NDA
 
 
 def _encode_linear(
+    pixels: NDArray[np.float32], spec: oiio.ImageSpec
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """(H, W, C) linear pixels to straight 8-bit sRGB and coverage, in bands, since each step makes a copy."""
+    rows = max(1, _BAND_PIXELS // spec.width)
+    bands = [_encode_band(*_split_channels(pixels[top : top + rows], spec)) for top in range(0, spec.height, rows)]
+    color = np.concatenate([color for color, _ in bands])
+    coverage = [alpha for _, alpha in bands if alpha is not None]
+    return color, np.concatenate(coverage) if coverage else None
+
+
+def _encode_band(
     color: NDArray[np.float32], alpha: NDArray[np.float32] | None
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Linear, premultiplied where there is alpha (the convention of OpenEXR), to straight 8-bit sRGB."""

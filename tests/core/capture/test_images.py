@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms, ImageOps
 
-from cvdgs.core.capture import inspect_capture, read_capture
+from cvdgs.core.capture import images, inspect_capture, read_capture
 from cvdgs.core.capture.images import MAX_SIDE, downscale_with_alpha, fit_size, read_header, read_pixels
 from cvdgs.core.errors import InputError
 from cvdgs.core.images import write_png
@@ -65,6 +65,17 @@ def test_premultiplied_alpha_of_exr_becomes_straight(tmp_path: Path) -> None:
     assert set(np.unique(alpha[:, 10:])) == {128}
     assert (alpha[:, :10] == 0).all()
     assert np.abs(image.astype(int) - PICTURE)[:, 10:].max() <= 1
+
+
+def test_floating_point_pixels_do_not_depend_on_the_bands_in_which_they_are_encoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(0)
+    path = save(tmp_path / "x.exr", rng.uniform(-0.1, 1.1, (72, 96, 4)).astype(np.float32))
+    whole = read_pixels(path)
+    monkeypatch.setattr(images, "_BAND_PIXELS", 5 * 96 + 1)
+    for pixels, in_bands in zip(whole, read_pixels(path), strict=True):
+        np.testing.assert_array_equal(in_bands, pixels)
 
 
 @pytest.mark.parametrize("extension", ["png", "tif"])
