@@ -43,12 +43,18 @@ class CVDGS_OT_import_capture(_Placed, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     directory: bpy.props.StringProperty(
-        name="Folder", description="Of the capture or of a run; empty: the one picked under Capture", subtype="DIR_PATH"
+        name="Folder",
+        description="Of the capture or of a run; empty: the one picked under Capture",
+        subtype="DIR_PATH",
+        options={"SKIP_SAVE"},  # the next capture is another one
     )
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN", "SKIP_SAVE"})
     images: bpy.props.BoolProperty(
         name="Photographs", description="Show each camera's photograph behind it", default=True
     )
     points: bpy.props.BoolProperty(name="Sparse Points", description="Add the sparse points", default=True)
+
+    _waits = True  # for the worker: a script goes on with the result, an artist must not be held up
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:
@@ -64,7 +70,11 @@ class CVDGS_OT_import_capture(_Placed, bpy.types.Operator):
 
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
-        added = import_now(context.scene, self._request(context))
+        request = self._request(context)
+        if not self._waits and ready_folder(normalised_folder(request.folder)) is None:
+            start_import(context.scene, request)
+            return {"FINISHED"}
+        added = import_now(context.scene, request)
         if context.scene.camera is None:
             use_camera(context.scene, next(iter(added.cameras.values())))
         self.report({"INFO"}, f"{len(added.cameras)} cameras are in the scene")
@@ -72,14 +82,11 @@ class CVDGS_OT_import_capture(_Placed, bpy.types.Operator):
 
     @reports_errors
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        request = self._request(context)
-        if not request.folder:
+        self._waits = False
+        if not self._request(context).folder:
             context.window_manager.fileselect_add(self)
             return {"RUNNING_MODAL"}
-        if ready_folder(normalised_folder(request.folder)) is not None:
-            return self.execute(context)
-        start_import(context.scene, request)
-        return {"FINISHED"}
+        return self.execute(context)
 
 
 class CVDGS_OT_place_capture(_Placed, bpy.types.Operator):

@@ -10,7 +10,7 @@ from ..cvdgs_addon.pictures import PICTURES
 from .layout import SidePanel, say
 
 _CAPS_A_ROW = 8
-_CAP_SCALE = 1.6
+_CAP_SCALE = 1.4
 
 
 class CVDGS_MT_viewer_presets(bpy.types.Menu):
@@ -64,14 +64,18 @@ def _draw_test(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def _draw_caps(layout: bpy.types.UILayout, caps: list[int], operator: str) -> None:
-    grid = layout.grid_flow(row_major=True, columns=_CAPS_A_ROW, even_columns=True, even_rows=True, align=True)
-    grid.scale_x = grid.scale_y = _CAP_SCALE
-    for cap in caps:
-        icon = PICTURES.icon(viewer.cap_key(cap))
-        if cap:
-            grid.operator(operator, text="", icon_value=icon, emboss=False).cap = cap
-        else:
-            grid.label(text="", icon_value=icon)
+    """The caps side by side, however few they are: who compares neighbours must not see them apart."""
+    rows = layout.column(align=True)
+    rows.scale_x = rows.scale_y = _CAP_SCALE
+    for start in range(0, len(caps), _CAPS_A_ROW):
+        row = rows.row(align=True)
+        row.alignment = "LEFT"
+        for cap in caps[start : start + _CAPS_A_ROW]:
+            icon = PICTURES.icon(viewer.cap_key(cap))
+            if cap:
+                row.operator(operator, text="", icon_value=icon, emboss=False).cap = cap
+            else:
+                row.label(text="", icon_value=icon)
 
 
 CLASSES: tuple[type, ...] = (CVDGS_MT_viewer_presets, CVDGS_PT_viewer)
