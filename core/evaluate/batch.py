@@ -16,6 +16,7 @@ from ..batch.arguments import FramesArguments
 from ..batch.batch_file import read_batch
 from ..batch.done import record_path
 from ..batch.frames import simulation_model
+from ..batch.inspection import check_captures
 from ..batch.local_pool import run_locally
 from ..batch.machine import Resources
 from ..batch.openjd import export_openjd
@@ -31,6 +32,7 @@ from .tables import markdown_table, number, write_csv
 STAGE = "batch"
 _CHUNK = 4  # frames
 _ITEMS = 1000
+_LOOKED_INTO = 50  # captures
 _MEMORY_MB = 1 << 20  # more than any plan asks for: only cores are to count
 _OBSERVER = "deutan-1.0"
 _POLL_SECONDS = 0.05
@@ -82,6 +84,7 @@ class BatchBenchmark:
             ("frames after the first", self.later_frames),
             ("a kill", self.work_lost_by_a_kill),
             ("a large batch", self.large_batch),
+            ("photographs of captures", self.looking_into_captures),
             ("engines", lambda: self.disagreement_of_engines(reporter)),
         )
         figures = []
@@ -170,6 +173,25 @@ class BatchBenchmark:
             _figure("checking 1,000 items", checking, "s of the processor", "≤ 2"),
             _figure("checking and planning them", planning, "s of the processor"),
         ]
+
+    def looking_into_captures(self) -> list[Figure]:
+        """What it takes to look at the photographs and cameras of another capture, before a batch starts."""
+        seconds = []
+        for _ in range(self.rounds):
+            one, many = self._seconds_to_look(1), self._seconds_to_look(1 + _LOOKED_INTO)
+            seconds.append(1e3 * (many - one) / _LOOKED_INTO)
+        return [_figure("looking into one more capture of 40 photographs", seconds, "ms")]
+
+    def _seconds_to_look(self, count: int) -> float:
+        path = self.folder / f"look-{count}.toml"
+        path.write_text(
+            "".join(f'[[items]]\nname = "item-{n}"\ncapture = {json.dumps(str(SHOWROOM))}\n' for n in range(count)),
+            encoding="utf-8",
+        )
+        batch = read_batch(path)
+        started = time.monotonic()
+        check_captures(batch, path, lambda _: None)
+        return time.monotonic() - started
 
     def disagreement_of_engines(self, reporter: Reporter) -> list[Figure]:
         """Frames that another engine makes with other bits than one machine."""

@@ -43,6 +43,10 @@ def test_a_thousand_items_are_checked_in_two_seconds(benchmark):
     assert values(benchmark.large_batch())["checking 1,000 items"] <= 2.0
 
 
+def test_another_capture_is_looked_into_in_half_a_second(benchmark):
+    assert 0.0 < values(benchmark.looking_into_captures())["looking into one more capture of 40 photographs"] < 500.0
+
+
 def test_the_figures_are_written_as_a_table(benchmark, tmp_path):
     figures = benchmark.later_frames()
     text = write_batch_figures(tmp_path, figures)
