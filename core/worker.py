@@ -207,7 +207,7 @@ def _normalise(source: Path, folder: Path, sfm: bool, reporter: JsonReporter) ->
 def explain_fault(error: Exception) -> str:
     """One line about a fault of the machine, with what to do; "" for what is none, but a defect of ours."""
     if is_out_of_memory(error):
-        smaller = "give smaller photographs or --max-size, or a smaller --gaussians"
+        smaller = "give fewer or smaller photographs, or a smaller --max-size"
         if _ON_GRAPHICS_CARD.search(str(error)):
             return f"the graphics card's memory is used up - {smaller}, or use --device cpu"
         return f"the memory is used up - {smaller}"

@@ -23,6 +23,7 @@ _OPTIONS = {
     "--device": "Device (preferences)",
     "--max-size": "Quality",
     "--iterations": "Quality",
+    "--refine-poses": "Correct Cameras",
     "--resume": "adding a layer",
     "--no-blend": "no Scene File and Stills",
 }

@@ -57,7 +57,9 @@ def photographs_without_cameras(folder: Path, *, sfm: bool) -> tuple[Path, list[
         if foreign := list_images(photographs, FOREIGN_EXTENSIONS):
             what = f"no photographs that can be read, only {quote_first(foreign)}"
             raise InputError(what, where=folder, remedy="export them, or a video's frames, as JPEG, PNG or TIFF")
-        raise InputError("no photographs and no cameras are there", where=folder, remedy="give a capture folder")
+        raise InputError(
+            "no photographs and no cameras are there", where=folder, remedy="give the folder with the photographs"
+        )
     if not sfm:
         raise InputError(
             f"{len(names)} photographs but no cameras (COLMAP model or transforms.json)",

@@ -94,7 +94,9 @@ class _Reader:
                 f"{self._file}: {len(missing)} of {len(frames)} images are missing, left out: {quote_first(missing)}",
             )
         if reshaped:
-            model.warn("reorthonormalised", f"{self._file}: rotations made orthonormal: {quote_first(reshaped)}")
+            model.warn(
+                "reorthonormalised", f"{self._file}: slightly skewed rotations are corrected: {quote_first(reshaped)}"
+            )
         masked = sum(bool(frame.get("mask_path")) for frame in frames)
         if masked:
             model.warn("masks-unused", f"{self._file}: the masks of {masked} photographs are not used")

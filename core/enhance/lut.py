@@ -79,7 +79,7 @@ class ColorLut:
             raise InputError("the colour LUT is not in single precision", where=path, remedy=remedy)
         shape = tuple(residual.shape)
         if residual.ndim != 4 or not 2 <= shape[0] <= _MAX_NODES or shape != (shape[0],) * 3 + (3,):
-            raise InputError(f"the colour LUT has the shape {shape}", where=path, remedy=remedy)
+            raise InputError(f"the colour LUT has the shape {shape}, not N x N x N x 3", where=path, remedy=remedy)
         if not torch.isfinite(residual).all():
             raise InputError("the colour LUT has values that are not finite", where=path, remedy=remedy)
         return cls(residual, metadata)

@@ -173,7 +173,7 @@ def _real(path: Path) -> Path:
 
 def _existing(path: Path) -> Path:
     if not is_file(path):
-        what = "is not a file or folder" if is_there(path) else "there is no such file or folder"
+        what = "is not a file or folder" if is_there(path) else "no such file or folder"
         raise InputError(what, where=path, remedy="name photographs or a folder of them")
     return path
 

@@ -29,8 +29,8 @@ def perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
     try:
         return _perform(request, reporter)
     except OSError as error:
-        name = f"{error.filename}: " if error.filename else ""
-        raise InputError(f"{name}{error.strerror or error}", remedy="free space or check the permissions") from error
+        what, remedy = error.strerror or str(error), "free space or check the permissions"
+        raise InputError(what, where=error.filename or "", remedy=remedy) from error
     except RuntimeError as error:  # what bpy's operators raise, whatever the reason
         out = Path(request.get("out", "."))
         if not is_full(out):
