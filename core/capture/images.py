@@ -23,7 +23,7 @@ MAX_MEGAPIXELS = 200
 MAX_DECODED_BYTES = 4 * MAX_MEGAPIXELS * 1_000_000
 # Of a file: no format is larger than its pixels by more than a few headers.
 MAX_FILE_BYTES = 2 * MAX_DECODED_BYTES
-_BAND_PIXELS = 1 << 20  # that are turned from linear light into 8 bits at a time
+_BAND_PIXELS = 1 << 20  # that are turned into sRGB at a time
 # Below this no training view holds a patch that a loss or a metric could use (SSIM looks at 11 x 11).
 MIN_SIDE = 16
 
@@ -56,6 +56,9 @@ _SIGNATURES = (
     *(f"P{kind}".encode() for kind in "123456fF"),
 )
 _SIGNATURE_BYTES = 16
+# The one that OpenImageIO brings: a studio's own, which the variable OCIO names, need not know these spaces.
+_COLOR_CONFIGURATION = "ocio://default"
+_LINEAR, _DISPLAY_P3 = "lin_rec709", "sRGB Encoded P3-D65"
 
 # OpenImageIO's own check, which comes before its readers make room for anything.
 oiio.attribute("limits:imagesize_MB", 2 * MAX_DECODED_BYTES // 1_000_000)
@@ -86,8 +89,9 @@ class ImageHeader:
 
     @property
     def is_foreign(self) -> bool:
-        """Whether an embedded profile says that the colours are not sRGB."""
-        return bool(self.color_profile) and "srgb" not in self.color_profile.lower()
+        """Whether an embedded profile says that the colours are of a space that is neither sRGB nor Display P3."""
+        known = "srgb" in self.color_profile.lower() or _is_display_p3(self.color_profile)
+        return bool(self.color_profile) and not known
 
 
 def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
@@ -103,7 +107,7 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
             spec.width,
             spec.height,
             _orientation(spec),
-            spec.get_string_attribute("ICCProfile:profile_description"),
+            _color_profile(spec),
             # Fewer than a format's whole bytes (PNG palettes, bitmaps) are reported apart from the decoded type.
             max(spec.get_int_attribute("oiio:BitsPerSample", 0), 8 * spec.format.size()),
         )
@@ -114,8 +118,9 @@ def read_pixels(
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Decode an image to display-referred sRGB.
 
-    Integer images are taken as sRGB; floating-point ones (EXR, HDR, float TIFF) as linear with Rec. 709 primaries and
-    encoded and clipped to [0, 1]. Grey becomes RGB. Colours are straight, not premultiplied.
+    Integer images are taken as sRGB, or as Display P3, which telephones write, where their profile says so;
+    floating-point ones (EXR, HDR, float TIFF) as linear with Rec. 709 primaries and encoded and clipped to [0, 1]. Grey
+    becomes RGB. Colours are straight, not premultiplied.
 
     Args:
         path: the image file.
@@ -140,6 +145,8 @@ def read_pixels(
         raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
     pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
     color, alpha = _encode_linear(pixels, spec) if linear else _split_channels(pixels, spec)
+    if not linear and _is_display_p3(_color_profile(spec)):
+        _convert_display_p3(color)
     if alpha is not None and alpha.min() == 255:
         alpha = None
     if upright:
@@ -291,9 +298,31 @@ def _encode_band(
         opacity = np.clip(np.nan_to_num(alpha, nan=0.0), 0.0, 1.0)
         color = color / np.where(opacity > 0.0, opacity, 1.0)[..., None]
         coverage = np.rint(opacity * 255.0).astype(np.uint8)
-    buffer = oiio.ImageBuf(np.ascontiguousarray(np.clip(color, 0.0, 1.0), np.float32))
-    encoded = np.asarray(oiio.ImageBufAlgo.colorconvert(buffer, "lin_rec709", "sRGB").get_pixels(oiio.FLOAT))
+    encoded = _to_srgb(np.clip(color, 0.0, 1.0, dtype=np.float32), _LINEAR)
     return np.rint(np.clip(encoded, 0.0, 1.0) * 255.0).astype(np.uint8), coverage
+
+
+def _convert_display_p3(color: NDArray[np.uint8]) -> None:
+    """Make (H, W, 3) Display P3 colours sRGB, in place and in bands; what sRGB does not hold is clipped."""
+    rows = max(1, _BAND_PIXELS // color.shape[1])
+    for top in range(0, len(color), rows):
+        color[top : top + rows] = _to_srgb(color[top : top + rows], _DISPLAY_P3)
+
+
+def _to_srgb(color: NDArray[Any], space: str) -> NDArray[Any]:
+    """(H, W, 3) colours of one of OpenImageIO's spaces as sRGB, of the same type."""
+    buffer = oiio.ImageBuf(np.ascontiguousarray(color))
+    converted = oiio.ImageBufAlgo.colorconvert(buffer, space, "sRGB", colorconfig=_COLOR_CONFIGURATION)
+    return np.asarray(converted.get_pixels(buffer.spec().format))
+
+
+def _color_profile(spec: oiio.ImageSpec) -> str:
+    return spec.get_string_attribute("ICCProfile:profile_description")
+
+
+def _is_display_p3(color_profile: str) -> bool:
+    # Apple's "Display P3"; on Android "Display P3 Gamut with sRGB Transfer".
+    return "display p3" in color_profile.lower()
 
 
 def _apply_orientation(pixels: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:

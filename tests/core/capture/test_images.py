@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
 import zlib
 from pathlib import Path
 
@@ -124,6 +126,30 @@ def test_other_colour_spaces_are_named_in_a_warning(tmp_path: Path) -> None:
     (message,) = [w.message for w in inspect_capture(root).warnings if w.name == "color-profile"]
     assert "1 photographs" in message
     assert "P3xx" in message
+
+
+def test_display_p3_of_telephones_becomes_srgb(tmp_path: Path) -> None:
+    standard = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    renamed = standard.replace("sRGB built-in".encode("utf-16-be"), "Display P3   ".encode("utf-16-be"))
+    Image.fromarray(PICTURE).save(tmp_path / "x.png", icc_profile=renamed)
+    # From the primaries of SMPTE EG 432-1 and BT.709, both with the white point D65.
+    to_srgb = [[1.224940, -0.224940, 0.0], [-0.042057, 1.042057, 0.0], [-0.019638, -0.078636, 1.098274]]
+    light = srgb_to_linear(PICTURE / 255.0) @ np.array(to_srgb).T
+    color, _ = read_pixels(tmp_path / "x.png")
+    inside = ((light >= 0.0) & (light <= 1.0)).all(axis=2)
+    assert inside.mean() > 0.5
+    assert np.abs(srgb_to_linear((color / 255.0)[inside]) - light[inside]).max() < 1.5 / 255 * 2.4  # a step, at most
+    assert np.abs(color - PICTURE.astype(float)).max() > 5.0
+    assert not read_header(tmp_path / "x.png").is_foreign
+
+
+def test_a_studios_colour_configuration_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = save(tmp_path / "x.exr", np.full((20, 20, 3), 0.18, np.float32))
+    script = "import sys; from pathlib import Path; from cvdgs.core.capture.images import read_pixels; "
+    script += "print(read_pixels(Path(sys.argv[1]))[0][0, 0, 0])"
+    monkeypatch.setenv("OCIO", str(tmp_path / "gone" / "config.ocio"))  # is read once, when OpenImageIO is loaded
+    result = subprocess.run([sys.executable, "-c", script, path], capture_output=True, text=True, timeout=60)
+    assert result.stdout.strip() == "118"
 
 
 def test_full_disk_is_an_os_error() -> None:
