@@ -14,8 +14,8 @@ from .finding import Finding, State
 
 # The demo's worker peaks at 1.1 GB (README); Blender and the system want as much again.
 LEAST_MEMORY_MB = 2500
-# An environment with Blender's module takes 2.8 GB, and pip as much again while it unpacks.
-LEAST_DISK_MB = 6000
+# An environment takes 2.8 GB, and 7 GB where torch brings CUDA (README); pip needs room for what it downloads besides.
+LEAST_DISK_MB = 10_000
 # A run of the demo leaves 36 MB; captures of larger photographs take ten times that.
 LEAST_TEMPORARY_MB = 500
 _MB = 1_000_000
