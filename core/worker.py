@@ -72,6 +72,8 @@ def main() -> int:
     return EXIT_DONE
 
 
+_OURS = __name__.partition(".")[0] + "."  # what the names of our modules start with
+
 # What a request must have besides its job, and what it may have.
 _REQUESTS: Mapping[str, Mapping[str, type]] = {
     "inspect": {"capture": str},
@@ -211,6 +213,9 @@ def explain_fault(error: Exception) -> str:
         if _ON_GRAPHICS_CARD.search(str(error)):
             return f"the graphics card's memory is used up - {smaller}, or use --device cpu"
         return f"the memory is used up - {smaller}"
+    if isinstance(error, ImportError) and error.name and not error.name.startswith(_OURS):
+        what = str(error).splitlines()[0]
+        return f"{sys.executable} lacks something ({what}) - 'scripts/run.py --doctor' says what and how to get it"
     if isinstance(error, OSError):
         name = f"{error.filename}: " if error.filename else ""
         return f"{name}{error.strerror or error} - free space or check the permissions, then run again"

@@ -122,6 +122,17 @@ def test_a_program_that_is_no_python_is_one_line(empty_python, tmp_path, body, w
     assert f"{program}: {words}" in process.stdout.splitlines()[1]
 
 
+def test_a_run_with_a_python_that_lacks_packages_points_to_the_doctor(empty_python, tmp_path):
+    command = [sys.executable, ROOT / "scripts" / "run.py", ROOT / "core" / "demo" / "showroom", "--out", "out"]
+    environment = {**os.environ, "CVDGS_PYTHON": str(empty_python)}
+    process = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=100)
+    assert process.returncode == 2, process.stderr
+    message = process.stderr.splitlines()[-1]
+    assert f"{empty_python} lacks something" in message
+    assert "run.py --doctor" in message
+    assert not list(tmp_path.rglob("out/*"))
+
+
 def test_a_package_that_is_broken_does_not_hide_the_others(tmp_path, empty_python):
     for name in ("torch", "scipy"):
         (tmp_path / f"{name}.py").write_text(

@@ -1,6 +1,7 @@
 """What the worker makes of faults that are the machine's."""
 
 import errno
+import importlib
 import os
 from pathlib import Path
 
@@ -65,6 +66,18 @@ def test_what_fails_for_want_of_memory_says_so(error):
 )
 def test_other_errors_are_not_taken_for_it(error):
     assert not is_out_of_memory(error)
+
+
+def test_an_environment_that_lacks_a_package_is_no_defect():
+    with pytest.raises(ImportError) as caught:
+        importlib.import_module("a_package_that_is_not_installed")
+    assert "'scripts/run.py --doctor' says what" in explain_fault(caught.value)
+
+
+def test_a_module_of_ours_that_is_missing_is_a_defect():
+    with pytest.raises(ImportError) as caught:
+        importlib.import_module("cvdgs.core.a_module_that_is_not_there")
+    assert explain_fault(caught.value) == ""
 
 
 def test_torchs_own_words_on_a_gpu_are_understood():
