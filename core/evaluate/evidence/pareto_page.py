@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from operator import attrgetter
@@ -36,9 +37,10 @@ Times are wall seconds of runs that had the machine to themselves; the CSV has p
 - *PSNR*: of the scene in the photographs' colours, over the seconds of the geometry.
 - *CCPR*: the share of the photographs' contrasts between neighbours that a deutan still sees in the enhanced scene.
 - *RWE*: how much its views contradict each other, relative to the photographs (1: as much as these).
-- *CCPR × (1 - RWE)*: 0 where RWE > 1, because there more contrast would count against a scene. These three are over
-  the seconds of everything: enhancement, geometry and colours. `post` enhances every further picture anew, which these
-  seconds do not have in them.
+- *CCPR × (1 - RWE)*: 0 where RWE > 1, because there more contrast would count against a scene. A scene that comes
+  closer to the photographs comes closer to their RWE of 1 too, so this falls with fidelity: read it beside the CCPR.
+  These three are over the seconds of everything: enhancement, geometry and colours. `post` enhances every further
+  picture anew, which these seconds do not have in them.
 - The *front* joins what nothing dominates: no other point is better for no more time."""
 
 Quantity = Callable[[ParetoPoint], float]
@@ -104,13 +106,25 @@ def _draw_points(axes: Axes, theme: Theme, points: Sequence[ParetoPoint], x: Qua
     for_peers = [point for point in points if point.series == PEER]
     if for_peers:
         plot_series(axes, [x(p) for p in for_peers], [y(p) for p in for_peers], peer, "other programs", joined=False)
+    first = {_program(point): point for point in reversed(for_peers) if not math.isnan(y(point))}
+    for name, point in first.items():
+        _name(axes, theme, name, (x(point), y(point)))
     ours = [point for point in points if point.series == DEFAULT]
     star = SeriesStyle(theme.background, "*", "none")
     outline = {"markersize": _STAR, "markeredgecolor": theme.ink, "zorder": 4}
     plot_series(axes, [x(p) for p in ours], [y(p) for p in ours], star, "our defaults", joined=False, **outline)
     for point in ours:
-        place = (x(point), y(point))
-        axes.annotate(point.label, place, (6, -11), textcoords="offset points", fontsize="small", color=theme.ink)
+        _name(axes, theme, point.label, (x(point), y(point)))
+
+
+def _name(axes: Axes, theme: Theme, name: str, place: tuple[float, float]) -> None:
+    """Write what a point is, below it."""
+    axes.annotate(name, place, (6, -11), textcoords="offset points", fontsize="small", color=theme.ink)
+
+
+def _program(point: ParetoPoint) -> str:
+    """The name of a peer's program, without how it was asked."""
+    return point.label.partition(",")[0]
 
 
 def _draw_front(axes: Axes, theme: Theme, front: Sequence[tuple[float, float]]) -> None:
@@ -120,7 +134,7 @@ def _draw_front(axes: Axes, theme: Theme, front: Sequence[tuple[float, float]]) 
 
 
 def _of_peers(points: Sequence[ParetoPoint]) -> list[str]:
-    programs = list(dict.fromkeys(p.label.partition(",")[0] for p in points if p.series == PEER))
+    programs = list(dict.fromkeys(_program(point) for point in points if point.series == PEER))
     if not programs:
         return ["No other program was here to be measured beside.", ""]
     return [
