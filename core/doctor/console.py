@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Sequence
 
@@ -22,13 +23,22 @@ def diagnose_in_console(*, as_json: bool) -> int:
     for finding in examine(reporter):
         findings.append(finding)
         if not as_json:
-            print(format_finding(finding), flush=True)
+            _say(format_finding(finding))
     if as_json:
         document = {"ready": not missing(findings), "findings": [finding.to_dict() for finding in findings]}
-        print(json.dumps(document, indent=2))
+        _say(json.dumps(document, indent=2))
     else:
-        print(_last_word(findings))
+        _say(_last_word(findings))
     return 2 if missing(findings) else 0
+
+
+def _say(text: str) -> None:
+    """Print; to nobody from now on where whoever was listening (``| head``) has left."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
 def missing(findings: Sequence[Finding]) -> list[str]:

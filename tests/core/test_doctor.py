@@ -160,6 +160,18 @@ def test_a_remedy_stands_under_what_it_mends():
     assert second.strip() == "-> run 'make venv'"
 
 
+def test_a_reader_who_leaves_early_is_not_told_of_broken_pipes(empty_python):
+    command = [empty_python, str(ROOT / "scripts" / "run.py"), "--doctor"]
+    environment = {**os.environ, "CVDGS_PYTHON": str(empty_python)}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.stdout.close()
+    assert process.wait(timeout=100) == 2
+    assert process.stderr is not None
+    assert process.stderr.read() == ""
+
+
 def test_a_python_that_is_too_old_is_told_so_in_one_line(monkeypatch, capsys):
     monkeypatch.setattr(sys, "version_info", (3, 9, 18))
     with pytest.raises(SystemExit) as stopped:
