@@ -128,9 +128,11 @@ def read_model(folder: Path) -> ColmapModel:
         positions.extend(position)
         colors.extend(color)
         track_lengths.append(min(track_length, _LEAST_TRACK_LENGTH))
+    model.points = as_float32(np.frombuffer(positions, np.float64).reshape(-1, 3))
+    model.point_colors = np.frombuffer(colors, np.uint8).reshape(-1, 3)
     trusted = _trusted_points(np.frombuffer(track_lengths, np.uint8))
-    model.points = as_float32(np.frombuffer(positions, np.float64).reshape(-1, 3)[trusted])
-    model.point_colors = np.frombuffer(colors, np.uint8).reshape(-1, 3)[trusted]
+    if not trusted.all():  # else there is no need for copies, of tens of millions of points in the worst case
+        model.points, model.point_colors = model.points[trusted], model.point_colors[trusted]
     return model
 
 
