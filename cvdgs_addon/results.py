@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.run_files import REPORT_FILE
-from ..core.untrusted import read_json
+from ..core.untrusted import is_file, read_json
 from .scene.convert import load_run
 from .scene.finished_run import FinishedRun, read_run
 from .scene.splat_attributes import Attribute, color_attribute
@@ -64,7 +64,7 @@ def splats_of(scene: bpy.types.Scene, folder: str) -> Iterator[bpy.types.Object]
 
 def is_finished_run(folder: str) -> bool:
     """Whether a run has finished in `folder`."""
-    return bool(folder) and Path(folder, REPORT_FILE).is_file()
+    return bool(folder) and is_file(Path(folder, REPORT_FILE))
 
 
 def read_report(folder: str) -> dict[str, Any]:

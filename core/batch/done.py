@@ -124,7 +124,7 @@ def forget(task: Task, out: Path) -> None:
 def _outputs_fit(out: Path, record: Record) -> bool:
     try:
         return all((out / name).stat().st_size == size for name, size in record.outputs.items())
-    except OSError:
+    except (OSError, ValueError):  # none is there, or none can be, because no file has such a name
         return False
 
 

@@ -116,8 +116,8 @@ def earlier_files(out: Path) -> list[Path]:
         names = {str(row[OUTPUT_COLUMN] or "") for row in rows}
     except (InputError, csv.Error):
         return []
-    pictures = [out / name for name in sorted(names) if name.endswith(".png") and Path(name).name == name]
-    return [*pictures, out / SHEET_NAME, metrics]
+    plain = [name for name in sorted(names) if name.endswith(".png") and Path(name).name == name and "\0" not in name]
+    return [*(out / name for name in plain), out / SHEET_NAME, metrics]
 
 
 def _summary(result: Event) -> str:

@@ -11,6 +11,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pycolmap
 
+from cvdgs.core.batch.done import fingerprint
+from cvdgs.core.batch.task import Task
 from cvdgs.core.capture.points import write_point_cloud
 from cvdgs.core.events import JsonReporter
 from cvdgs.core.photographs.front import EnhanceRequest
@@ -236,3 +238,17 @@ def plan() -> bytes:
         "gpu": 0,
     }
     return json.dumps({"format": 1, "retries": 1, "tasks": [task]}).encode()
+
+
+METRICS = b"""file,output,size,ccpr_input,ccpr_enhanced,delta_e,note
+photos/a.png,a.png,20x20,0.6,0.9,4.0,
+photos/b.png,b.png,20x20,0.5,0.8,3.0,no colour is visible: left as it is
+"""
+
+
+def record() -> bytes:
+    """What vouches for the task of `plan`."""
+    (values,) = json.loads(plan())["tasks"]
+    known = {"chair/frames/0001.png": [10, 20, "0" * 64], "chair/frames/0002.png": []}
+    told = {"seconds": 1.5, "inputs": known, "outputs": {"chair/turntable.mp4": 100}}
+    return json.dumps({"fingerprint": fingerprint(Task.from_dict(values)), **told}).encode()

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from cvdgs.core.batch.batch_file import read_batch
+from cvdgs.core.batch.done import is_done, record_path
 from cvdgs.core.batch.finished import check_finished_run, report_or_nothing
 from cvdgs.core.batch.table_reader import UnusableFile
 from cvdgs.core.batch.task import read_plan
@@ -27,7 +28,7 @@ from cvdgs.core.capture.source import SourceModel
 from cvdgs.core.capture.transforms import read_transforms
 from cvdgs.core.errors import MOST_CHARACTERS, InputError
 from cvdgs.core.events import parse_event
-from cvdgs.core.photographs.front import EnhanceRequest
+from cvdgs.core.photographs.front import EnhanceRequest, earlier_files
 from cvdgs.core.progress import RunProgress, format_seconds
 from cvdgs.core.report import check_report
 from cvdgs.core.settings import Settings
@@ -226,6 +227,20 @@ def _read_report_to_resume(data: bytes) -> None:
     Settings.from_dict(report["settings"])
 
 
+def _read_record(data: bytes) -> None:
+    (task,) = read_plan(_file("show/.batch/plan.json", examples.plan())).tasks
+    out = Path(_folder().name, "show")
+    path = record_path(task, out)
+    _file(path.relative_to(_folder().name).as_posix(), data)
+    is_done(task, out)
+
+
+def _read_metrics(data: bytes) -> None:
+    folder = _file("enhanced/metrics.csv", data).parent
+    for path in earlier_files(folder):
+        assert Path(os.path.realpath(path)).parent == folder.resolve()
+
+
 def _read_plan(data: bytes) -> None:
     plan = read_plan(_file("show/.batch/plan.json", data))
     for task in plan.tasks:
@@ -250,4 +265,6 @@ TARGETS: tuple[Target, ...] = (
     Target("report.json", _read_report, lambda: [json.dumps(examples.report()).encode()]),
     Target("report-to-resume", _read_report_to_resume, lambda: [json.dumps(examples.report()).encode()]),
     Target("plan.json", _read_plan, lambda: [examples.plan()]),
+    Target("task-record", _read_record, lambda: [examples.record()]),
+    Target("metrics.csv", _read_metrics, lambda: [examples.METRICS]),
 )

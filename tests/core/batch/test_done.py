@@ -1,5 +1,6 @@
 """When a task counts as done: from the same inputs, with the same arguments, and with all that it left in place."""
 
+import json
 import os
 from dataclasses import replace
 
@@ -7,7 +8,7 @@ import pytest
 
 from cvdgs.core.batch import done
 from cvdgs.core.batch.arguments import pictures
-from cvdgs.core.batch.done import is_done, sign_inputs, write_record
+from cvdgs.core.batch.done import is_done, record_path, sign_inputs, write_record
 from cvdgs.core.batch.task import Kind, Task
 from cvdgs.core.errors import InputError
 
@@ -105,6 +106,13 @@ def test_the_folder_may_be_mounted_elsewhere(out):
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"fingerprint": 1}'])
 def test_a_damaged_record_vouches_for_nothing(out, text):
     done.record_path(FRAMES, out).write_text(text)
+    assert not is_done(FRAMES, out)
+
+
+@pytest.mark.parametrize("name", ["a\0b", "a" * 300], ids=["zero-byte", "too-long"])
+def test_a_record_of_an_output_that_no_file_can_be_vouches_for_nothing(out, name):
+    path = record_path(FRAMES, out)
+    path.write_text(json.dumps({**json.loads(path.read_text()), "outputs": {name: 1}}))
     assert not is_done(FRAMES, out)
 
 
