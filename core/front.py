@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from . import turntables
+from .doctor.blender import require_blender
 from .job import Event, Workers, blender_command
 from .job_console import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from .progress import RunProgress, format_seconds
@@ -66,6 +67,8 @@ def run(
     listen({"event": "status", "stage": "start", "message": "starting"})
     workers = workers or Workers()
     workers.require_python()  # before a folder is made
+    if settings.blend:
+        require_blender()  # before minutes of work that would be lost without it
     folder = RunFolder(settings.out)
     with all_or_nothing(folder, settings.out, LOG_FILE), ExitStack() as stack:
         if settings.resume:

@@ -1,4 +1,7 @@
-"""The doctor's look at Blender: as a program, as this process, or as the bpy wheel. Standard library only."""
+"""A look at Blender, for the doctor and before a run: as a program, as this process, or as the bpy wheel.
+
+Standard library only.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,25 @@ from .finding import Finding, State
 from .interpreters import ask, blender_version
 
 SYSTEM_LIBRARIES = ROOT / "scripts" / "system_libraries.sh"
+
+
+def require_blender() -> None:
+    """Make sure, before anything long, that Blender's part of a run can start.
+
+    A Blender program is looked for, and the bpy module imported by its interpreter, which takes some seconds: that it
+    is installed says nothing of the system's libraries.
+
+    Raises:
+        InputError: there is none, or it cannot be used.
+    """
+    if "bpy" in sys.modules and not os.environ.get("CVDGS_BLENDER"):
+        return
+    program, *arguments = blender_command([])
+    if "-b" not in arguments:
+        _module_version(program)
+    elif shutil.which(program) is None:
+        what = "is not a program that can be run"
+        raise InputError(what, where=f"CVDGS_BLENDER={program}", remedy="name a Blender, or do without: --no-blend")
 
 
 def examine_blender(*, worker_is_here: bool) -> Iterator[Finding]:
@@ -43,15 +65,23 @@ def _blender() -> tuple[Finding, bool]:
         is_module = "-b" not in arguments
         if not is_module:
             return Finding("Blender", State.OK, f"{blender_version(program)} ({program})"), is_module
-        module = ask(program, {"bpy": "bpy"})["packages"]["bpy"]
+        return Finding("Blender", State.OK, f"bpy module {_module_version(program)} ({program})"), is_module
     except InputError as error:
         found = f"{error.where}: {error.what}" if error.where else error.what
         return Finding("Blender", State.MISSING, found, error.remedy), is_module
+
+
+def _module_version(python: str) -> str:
+    """The version of the bpy module of `python`.
+
+    Raises:
+        InputError: it cannot be imported.
+    """
+    module = ask(python, {"bpy": "bpy"})["packages"]["bpy"]
     if module["problem"]:
-        found = f"the bpy module {module['version'] or ''} of {program}: {module['problem']}"
         remedy = f"run 'sh {SYSTEM_LIBRARIES}', or do without Blender: --no-blend"
-        return Finding("Blender", State.MISSING, found, remedy), is_module
-    return Finding("Blender", State.OK, f"bpy module {module['version']} ({program})"), is_module
+        raise InputError(f"Blender's module cannot be used ({module['problem']})", where=python, remedy=remedy)
+    return module["version"]
 
 
 def _system_libraries() -> Iterator[Finding]:

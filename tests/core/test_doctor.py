@@ -124,6 +124,7 @@ def test_a_program_that_is_no_python_is_one_line(empty_python, tmp_path, body, w
 
 def test_a_run_with_a_python_that_lacks_packages_points_to_the_doctor(empty_python, tmp_path):
     command = [sys.executable, ROOT / "scripts" / "run.py", ROOT / "core" / "demo" / "showroom", "--out", "out"]
+    command.append("--no-blend")
     environment = {**os.environ, "CVDGS_PYTHON": str(empty_python)}
     process = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=100)
     assert process.returncode == 2, process.stderr
@@ -131,6 +132,23 @@ def test_a_run_with_a_python_that_lacks_packages_points_to_the_doctor(empty_pyth
     assert f"{empty_python} lacks something" in message
     assert "run.py --doctor" in message
     assert not list(tmp_path.rglob("out/*"))
+
+
+def test_a_blender_module_that_cannot_be_imported_is_told_before_the_training(empty_python, tmp_path):
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", tmp_path / "venv"], check=True)
+    (packages,) = (tmp_path / "venv").glob("lib/python*/site-packages")
+    (packages / "bpy.py").write_text("raise ImportError('libgone.so.6: cannot open')")
+    (packages / "bpy-5.dist-info").mkdir()
+    (packages / "bpy-5.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: bpy\nVersion: 5\n")
+    python = tmp_path / "venv" / "bin" / "python"
+    command = [empty_python, ROOT / "scripts" / "run.py", ROOT / "core" / "demo" / "showroom", "--out", "out"]
+    environment = {**os.environ, "CVDGS_PYTHON": str(python), "CVDGS_BLENDER": ""}
+    process = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=100)
+    assert process.returncode == 2, process.stderr
+    message = process.stderr.splitlines()[-1]
+    assert "libgone.so.6" in message
+    assert "--no-blend" in message
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_package_that_is_broken_does_not_hide_the_others(tmp_path, empty_python):
