@@ -67,7 +67,8 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
     bpy.context.view_layer.update()
     center, core_radius = _subject(splats)
     photographs = [camera for camera in _related(splats) if is_capture_camera(camera)]
-    places = np.array([camera.matrix_world.translation for camera in photographs]).reshape(-1, 3) - center
+    # Doubles, whose scalars are Python's numbers too: Blender stores no others.
+    places = np.array([camera.matrix_world.translation for camera in photographs], np.float64).reshape(-1, 3) - center
     radius = turntable.radius or _usual_radius(places) or _RADII_AWAY * core_radius
     start, swing = _way_around(places, math.radians(turntable.arc))
 
@@ -209,7 +210,8 @@ def _subject(splats: bpy.types.Object) -> tuple[NDArray[np.float64], float]:
     """Centre (3,) and radius of the Gaussians' core in the scene."""
     center, radius = core_bounds(point_positions(splats.data))
     matrix = splats.matrix_world
-    return np.array(matrix @ mathutils.Vector(center.tolist())), radius * max(matrix.to_scale())
+    in_scene = np.array(matrix @ mathutils.Vector(center.tolist()), np.float64)
+    return in_scene, float(radius) * max(matrix.to_scale())
 
 
 def _related(splats: bpy.types.Object) -> list[bpy.types.Object]:
@@ -239,7 +241,7 @@ def _way_around(places: NDArray[np.float64], arc: float) -> tuple[float, float]:
     if arc >= _FULL_TURN:
         return float(angles[0]), 0.0
     opposite = ordered[widest] + gaps[widest] / 2.0
-    return float(opposite - math.pi), arc / 2.0
+    return float(opposite - math.pi), float(arc) / 2.0
 
 
 def _set_lens(

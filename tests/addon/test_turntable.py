@@ -17,6 +17,7 @@ from cvdgs.cvdgs_addon.scene.render_settings import Display, Engine, set_display
 from cvdgs.cvdgs_addon.scene.splats import add_gaussians, show_layer
 from cvdgs.cvdgs_addon.scene.turntable import (
     Turntable,
+    _way_around,
     add_turntable,
     remove_turntable,
     render_turntable,
@@ -118,6 +119,16 @@ def test_an_arc_can_be_asked_for(scene):
     np.testing.assert_allclose(swinging, [0.0, 30.0, 0.0, -30.0], atol=CENTER_DEGREES)
     around = angles_around(scene, add_turntable(scene, splats, Turntable(frames=4, arc=360.0)), 4)
     np.testing.assert_allclose(np.diff(around), 90.0, rtol=1e-3)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_the_way_around_is_told_in_numbers_that_blender_stores(kind):
+    """numpy 2, in Blender 5.1 and later, keeps single precision where numpy 1 made Python's numbers of it."""
+    angles = np.radians(np.linspace(-50.0, 50.0, 11))
+    places = np.stack([np.cos(angles), np.sin(angles), np.zeros(11)], axis=1).astype(kind)
+    start, swing = _way_around(places, 0.0)
+    assert type(start) is type(swing) is float
+    assert (start, swing) == pytest.approx((0.0, math.radians(50.0)), abs=1e-5)
 
 
 def test_adding_again_replaces_the_turntable(scene, splats):
