@@ -78,7 +78,11 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     row.operator("cvdgs.restore_render", text="Restore", icon="LOOP_BACK")
     told = list(display.render_changes(context.scene))
     if told:
-        say(box, context, f"Changed: {'; '.join(told)}", "INFO")
+        header, body = layout.panel("cvdgs_render_changes", default_closed=True)
+        header.label(text=f"{len(told)} Settings Changed")
+        if body is not None:
+            for change in told:
+                say(body, context, change)
 
 
 def _draw_input(
