@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import OpenImageIO as oiio
@@ -56,6 +56,9 @@ _SIGNATURES = (
     *(f"P{kind}".encode() for kind in "123456fF"),
 )
 _SIGNATURE_BYTES = 16
+_UNREADABLE = "what is wrong cannot be shown"  # it is told in words from the file that are no text
+
+_Told = TypeVar("_Told")
 # The one that OpenImageIO brings: a studio's own, which the variable OCIO names, need not know these spaces.
 _COLOR_CONFIGURATION = "ocio://default"
 _LINEAR, _DISPLAY_P3 = "lin_rec709", "sRGB Encoded P3-D65"
@@ -139,7 +142,7 @@ def read_pixels(
         linear = _is_linear(spec)
         pixels = file.read_image(oiio.FLOAT if linear else oiio.UINT8)
         # The JPEG and TIFF readers fill what is missing with grey or black, return it, and leave an error behind.
-        error = file.geterror()
+        error = _told(file.geterror, _UNREADABLE)
     if pixels is None or error:
         reason = error.splitlines()[0] if error else "no pixels could be read"
         raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
@@ -201,7 +204,7 @@ def _opened(path: Path) -> Iterator[oiio.ImageInput]:
     config.attribute("oiio:UnassociatedAlpha", 1)
     file = oiio.ImageInput.open(str(path), config)
     if file is None:
-        reason = (oiio.geterror() or "unknown format").splitlines()[0]
+        reason = (_told(oiio.geterror, _UNREADABLE) or "unknown format").splitlines()[0]
         raise InputError(f"the image cannot be opened ({reason})", where=path, remedy=_COPY_AGAIN)
     try:
         yield file
@@ -222,6 +225,18 @@ def _require_known_format(start: bytes, path: Path) -> None:
         str(path).encode("utf-8")
     except UnicodeEncodeError:
         raise InputError("the file's name is not UTF-8", where=path, remedy="rename it") from None
+
+
+def _told(tell: Callable[[], _Told], otherwise: _Told) -> _Told:
+    """What OpenImageIO tells, or `otherwise` where that is a file's own text and not UTF-8."""
+    try:
+        return tell()
+    except UnicodeDecodeError:
+        return otherwise
+
+
+def _attribute(spec: oiio.ImageSpec, name: str) -> str:
+    return _told(lambda: spec.get_string_attribute(name), "")
 
 
 def _is_linear(spec: oiio.ImageSpec) -> bool:
@@ -252,7 +267,7 @@ def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
         )
     if spec.depth > 1 or spec.nchannels < 1:
         raise InputError("the image is a volume or without channels, not flat", where=path, remedy=_EXPORT_PLAIN)
-    spaces = [spec.get_string_attribute(name) for name in ("jpeg:ColorSpace", "tiff:ColorSpace", "oiio:ColorSpace")]
+    spaces = [_attribute(spec, name) for name in ("jpeg:ColorSpace", "tiff:ColorSpace", "oiio:ColorSpace")]
     if any(space.upper() in ("CMYK", "YCCK", "SEPARATED", "COLOR SEPARATED") for space in spaces):
         raise InputError("the image is CMYK, made for print", where=path, remedy="convert it to RGB (sRGB)")
 
@@ -264,7 +279,8 @@ def _orientation(spec: oiio.ImageSpec) -> int:
 
 def _split_channels(pixels: NDArray, spec: oiio.ImageSpec) -> tuple[NDArray, NDArray | None]:
     """(H, W, 3) colour and (H, W) alpha or None; of an EXR with further channels, those named R, G, B and A."""
-    names = [name.upper() for name in spec.channelnames]
+    unnamed: tuple[str, ...] = ()
+    names = [name.upper() for name in _told(lambda: spec.channelnames, unnamed)]
     alpha_index = spec.alpha_channel
     if all(name in names for name in "RGB"):
         indices = [names.index(name) for name in "RGB"]
@@ -317,7 +333,7 @@ def _to_srgb(color: NDArray[Any], space: str) -> NDArray[Any]:
 
 
 def _color_profile(spec: oiio.ImageSpec) -> str:
-    return spec.get_string_attribute("ICCProfile:profile_description")
+    return _attribute(spec, "ICCProfile:profile_description")
 
 
 def _is_display_p3(color_profile: str) -> bool:

@@ -116,7 +116,15 @@ def _fuzz(target: Target, folder: Path, options: argparse.Namespace) -> int:
     words.write_text("".join(f'"{_escaped(word)}"\n' for word in PAYLOADS if len(word) <= _LONGEST_WORD))
     flags = [f"-runs={options.executions}", f"-seed={options.seed}", f"-artifact_prefix={folder}/", "-timeout=30"]
     flags += [f"-max_len={_longest(target)}", f"-dict={words}", f"-max_total_time={options.seconds}", "-rss_limit_mb=0"]
-    atheris.Setup([sys.argv[0], *flags, str(corpus)], target)
+
+    def read(data: bytes) -> None:
+        try:
+            target(data)
+        except BaseException:  # libFuzzer itself keeps only what ends the process
+            (folder / "crash").write_bytes(data)
+            raise
+
+    atheris.Setup([sys.argv[0], *flags, str(corpus)], read)
     atheris.Fuzz()
     return 0
 
