@@ -2,10 +2,10 @@
 
     python -m tests.fuzz.campaign [NAME ...] [--executions 100000] [--seconds N] [--engine atheris|mutator] [--seed N]
 
-From the repository's root. ``atheris`` (`pip install atheris`) follows the coverage of the package; ``mutator`` applies
-the edits of `mutation` with fixed seeds and needs nothing. What a reader did not expect is written to
-``out/fuzz/<name>/`` (a copy in ``tests/fuzz/seeds/<name>/`` becomes a test) and ends that reader's turn. Prints a
-line for each reader: executions, seconds, and what was found. Exit code: 1 where something was.
+From the repository's root. ``atheris`` (`pip install --require-hashes -r requirements-fuzz.txt`) follows the coverage
+of the package; ``mutator`` applies the edits of `mutation` with fixed seeds and needs nothing. What a reader did not
+expect is written to ``out/fuzz/<name>/`` (a copy in ``tests/fuzz/seeds/<name>/`` becomes a test) and ends that reader's
+turn. Prints a line for each reader: executions, seconds, and what was found. Exit code: 1 where something was.
 """
 
 from __future__ import annotations
