@@ -8,6 +8,13 @@ The machine provides it; the tests are told by two environment variables where i
                                   PROGRAM shot ROOT FILE.png        a picture of the screen
                                   PROGRAM bind ROOT FOLDER...       folders of this machine, at the same path there
     CVDGS_REAL_BLENDER_ROOT   the folder in which it lives; its subfolder share is /share there
+
+Two more are for pictures, docs/panel.png and docs/result.png among them:
+
+    CVDGS_PICTURES            the folder for them; without it they are forgotten
+    CVDGS_FINISHED_RUN        the run that they show, out/demo for example; without it a small one is made
+
+    python -m pytest -m slow tests/blender
 """
 
 from __future__ import annotations
@@ -25,8 +32,10 @@ PROGRAM, ROOT = os.environ.get("CVDGS_REAL_BLENDER", ""), os.environ.get("CVDGS_
 MISSING = "no real Blender: set CVDGS_REAL_BLENDER and CVDGS_REAL_BLENDER_ROOT (see tests/blender/desktop.py)"
 
 _WATCH = Path(__file__).with_name("watch.py")
-_START_SECONDS = 60.0
-_SETTLE = 2.0  # seconds for a window to answer a click and move its panels, with software OpenGL on a busy machine
+_START_SECONDS = 120.0
+_ANSWER_SECONDS = 120.0  # software OpenGL compiles the shaders of a view that it has not drawn yet
+_SETTLE = 1.5  # seconds for a window to answer a click and move its panels
+_PACE = 0.4  # seconds within which a window that draws nothing looks at itself many times
 
 
 class Desktop:
@@ -85,40 +94,56 @@ class Desktop:
         """Let Blender run Python code: what a user's mouse cannot do in a test of this length."""
         (self.share / "code.partial").write_text(code)
         os.replace(self.share / "code.partial", self.share / "code.py")
-        deadline = time.monotonic() + 20.0
+        deadline = time.monotonic() + _ANSWER_SECONDS
         while (self.share / "code.py").exists():
             assert time.monotonic() < deadline, "Blender does not answer"
             time.sleep(0.02)
 
-    def click(self, x: float, y: float, *, settle: float = _SETTLE) -> None:
-        """Click with the left button; pixels from the upper left corner of the screen, seconds to wait afterwards."""
+    def click(self, x: float, y: float, *, settle: bool = True) -> None:
+        """Click with the left button; pixels from the upper left corner of the screen; wait for its effect."""
         position = (str(round(x)), str(round(y)))
         # A press and a release at the same moment are lost on a busy machine.
         self._exec("xdotool", "mousemove", *position, "sleep", "0.4", "mousedown", "1", "sleep", "0.15", "mouseup", "1")
-        time.sleep(settle)
+        if settle:
+            self.settle()
 
     def scroll(self, x: float, y: float, steps: int) -> None:
         """Turn the wheel over a place; positive is down."""
         self._exec("xdotool", "mousemove", str(round(x)), str(round(y)), "sleep", "0.1",
                    "click", "--repeat", str(abs(steps)), "--delay", "60", "5" if steps > 0 else "4")  # fmt: skip
-        time.sleep(_SETTLE)
+        self.settle()
 
     def keys(self, *names: str) -> None:
         """Press keys, one after the other."""
         self._exec("xdotool", "key", "--delay", "80", *names)
-        time.sleep(_SETTLE)
+        self.settle()
 
     def type(self, text: str) -> None:
         """Type text."""
         self._exec("xdotool", "type", "--delay", "20", text)
-        time.sleep(_SETTLE)
+        self.settle()
 
     def picture(self, name: str) -> Path:
         """A picture of the screen, kept under `name`."""
-        time.sleep(_SETTLE)
+        self.settle()
         path = self._pictures / f"{name}.png"
         subprocess.run([PROGRAM, "shot", ROOT, str(path)], check=True, timeout=30)
         return path
+
+    def leave(self) -> None:
+        """Take the mouse out of the way, so that nothing is highlighted and no tooltip shown."""
+        self._exec("xdotool", "mousemove", "640", "790")
+        self.settle()
+
+    def settle(self) -> None:
+        """Give the window time to draw what has changed, until it comes to look at itself at its usual pace again."""
+        time.sleep(_SETTLE)
+        deadline = time.monotonic() + _ANSWER_SECONDS
+        while time.monotonic() < deadline:
+            before = self.state()["time"]
+            time.sleep(_PACE)
+            if self.state()["time"] - before > 0.5 * _PACE:
+                return
 
     def quit(self) -> None:
         """Let Blender quit as from its menu, and wait for it."""

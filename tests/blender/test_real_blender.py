@@ -1,7 +1,6 @@
 """As an artist meets it: the zip, a wrong folder, a cancelled run, a run, a second layer, save, quit, open again.
 
-Where to click is measured on Blender 5.2's factory settings on a screen of 1280 x 800: pixels from the upper left
-corner of the side bar. Every click is followed by a look at what it did.
+Every click is followed by a look at what it did; for its place see `side_bar`.
 """
 
 from __future__ import annotations
@@ -9,13 +8,13 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from .desktop import Desktop
+from .side_bar import press, press_until
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 
@@ -28,25 +27,6 @@ SIDE_BAR, GAP = (760, 82, 1022, 690), 12  # what docs/panel.png shows of the scr
 
 RUNNING, CANCELLED = "running", "cancelled"
 WORKER_MAY_TAKE = 900.0  # seconds; tens on an idle machine
-CLICKS, CLICK_MAY_TAKE = 3, 12.0  # seconds
-
-
-def press(desktop: Desktop, place: tuple[int, int], **options: float) -> None:
-    """Click a place of the side bar."""
-    x, y, _, _ = desktop.state()["places"]["VIEW_3D UI"]
-    desktop.click(x + place[0], y + place[1], **options)
-
-
-def press_until(desktop: Desktop, place: tuple[int, int], condition: Callable[[dict], bool]) -> float:
-    """Click a place until it has an effect: a busy machine loses clicks. Returns the seconds after the last click."""
-    for _ in range(CLICKS):
-        press(desktop, place, settle=0.0)
-        pressed = time.monotonic()
-        while time.monotonic() - pressed < CLICK_MAY_TAKE:
-            if condition(desktop.state()):
-                return time.monotonic() - pressed
-            time.sleep(0.05)
-    raise AssertionError(f"no effect of clicks at {place}; the state is {desktop.state()}")
 
 
 def enter_folder(desktop: Desktop, path: str) -> None:

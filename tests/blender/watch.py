@@ -65,7 +65,7 @@ def jobs() -> dict:
     if ADDON not in bpy.context.preferences.addons:
         return {}
     found = {}
-    for name in ("inspect", "run", "environment", "check"):
+    for name in ("inspect", "import", "run", "environment", "check"):
         job = activity().job(name)
         if job is not None:
             progress = job.progress
@@ -117,6 +117,8 @@ def look() -> float:
         ],
         "is_rendering": bpy.app.is_job_running("RENDER"),
         "engine": scene.render.engine,
+        "camera": scene.camera.name if scene.camera else "",
+        "processor": time.process_time(),
         "scene": {} if properties is None else {
             "folder": properties.capture.folder,
             "views": properties.capture.views,
@@ -126,6 +128,7 @@ def look() -> float:
             "quality": properties.run.quality,
             "run": properties.run.folder,
             "test_is_open": properties.viewer.test_is_open,
+            "caps_arranged": sum(cap > 0 for cap in properties.viewer.test_arranged),
         },
     }  # fmt: skip
     (SHARE / "state.partial").write_text(json.dumps(state))
@@ -137,4 +140,7 @@ def look() -> float:
 
 (SHARE / "blender.pid").write_text(str(os.getpid()))
 bpy.context.preferences.view.show_splash = False
+bpy.context.preferences.use_preferences_save = False  # the next Blender is as new
+# Windows of their own come to lie anywhere where nothing manages windows.
+bpy.context.preferences.view.filebrowser_display_type = "SCREEN"
 bpy.app.timers.register(look, first_interval=0.5, persistent=True)
