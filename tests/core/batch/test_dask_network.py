@@ -1,5 +1,6 @@
 """A Dask cluster whose machines are network namespaces of the kernel: nothing reaches another but over the wire."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -81,7 +82,10 @@ def test_a_batch_survives_the_loss_of_a_machine_in_the_middle(network, collectio
         farm.wait_for_workers(len(MACHINES), prefix=network.on("front"))
         command = [sys.executable, SCRIPT, collection.folder / "batch.toml", "--out", collection.out]
         batch = subprocess.Popen(
-            [*network.on("front"), *command, "--cluster", farm.address], stderr=subprocess.PIPE, text=True
+            [*network.on("front"), *command, "--cluster", farm.address],
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, **collection.variables},
         )
         farm.wait_for(lambda: "sofa" in [entry["subject"] for entry in collection.diary])
         (process,) = [entry["pid"] for entry in collection.diary if entry["subject"] == "sofa"]
