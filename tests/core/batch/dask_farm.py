@@ -32,7 +32,8 @@ class DaskFarm:
         file = self.folder / "scheduler.json"
         options = ["--host", self.host, "--port", "0", "--no-dashboard", "--no-show", "--scheduler-file", str(file)]
         self._start("scheduler", [*self.prefix, sys.executable, "-m", "distributed.cli.dask_scheduler", *options])
-        self.wait_for(file.exists)
+        # The scheduler writes into the file that is there already: it may be empty for a moment.
+        self.wait_for(lambda: file.exists() and file.read_text().rstrip().endswith("}"))
         self.address = json.loads(file.read_text())["address"]
 
     def add_worker(self, name: str, *options: str, prefix: tuple[str, ...] = (), **variables: str) -> None:
