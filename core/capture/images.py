@@ -57,11 +57,11 @@ _SIGNATURES = (
 )
 _SIGNATURE_BYTES = 16
 _UNREADABLE = "what is wrong cannot be shown"  # it is told in words from the file that are no text
-
-_Told = TypeVar("_Told")
 # The one that OpenImageIO brings: a studio's own, which the variable OCIO names, need not know these spaces.
 _COLOR_CONFIGURATION = "ocio://default"
 _LINEAR, _DISPLAY_P3 = "lin_rec709", "sRGB Encoded P3-D65"
+
+_Told = TypeVar("_Told")
 
 # OpenImageIO's own check, which comes before its readers make room for anything.
 oiio.attribute("limits:imagesize_MB", 2 * MAX_DECODED_BYTES // 1_000_000)

@@ -32,7 +32,7 @@ _SERIES_NAMES = {
 _DEFINITIONS = """\
 One thing is varied at a time, around a base of {base}; everything else is what the product does by itself.
 Everything is judged on the held-out views (every eighth) at {size} pixels, also what was fitted to smaller photographs.
-Times are wall seconds of runs that had the machine to themselves; the CSV has processor seconds too.
+Times are wall seconds of one run after the other; the CSV has processor seconds too.
 
 - *PSNR*: of the scene in the photographs' colours, over the seconds of the geometry.
 - *CCPR*: the share of the photographs' contrasts between neighbours that a deutan still sees in the enhanced scene.
