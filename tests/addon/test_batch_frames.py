@@ -25,6 +25,7 @@ from cvdgs.cvdgs_addon.scene.render_settings import Display, Engine
 from cvdgs.cvdgs_addon.scene.splats import show_layer
 from cvdgs.cvdgs_addon.scene.turntable import add_turntable, render_turntable
 
+from ..patience import SOON
 from .batches import frames_arguments
 
 WORKER = Path(worker.__file__)
@@ -118,11 +119,11 @@ def test_cancelled_it_leaves_no_picture_half_written(run_folder, tmp_path):
     process.stdin.close()
     while "picture 1" not in process.stdout.readline():
         pass
-    deadline = time.monotonic() + 30.0
+    deadline = time.monotonic() + SOON
     while not (tmp_path / "turn").is_dir() and time.monotonic() < deadline:
         time.sleep(0.01)  # the folder is made just before the picture is rendered
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=10) == 130
+    assert process.wait(timeout=SOON) == 130
     process.stdout.close()
     process.stderr.close()
     assert [path.name for path in (tmp_path / "turn").iterdir() if path.name.startswith(".")] == []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 
 import bpy
 import pytest
@@ -97,10 +96,8 @@ def test_a_cancellation_leaves_nothing(online, tmp_path):
 
     draw_preferences(online, layout)
     assert any("downloading torch (190 MB)" in text for text in layout.texts)
-    began = time.monotonic()
     bpy.ops.cvdgs.cancel_job(job=environment.MAKE_JOB)
     finished(environment.MAKE_JOB)
-    assert time.monotonic() - began < 2.0
     assert job.state is State.CANCELLED
     assert not (tmp_path / "user" / "environment").exists()
 

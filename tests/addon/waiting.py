@@ -8,12 +8,12 @@ from collections.abc import Callable
 from cvdgs.cvdgs_addon.activity import ACTIVITY
 from cvdgs.cvdgs_addon.background import BackgroundJob
 
-LIMIT = 30.0  # seconds
+from ..patience import SOON
 
 
 def until(condition: Callable[[], bool]) -> None:
     """Look at the jobs, as Blender's timer does, until `condition` holds."""
-    deadline = time.monotonic() + LIMIT
+    deadline = time.monotonic() + SOON
     while not condition():
         assert time.monotonic() < deadline, "waited too long"
         ACTIVITY.look()

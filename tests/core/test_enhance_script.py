@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from cvdgs.core.events import Reporter
 from cvdgs.core.photographs.front import EnhanceRequest, earlier_files, enhance
 from cvdgs.core.photographs.job import enhance_folder
 
+from ..patience import SOON
 from .enhance import textiles
 
 BRIEF = TeacherSettings(steps=60, pairs=800, relaxations=0)  # enough to see the direction of a fit
@@ -306,7 +306,7 @@ def test_an_unknown_option_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     assert len(errors.splitlines()) == 1
 
 
-def test_ctrl_c_ends_it_within_two_seconds_and_leaves_nothing(tmp_path: Path) -> None:
+def test_ctrl_c_ends_it_soon_and_leaves_nothing(tmp_path: Path) -> None:
     for number in range(30):
         save(tmp_path / "in" / f"{number}.png")
     process = start(tmp_path / "in", "--out", tmp_path / "out", "--enhancer", "lut", "--separately", "--json")
@@ -315,9 +315,7 @@ def test_ctrl_c_ends_it_within_two_seconds_and_leaves_nothing(tmp_path: Path) ->
         event = json.loads(line)
         if event["event"] == "status" and event["stage"] == "enhance":
             break
-    asked = time.monotonic()
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=10) == 130
-    assert time.monotonic() - asked < 2.0
+    assert process.wait(timeout=SOON) == 130
     assert not (tmp_path / "out").exists()
     process.communicate()

@@ -24,10 +24,10 @@ from cvdgs.core.job import Job, Workers
 from cvdgs.core.job_console import WorkerKilled, finish
 from cvdgs.core.settings import Settings
 
+from ..patience import SOON
 from .workers import ROOT, start_run
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="processes are killed by a signal")
-SECONDS_TO_NOTICE = 20.0  # on a busy machine; half a second on an idle one
 PACKAGE = ("core", "cvdgs_addon", "operators", "ui", "scripts")
 
 
@@ -38,7 +38,7 @@ def started(body: str, **options) -> Job:
 
 def ends(process: int) -> bool:
     """Whether the process ends soon."""
-    deadline = time.monotonic() + SECONDS_TO_NOTICE
+    deadline = time.monotonic() + SOON
     while time.monotonic() < deadline:
         try:
             if Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] == "Z":
@@ -72,7 +72,7 @@ def test_a_worker_that_others_stop_says_so(ending):
 @POSIX
 def test_the_log_of_a_killed_worker_is_kept_and_nobody_is_asked_to_report_it(tmp_path):
     process = start_run(tmp_path / "worker", "os.kill(os.getpid(), signal.SIGKILL)", out=tmp_path / "out")
-    _, said = process.communicate(timeout=30)
+    _, said = process.communicate(timeout=SOON)
     assert process.returncode == 1
     assert str(tmp_path / "out" / "failed.run.log") in said
     assert "report it" not in said
@@ -120,7 +120,7 @@ def test_ctrl_c_twice_ends_a_deaf_worker_too_and_leaves_nothing(tmp_path):
     for _ in range(3):
         process.send_signal(signal.SIGINT)
         time.sleep(0.1)
-    out, said = process.communicate(timeout=20)
+    out, said = process.communicate(timeout=SOON)
     assert process.returncode == 130, said
     assert json.loads(out.splitlines()[-1])["message"] == "cancelled; nothing was written"
     assert "Traceback" not in said
@@ -140,7 +140,7 @@ def test_a_run_whose_reader_has_gone_is_cancelled(tmp_path):
     process.stdout.readline()
     worker = int(json.loads(process.stdout.readline())["message"])
     process.stdout.close()
-    assert process.wait(timeout=30) == 130
+    assert process.wait(timeout=SOON) == 130
     assert process.stderr.read() == ""
     assert ends(worker)
     assert not (tmp_path / "out").exists()
@@ -185,7 +185,7 @@ def test_two_runs_into_one_folder_are_kept_apart_and_the_first_one_succeeds(tmp_
     with pytest.raises(InputError, match="another run is writing here - wait for it, or choose another"):
         run(Settings("photos", str(out), blend=False), lambda _: None, Workers(sys.executable))
     go_on.touch()
-    first.communicate(timeout=30)
+    first.communicate(timeout=SOON)
     assert first.returncode == 0
     assert sorted(path.name for path in out.iterdir()) == ["report.html", "report.json", "run.log"]
 
@@ -195,7 +195,7 @@ def test_the_next_run_says_what_it_did_about_one_that_was_killed_while_it_put_it
     (out / ".complete").mkdir(parents=True)
     (out / ".complete" / "report.json").write_text("{}")
     process = start_run(tmp_path / "worker", "emit('result', report=REPORT)", "--json", out=out)
-    said, _ = process.communicate(timeout=30)
+    said, _ = process.communicate(timeout=SOON)
     warnings = [json.loads(line) for line in said.splitlines() if '"warning"' in line]
     assert [warning["name"] for warning in warnings] == ["interrupted-run"]
     assert "they are all there now" in warnings[0]["message"]

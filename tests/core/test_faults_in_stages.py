@@ -22,6 +22,7 @@ import pytest
 from cvdgs.core.job import ROOT
 
 from ..few_views import write_few_views
+from ..patience import SOON
 
 pytestmark = [
     pytest.mark.slow,
@@ -166,7 +167,7 @@ def test_a_run_that_is_killed_itself_ends_its_worker_and_running_again_completes
         process.kill()
 
     run_into(kill, stage, start(capture, out, *BLENDER_OPTIONS))
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + SOON
     while any(Path(f"/proc/{worker}").exists() for worker in workers) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert workers

@@ -5,11 +5,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
+from ..patience import SOON
 from .workers import REPORT, ROOT, start_run
 
 
@@ -20,7 +20,7 @@ def run(tmp_path):
     def start(body: str, *options: str, out: Path = tmp_path / "out", wait: bool = True):
         process = start_run(tmp_path / "worker", body, *options, out=out)
         if wait:
-            process.out, process.err = process.communicate(timeout=30)
+            process.out, process.err = process.communicate(timeout=SOON)
         return process
 
     return start
@@ -123,7 +123,7 @@ def test_a_resumed_run_that_fails_loses_nothing(run, earlier, body, code):
 
 
 @pytest.mark.parametrize("stubborn", [False, True], ids=["cooperative", "deaf"])
-def test_ctrl_c_ends_the_run_within_two_seconds_and_leaves_nothing(run, tmp_path, stubborn):
+def test_ctrl_c_ends_the_run_soon_and_leaves_nothing(run, tmp_path, stubborn):
     ignore = "signal.signal(signal.SIGINT, signal.SIG_IGN)\n" if stubborn else ""
     body = (
         ignore
@@ -132,10 +132,8 @@ def test_ctrl_c_ends_the_run_within_two_seconds_and_leaves_nothing(run, tmp_path
     process = run(body, "--json", wait=False)
     assert "starting" in process.stdout.readline()
     assert "geometry" in process.stdout.readline()
-    asked = time.monotonic()
     process.send_signal(signal.SIGINT)
-    assert process.wait(timeout=10) == 130
-    assert time.monotonic() - asked < 2.0
+    assert process.wait(timeout=SOON) == 130
     assert not (tmp_path / "out").exists()
 
 

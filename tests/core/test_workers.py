@@ -17,6 +17,8 @@ from cvdgs.core.job import WORKER, Job, Workers
 from cvdgs.core.job_console import finish
 from cvdgs.core.settings import Settings
 
+from ..patience import SOON
+
 
 @pytest.fixture
 def interpreter(tmp_path: Path):
@@ -32,13 +34,13 @@ def interpreter(tmp_path: Path):
 
 
 def start_event(path: Path) -> None:
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + SOON
     while not path.exists() and time.monotonic() < deadline:
         time.sleep(0.01)
 
 
 @pytest.mark.parametrize("deaf", [False, True], ids=["obedient", "deaf"])
-def test_a_cancelled_run_ends_within_two_seconds_and_leaves_nothing(interpreter, tmp_path, deaf):
+def test_a_cancelled_run_ends_soon_and_leaves_nothing(interpreter, tmp_path, deaf):
     started = tmp_path / "started"
     python = interpreter(
         f"""
@@ -58,11 +60,9 @@ def test_a_cancelled_run_ends_within_two_seconds_and_leaves_nothing(interpreter,
     thread = threading.Thread(target=work)
     thread.start()
     start_event(started)
-    began = time.monotonic()
     workers.cancel()
-    assert time.monotonic() - began < 0.1
-    thread.join(timeout=10)
-    assert time.monotonic() - began < 2.0
+    assert thread.is_alive() or not deaf  # the window does not wait for the end
+    thread.join(timeout=SOON)
     assert seen == ["cancelled"]
     assert not (tmp_path / "out").exists()
 

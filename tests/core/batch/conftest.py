@@ -14,6 +14,8 @@ import pytest
 from cvdgs.core.report import SCHEMA
 from cvdgs.core.settings import Settings
 
+from ...patience import SOON
+
 ROOT = Path(__file__).resolve().parents[3]
 
 REPORT = {
@@ -186,7 +188,7 @@ class Collection:
         path = self.folder / "diary"
         return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
-    def wait_for(self, condition, seconds: float = 20.0) -> None:
+    def wait_for(self, condition, seconds: float = SOON) -> None:
         deadline = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < deadline, "it did not happen"

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from ...patience import SOON
+
 ROOT = Path(__file__).resolve().parents[3]
 
 TURNTABLE = "[turntable]\nframes = 4\nchunk = 4\nsize = [32, 24]\n"
@@ -218,7 +220,7 @@ def test_cancelled_it_ends_its_processes_and_leaves_nothing_half_written(collect
     process = collection.start()
     collection.wait_for(lambda: bool(collection.diary))
     process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=30)
+    output, _ = process.communicate(timeout=SOON)
     assert process.returncode == 130
     assert json.loads(output.splitlines()[-1])["kind"] == "cancelled"
     assert not any(is_alive(entry["pid"]) for entry in collection.diary)
@@ -236,7 +238,7 @@ def test_two_batches_do_not_work_in_the_same_folder(collection):
         assert "another process" in events[-1]["message"]
     finally:
         first.send_signal(signal.SIGINT)
-        first.communicate(timeout=30)
+        first.communicate(timeout=SOON)
 
 
 def test_progress_rises_and_tells_the_time_left(collection):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -62,19 +61,18 @@ def test_many_photographs_are_matched_with_their_neighbours() -> None:
     assert settings.pairs(300) < 300 * 16
 
 
-def test_cancelling_stops_within_seconds_and_leaves_nothing(tmp_path: Path) -> None:
+def test_cancelling_stops_at_the_next_picture_and_leaves_nothing(tmp_path: Path) -> None:
     class Impatient(Reporter):
-        asked = 0.0
+        asked = 0
 
         def progress(self, stage: str, fraction: float, message: str = "") -> None:
             if stage.startswith("sfm"):
-                self.asked = time.monotonic()
+                self.asked += 1
                 raise Cancelled
 
     save_noise(tmp_path, 12, 1000)
     before, reporter = temporary_files(), Impatient()
     with pytest.raises(Cancelled):
         read_capture(tmp_path, max_size=None, sfm=True, reporter=reporter)
-    assert reporter.asked
-    assert time.monotonic() - reporter.asked < 2.0
+    assert reporter.asked == 1
     assert temporary_files() <= before

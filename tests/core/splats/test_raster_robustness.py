@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.core.splats.raster import Adam, LearningRates, ParameterSet, RasterCamera, Rasterizer
 
+from ...patience import SOON
 from . import raster_reference as reference
 
 RATES = LearningRates(*[1e-2] * 6)
@@ -162,5 +163,5 @@ def test_a_rasterizer_takes_its_threads_along_when_it_goes():
     del rasterizer
     gc.collect()
     for worker in workers[-3:]:
-        worker.join(timeout=5.0)
+        worker.join(timeout=SOON)
         assert not worker.is_alive()
