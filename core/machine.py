@@ -7,7 +7,7 @@ from typing import Any
 
 import warp as wp
 
-from .errors import InputError
+from .devices import choose_device
 from .evaluate.training.step_benchmark import benchmark_random_step
 from .events import Reporter
 from .run_facts import describe_device, versions
@@ -35,9 +35,7 @@ def check_machine(device: str, reporter: Reporter) -> dict[str, Any]:
     Raises:
         InputError: there is no such device.
     """
-    if device == "cuda" and not wp.is_cuda_available():
-        raise InputError("no CUDA device is found", where="device", remedy="choose the processor, or check the driver")
-    name = "cuda" if device == "cuda" else "cpu"
+    name = choose_device(device, has_cuda=wp.is_cuda_available(), automatic="cpu", where="device")
     raster.load(name, reporter)
     reporter.progress(STAGE, 0.8, "measuring the speed")
     times = benchmark_random_step(_GAUSSIANS, _WIDTH, _HEIGHT, device=name, repetitions=_REPETITIONS)

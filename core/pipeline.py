@@ -11,8 +11,8 @@ from typing import Any
 import warp as wp
 
 from .capture import Capture, read_capture, write_capture
+from .devices import choose_device
 from .enhance import Enhancer, make_enhancer
-from .errors import InputError
 from .evaluate.advice import advise
 from .evaluate.evaluation import Split
 from .events import Reporter
@@ -44,7 +44,8 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
         InputError: the capture or the options cannot be used.
     """
     clock, recorder = _Clock(), _Recorder(reporter)
-    device = _choose_device(settings.device)
+    # The CUDA kernels compile but have not been measured yet, so they run only when asked for.
+    device = choose_device(settings.device, has_cuda=wp.is_cuda_available(), automatic="cpu")
     earlier = EarlierRun.read(folder, settings.out) if settings.resume else None
     settings = earlier.complete(settings) if earlier else settings
     enhancers = _make_enhancers(settings, device)  # refuses what cannot be simulated before anything takes time
@@ -129,13 +130,6 @@ def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:
         )
         for layer in settings.layers
     }
-
-
-def _choose_device(asked: str) -> str:
-    if asked == "cuda" and not wp.is_cuda_available():
-        raise InputError("no CUDA device is found", where="--device", remedy="use --device cpu, or check the driver")
-    # The CUDA kernels compile but have not been measured yet, so they run only when asked for.
-    return "cuda" if asked == "cuda" else "cpu"
 
 
 def _describe_capture(capture: Capture, split: Split) -> dict[str, Any]:

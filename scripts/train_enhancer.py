@@ -27,6 +27,7 @@ import torch  # noqa: E402
 
 from cvdgs.core.arguments import OneLineParser  # noqa: E402
 from cvdgs.core.console import ConsoleReporter  # noqa: E402
+from cvdgs.core.devices import choose_device  # noqa: E402
 from cvdgs.core.enhance.data.dataset import DatasetSettings, PairedDataset, make_dataset  # noqa: E402
 from cvdgs.core.enhance.gan.batches import Examples  # noqa: E402
 from cvdgs.core.enhance.gan.model_card import publish  # noqa: E402
@@ -36,6 +37,7 @@ from cvdgs.core.enhance.gan.training import Training, TrainingSettings  # noqa: 
 from cvdgs.core.enhance.gan.weights import load_generator, read_notes  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.events import Reporter  # noqa: E402
+from cvdgs.core.settings import DEVICES  # noqa: E402
 
 VALIDATION_SHARE = 24  # every so manieth sample is kept from training
 SWEEP_STEPS = 1500
@@ -70,7 +72,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--photographs", type=Path, action="append", default=[], metavar="FOLDER", help="more inputs; repeatable")
     add("--teacher", choices=["lut", "gradient"], default="lut", help="whose recolouring is learnt (lut)")
     add("--processes", type=int, default=os.cpu_count() or 1, metavar="N", help="that make pairs (all cores)")
-    add("--device", choices=["auto", "cpu", "cuda"], default="auto", help="(auto)")
+    add("--device", choices=DEVICES, default="auto", help="(auto)")
     add("--seed", type=int, default=0, metavar="N", help="of data and training (0)")
     add(
         "--set",
@@ -91,7 +93,8 @@ def train(options: argparse.Namespace, reporter: Reporter) -> None:
     settings = changed(replace(preset.settings, seed=options.seed), _overrides(options.set))
     if options.start:
         settings = replace(settings, generator=load_generator(options.start).config)
-    device = _device(options.device)
+    device = choose_device(options.device, has_cuda=torch.cuda.is_available())
+    torch.set_float32_matmul_precision("high")  # TensorFloat-32 where there is any
     pairs = options.pairs or options.out / "pairs"
     if options.pairs is None:
         wanted = DatasetSettings(
@@ -157,14 +160,6 @@ def _overrides(assignments: list[str]) -> dict[str, Any]:
             ) from None
         result[name] = tuple(parsed) if isinstance(parsed, list) else parsed
     return result
-
-
-def _device(asked: str) -> str:
-    there = torch.cuda.is_available()
-    if asked == "cuda" and not there:
-        raise InputError("no CUDA device is found", where="--device", remedy="use --device cpu, or check the driver")
-    torch.set_float32_matmul_precision("high")  # TensorFloat-32 where there is any
-    return "cuda" if there and asked != "cpu" else "cpu"
 
 
 if __name__ == "__main__":

@@ -13,8 +13,8 @@ import torch
 from numpy.typing import NDArray
 
 from ..color.observer import Observer
+from ..devices import choose_device
 from ..enhance import Enhancer, IdentityEnhancer, LutEnhancer, make_enhancer
-from ..errors import InputError
 from ..events import Reporter, StageSpan
 from ..images import to_bytes, write_png
 from .find import Photograph, Survey, find_photographs, survey
@@ -46,7 +46,7 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
     Raises:
         InputError: an option, a photograph or the output folder cannot be used.
     """
-    device = _choose_device(request.device)
+    device = choose_device(request.device, has_cuda=torch.cuda.is_available())
 
     def make() -> Enhancer:
         return make_enhancer(
@@ -163,14 +163,6 @@ def _has_colour(image: Pixels, alpha: Pixels | None) -> bool:
 
 def _notes(image: Pixels, alpha: Pixels | None) -> tuple[str, ...]:
     return () if _has_colour(image, alpha) else ("no colour is visible: left as it is",)
-
-
-def _choose_device(asked: str) -> str:
-    if asked == "cuda" and not torch.cuda.is_available():
-        raise InputError("no CUDA device is found", where="--device", remedy="use --device cpu, or check the driver")
-    if asked not in ("auto", "cpu", "cuda"):
-        raise InputError(f"'{asked}' is not known", where="--device", remedy="use auto, cpu or cuda")
-    return "cuda" if asked != "cpu" and torch.cuda.is_available() else "cpu"
 
 
 def _finite(value: float) -> float | None:

@@ -40,6 +40,7 @@ STANDARD_LIBRARY_ONLY = [
     "batch/train_options",
     "bootstrap",
     "console",
+    "devices",
     # But for what is run by an interpreter that may have more, to see whether it has.
     *(f"doctor/{path.stem}" for path in sorted((ROOT / "core/doctor").glob("*.py")) if path.stem != "probe"),
     "environment",
