@@ -8,10 +8,16 @@ from dataclasses import dataclass, field
 
 from .job import Event
 
+STARTING = "start"
+"""The stage before the work: interpreters start and libraries load. How long that takes says little about the rest."""
+
+# What an estimate is made from at least: a share of the run, and seconds.
+_LEAST_SHARE, _LEAST_SECONDS = 0.02, 2.0
+
 # Share of a run's time that each stage takes, measured on two cores with the embedded demo; only the estimate of the
 # time left depends on it, and that corrects itself as the run goes on.
 STAGE_SHARES = {
-    "start": 0.02,
+    STARTING: 0.02,
     "capture": 0.01,
     "geometry": 0.68,
     "enhance": 0.04,
@@ -40,47 +46,56 @@ class RunProgress:
     _fraction: float = 0.0
     _reached: float = 0.0
     _stage_seconds_left: float | None = None
-    _started: float = field(default_factory=time.monotonic)
-    _updated: float = field(default_factory=time.monotonic)
+    _worked: float = 0.0
+    _updated: float = 0.0
 
     def update(self, event: Event) -> None:
         """Take in a status or progress event; others are ignored."""
         if event.get("event") not in ("status", "progress"):
             return
+        self._worked, self._updated = self._seconds_worked, time.monotonic()
         if event.get("stage") != self.stage:
             self.stage, self._fraction, self._stage_seconds_left = str(event.get("stage")), 0.0, None
         self.message = str(event.get("message") or self.message)
         if event["event"] == "progress":
             self._fraction = float(event["fraction"])
             self._stage_seconds_left = event.get("seconds_left")
-        self._updated = time.monotonic()
 
     @property
     def fraction(self) -> float:
         """Of the whole run, in [0, 1]; it stands still in a stage that was not expected."""
         if self.stage in self.stages:
-            before = sum(self.shares.get(name, 0.0) for name in self.stages[: self.stages.index(self.stage)])
-            here = self.shares.get(self.stage, 0.0) * self._fraction
-            self._reached = max(self._reached, min((before + here) / self._total, 1.0))
+            before = self._share_of(self.stages[: self.stages.index(self.stage)])
+            here = self._share_of((self.stage,)) * self._fraction
+            self._reached = max(self._reached, min(before + here, 1.0))
         return self._reached
 
     @property
     def seconds_left(self) -> float | None:
         """Of the whole run: the stage's own estimate, and its pace for what follows. None while nothing is known."""
-        elapsed = time.monotonic() - self._started
-        overall = elapsed / self.fraction * (1.0 - self.fraction) if self.fraction > 0.02 and elapsed > 2.0 else None
+        done = self.fraction - self._share_of((STARTING,))
+        worked = self._seconds_worked
+        pace = worked / done if done > _LEAST_SHARE and worked > _LEAST_SECONDS else None
+        overall = None if pace is None else pace * (1.0 - self.fraction)
         if self._stage_seconds_left is None or self.stage not in self.stages:
             return overall
+        share = self._share_of((self.stage,)) * (1.0 - self._fraction)
+        if share <= _LEAST_SHARE and pace is None:
+            return None
         in_stage = max(self._stage_seconds_left - (time.monotonic() - self._updated), 0.0)
-        share = self.shares.get(self.stage, 0.0) * (1.0 - self._fraction)
-        later = sum(self.shares.get(name, 0.0) for name in self.stages[self.stages.index(self.stage) + 1 :])
-        if share <= 0.0:
-            return overall
-        return in_stage + (overall or 0.0) * later / (share + later)
+        later = self._share_of(self.stages[self.stages.index(self.stage) + 1 :])
+        return in_stage + (in_stage / share if pace is None else pace) * later
 
     @property
-    def _total(self) -> float:
-        return sum(self.shares.get(name, 0.0) for name in self.stages) or 1.0
+    def _seconds_worked(self) -> float:
+        """Time in the stages whose shares are known, from which the pace is taken."""
+        working = self.stage in self.stages and self.stage != STARTING
+        return self._worked + (time.monotonic() - self._updated if working else 0.0)
+
+    def _share_of(self, stages: tuple[str, ...]) -> float:
+        """Of the run's time, in [0, 1]."""
+        total = sum(self.shares.get(name, 0.0) for name in self.stages) or 1.0
+        return sum(self.shares.get(name, 0.0) for name in stages if name in self.stages) / total
 
 
 def format_seconds(seconds: float) -> str:
