@@ -17,7 +17,7 @@ from ..core.splats.gaussians import SH_C0, Gaussians
 from .scene.harmonics_nodes import coefficient_attribute, coefficient_count
 from .scene.selection import inside_crop_box, within_budget
 from .scene.splat_attributes import Attribute, Frame, color_attribute
-from .shown import require_object_mode
+from .shown import require_object_mode, run_of, shown_layer
 
 # A logit beyond this is as good as 0 or 1, and finite.
 _LARGEST_LOGIT = 15.0
@@ -90,6 +90,27 @@ def read_gaussians(
     return ExportedGaussians(gaussians, lost)
 
 
+def proposed_name(splats: bpy.types.Object) -> str:
+    """A file's name for Gaussians as they are shown, without its ending: the run, the layer, and how far it is shown.
+
+    ``photos CVD deutan-1.0`` for the run in the folder ``photos CVD``.
+    """
+    layer, enhanced = shown_layer(splats)
+    name = f"{_title(splats)} {layer if enhanced > 0.0 else ORIGINAL}"
+    return name if layer == ORIGINAL or enhanced in (0.0, 1.0) else f"{name} at {100 * enhanced:.0f} percent"
+
+
+def proposed_cube_name(splats: bpy.types.Object) -> str:
+    """A file's name for the LUT of the layer that is shown, without its ending."""
+    return f"{_title(splats)} {shown_layer(splats)[0]}"
+
+
+def proposed_folder(splats: bpy.types.Object) -> str:
+    """Where files of Gaussians go unless another place is chosen: beside the .blend, else beside their run's folder."""
+    beside = bpy.data.filepath or run_of(splats)
+    return str(Path(beside).parent if beside else Path.home())
+
+
 def export_gaussians(path: str, exported: ExportedGaussians) -> None:
     """Write a splat file; its ending chooses the format (PLY, SPZ or .splat).
 
@@ -102,24 +123,38 @@ def export_gaussians(path: str, exported: ExportedGaussians) -> None:
         raise _cannot_write(path, error) from error
 
 
+def find_cube(folder: str, layer: str) -> Path:
+    """The LUT of a layer of the run in `folder`.
+
+    Raises:
+        InputError: the run has none for this layer.
+    """
+    source = Path(folder, layer_cube_file(layer))
+    if not source.is_file():
+        remedy = "choose a layer that this run made, or load the run from where it is now"
+        raise InputError("there is no such LUT", where=source, remedy=remedy)
+    return source
+
+
 def export_cube(folder: str, layer: str, path: str) -> None:
     """Copy the LUT of a layer of the run in `folder`.
 
     Raises:
         InputError: the run has none for this layer, or the file cannot be written.
     """
-    source = Path(folder, layer_cube_file(layer))
-    if not source.is_file():
-        remedy = "choose a layer that this run made, or load the run from where it is now"
-        raise InputError("there is no such LUT", where=source, remedy=remedy)
+    source = find_cube(folder, layer)
     try:
         shutil.copyfile(source, path)
     except OSError as error:
         raise _cannot_write(path, error) from error
 
 
+def _title(splats: bpy.types.Object) -> str:
+    return Path(run_of(splats)).name or bpy.path.clean_name(splats.name)
+
+
 def _cannot_write(path: str, error: OSError) -> InputError:
-    return InputError(f"cannot be written ({error.strerror})", where=path, remedy="choose another place")
+    return InputError(f"cannot be written ({error.strerror or error})", where=path, remedy="choose another place")
 
 
 def _positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:

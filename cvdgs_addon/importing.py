@@ -21,7 +21,8 @@ from ..core.run_folder import RunFolder
 from .activity import ACTIVITY, redraw_panels
 from .background import BackgroundJob, State
 from .environment import make_workers
-from .making import folder_beside, normalised_folder, remember_for_undo
+from .folders import folder_beside, normalised_folder
+from .making import remember_for_undo
 from .messages import show_information, show_problem
 from .scene.capture_folder import CAMERAS_FILE, POINTS_FILE, is_normalised
 from .scene.import_capture import CaptureObjects, ImportOptions, import_capture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,12 +11,13 @@ import bpy
 from ..core import front
 from ..core.color.matrices import check_simulation
 from ..core.errors import InputError
-from ..core.job import ROOT, Workers
+from ..core.job import Workers
 from ..core.job_console import Listener
 from ..core.settings import Layer, Settings
 from .activity import ACTIVITY, redraw_panels
 from .background import BackgroundJob, State
 from .environment import make_workers
+from .folders import folder_beside, normalised_folder
 from .messages import show_information, show_problem
 from .pictures import PICTURES
 from .preferences import get_preferences, machine_speed, shrink_cache
@@ -39,19 +39,6 @@ def output_folder(scene: bpy.types.Scene) -> str:
     if not properties.capture.folder:
         return ""
     return folder_beside(properties.capture.folder, "CVD")
-
-
-def folder_beside(capture_folder: str, addition: str) -> str:
-    """A folder for what is made of a capture, named after it."""
-    capture = Path(normalised_folder(capture_folder))
-    # The demo lies inside the extension, where nothing of the user's may be lost with an upgrade.
-    parent = Path.home() if ROOT in capture.resolve().parents else capture.parent
-    return str(parent / f"{capture.name} {addition}")
-
-
-def normalised_folder(folder: str) -> str:
-    """A folder as Blender's fields have it (relative to the .blend, with a slash at the end), in full."""
-    return os.path.normpath(bpy.path.abspath(folder))
 
 
 def viewer_layer(scene: bpy.types.Scene) -> Layer:

@@ -16,20 +16,19 @@ from ..core.errors import InputError
 from ..core.run_files import REPORT_FILE
 from ..core.untrusted import is_file, read_json
 from .scene.convert import load_run
-from .scene.finished_run import FinishedRun, read_run
+from .scene.finished_run import RUN_PROPERTY, FinishedRun, read_run
 from .scene.splat_attributes import Attribute, color_attribute
 from .scene.splats import is_splats, layer_names, show_layer
-from .shown import require_object_mode
+from .shown import require_object_mode, run_of
 
 _MOST_SHOWN = 1e15  # no figure of a run is larger
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader")
 
-RUN_PROPERTY = "cvdgs_run"
-"""Custom property of a Gaussians' object: the folder of the run that it came from."""
-
 
 def show_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
     """Show the finished run in `folder`, and its newest layer; returns the Gaussians' object.
+
+    The panels are about these Gaussians then.
 
     Where `scene` has the run already, only the layers that it lacks are added, so that whatever was done to the object
     stays. Where that is not possible because Gaussians were deleted, the run is added as a further object.
@@ -50,7 +49,7 @@ def show_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
     newest = _newest_layer(folder)
     if newest in layer_names(splats):
         show_layer(splats, newest)
-    scene.cvdgs.run.folder = folder
+    scene.cvdgs.display.target = splats
     _show_materials()
     return splats
 
@@ -58,7 +57,7 @@ def show_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
 def splats_of(scene: bpy.types.Scene, folder: str) -> Iterator[bpy.types.Object]:
     """The Gaussians' objects of `scene` that came from the run in `folder`."""
     for candidate in scene.objects:
-        if is_splats(candidate) and candidate.get(RUN_PROPERTY) == folder:
+        if is_splats(candidate) and run_of(candidate) == folder:
             yield candidate
 
 

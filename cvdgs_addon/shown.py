@@ -1,4 +1,4 @@
-"""Which Gaussians the panels are about, and which of their colours are shown."""
+"""Which Gaussians the panels are about, the run that they came from, and which of their colours are shown."""
 
 from __future__ import annotations
 
@@ -6,18 +6,23 @@ import bpy
 
 from ..core.errors import InputError
 from ..core.run_files import ORIGINAL
+from .folders import normalised_folder
+from .scene.finished_run import RUN_PROPERTY
 from .scene.splat_attributes import color_attribute
 from .scene.splat_nodes import Input
 from .scene.splats import get_input, is_splats
 
 NOTHING_TO_SHOW = "First make a run, or load a finished one"
+RUN_UNKNOWN = "It is not known which run these Gaussians came from - load the run again"
 
 
 def shown_splats(context: bpy.types.Context) -> bpy.types.Object | None:
     """The Gaussians of the sub-panel Display: chosen there, else the active object, else the scene's first."""
-    chosen = context.scene.cvdgs.display.target
-    candidates = [chosen, context.view_layer.objects.active, *context.scene.objects]
-    return next((candidate for candidate in candidates if candidate is not None and is_splats(candidate)), None)
+    scene = context.scene
+    candidates = [scene.cvdgs.display.target, context.view_layer.objects.active, *scene.objects]
+    # What is chosen stays in the file, and chosen, when it is deleted from the scene.
+    present = (candidate for candidate in candidates if candidate is not None and candidate.name in scene.objects)
+    return next((candidate for candidate in present if is_splats(candidate)), None)
 
 
 def shown_layer(splats: bpy.types.Object) -> tuple[str, float]:
@@ -25,6 +30,18 @@ def shown_layer(splats: bpy.types.Object) -> tuple[str, float]:
     layer = str(get_input(splats, Input.LAYER)).removeprefix(color_attribute(""))
     enhanced = get_input(splats, Input.ENHANCED)
     return layer or ORIGINAL, float(enhanced) if isinstance(enhanced, float) else 1.0
+
+
+def run_of(splats: bpy.types.Object) -> str:
+    """The folder of the run that Gaussians came from, in full; "" where none is known."""
+    folder = splats.get(RUN_PROPERTY, "")
+    return normalised_folder(folder) if isinstance(folder, str) and folder else ""
+
+
+def shown_run(context: bpy.types.Context) -> str:
+    """The folder of the run that the panels are about, in full; "" where there is none."""
+    splats = shown_splats(context)
+    return run_of(splats) if splats is not None else ""
 
 
 def require_object_mode(splats: bpy.types.Object) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.activity import ACTIVITY
+from ..cvdgs_addon.folders import normalised_folder
 from ..cvdgs_addon.importing import JOB, ImportRequest, import_now, ready_folder, start_import
-from ..cvdgs_addon.making import normalised_folder
 from ..cvdgs_addon.scene.cameras import is_capture_camera, use_camera
 from ..cvdgs_addon.scene.import_capture import ImportOptions, capture_of, place_again
 from ..cvdgs_addon.scene.placement import Placing, Up, is_capture

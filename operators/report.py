@@ -8,26 +8,20 @@ import bpy
 
 from ..core.errors import InputError
 from ..core.run_files import REPORT_PAGE
-from ..cvdgs_addon.shown import NOTHING_TO_SHOW
+from ..cvdgs_addon.shown import shown_run
+from .needs import NeedsRun
 from .reporting import reports_errors
 
 
-class CVDGS_OT_open_report(bpy.types.Operator):
+class CVDGS_OT_open_report(NeedsRun, bpy.types.Operator):
     """Open the run's report in the web browser: pictures side by side, all figures, timings"""
 
     bl_idname = "cvdgs.open_report"
     bl_label = "Open Report"
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not context.scene.cvdgs.run.folder:
-            cls.poll_message_set(NOTHING_TO_SHOW)
-            return False
-        return True
-
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
-        page = Path(bpy.path.abspath(context.scene.cvdgs.run.folder), REPORT_PAGE)
+        page = Path(shown_run(context), REPORT_PAGE)
         if not page.is_file():
             raise InputError("there is no report", where=page, remedy="load the run again from where it is now")
         bpy.ops.wm.url_open(url=page.as_uri())

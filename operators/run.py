@@ -6,7 +6,9 @@ import bpy
 
 from ..cvdgs_addon import making
 from ..cvdgs_addon.activity import ACTIVITY
+from ..cvdgs_addon.folders import normalised_folder
 from ..cvdgs_addon.results import show_run
+from ..cvdgs_addon.shown import shown_run
 from .reporting import reports_errors
 
 
@@ -76,14 +78,14 @@ class CVDGS_OT_load_run(bpy.types.Operator):
 
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
-        folder = making.normalised_folder(self.directory)
+        folder = normalised_folder(self.directory)
         splats = show_run(folder, context.scene)
         self.report({"INFO"}, f"{splats.name}: loaded from {folder}")
         return {"FINISHED"}
 
     @reports_errors
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        self.directory = context.scene.cvdgs.run.folder or making.output_folder(context.scene)
+        self.directory = shown_run(context) or making.output_folder(context.scene)
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 

@@ -1,11 +1,11 @@
-"""Sub-panel "Report": the figures of the run that the scene shows."""
+"""Sub-panel "Report": the figures of the run that the Gaussians came from."""
 
 from __future__ import annotations
 
 import bpy
 
 from ..cvdgs_addon.results import figures_of, read_report
-from ..cvdgs_addon.shown import NOTHING_TO_SHOW
+from ..cvdgs_addon.shown import NOTHING_TO_SHOW, RUN_UNKNOWN, run_of, shown_splats
 from .layout import SidePanel, say_missing
 
 
@@ -17,11 +17,15 @@ class CVDGS_PT_report(SidePanel, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, folder = self.layout, context.scene.cvdgs.run.folder
-        if not folder:
+        layout, splats = self.layout, shown_splats(context)
+        if splats is None:
             say_missing(layout, context, NOTHING_TO_SHOW)
             return
-        report = read_report(bpy.path.abspath(folder))
+        folder = run_of(splats)
+        if not folder:
+            say_missing(layout, context, RUN_UNKNOWN)
+            return
+        report = read_report(folder)
         if not report:
             say_missing(layout, context, f"There is no report in {folder} - load the run again from where it is now")
             return

@@ -1,4 +1,4 @@
-"""What the sub-panel "Make CVD-friendly" keeps: how the button works, and the run that it led to."""
+"""What the sub-panel "Make CVD-friendly" keeps: how the button works."""
 
 from __future__ import annotations
 
@@ -41,9 +41,6 @@ class RunProperties(bpy.types.PropertyGroup):
     scene_file: bpy.props.BoolProperty(
         name="Scene File and Stills",
         description="Also write scene.blend and a still of each layer into the output folder",
-    )
-    folder: bpy.props.StringProperty(
-        name="Run", description="Folder of the finished run that the scene shows", subtype="DIR_PATH"
     )
 
 

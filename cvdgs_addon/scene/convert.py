@@ -19,7 +19,7 @@ from .cameras import use_camera
 from .capture_folder import CaptureView
 from .disk import is_full
 from .display import BACKGROUND_PROPERTY
-from .finished_run import PARTIAL_FOLDER, FinishedRun, read_run
+from .finished_run import PARTIAL_FOLDER, RUN_PROPERTY, FinishedRun, read_run
 from .import_capture import add_cameras
 from .placement import placement
 from .render_settings import Display, display_of, set_background, set_cycles, set_display
@@ -129,6 +129,7 @@ def _convert_in(
     reporter.status(STAGE, f"placing {len(run.gaussians)} Gaussians")
     scene = _new_scene(run, options)
     loaded = load_run(run, scene, options)
+    loaded.splats[RUN_PROPERTY] = "//"  # beside the scene, wherever the folder is taken
     camera = loaded.cameras[view.key]
     clock.lap("build")
 

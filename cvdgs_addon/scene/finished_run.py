@@ -18,6 +18,9 @@ from .capture_folder import CaptureView, read_capture_folder
 PARTIAL_FOLDER = ".blender.partial"
 """Where the conversion makes its files before it moves them into place; to be deleted whenever nothing runs."""
 
+RUN_PROPERTY = "cvdgs_run"
+"""Custom property of a Gaussians' object: the folder of the run that it came from, as Blender's fields have folders."""
+
 _RUN_AGAIN = "choose the output folder of a finished run"
 
 

@@ -7,15 +7,18 @@ import mathutils
 import numpy as np
 import pytest
 
+from cvdgs.core.events import Reporter
 from cvdgs.core.splats.ply import read_ply
-from cvdgs.cvdgs_addon.export import read_gaussians
+from cvdgs.cvdgs_addon.export import proposed_cube_name, proposed_folder, proposed_name, read_gaussians
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import splats as splat_objects
+from cvdgs.cvdgs_addon.scene.convert import ConversionOptions, convert
 from cvdgs.cvdgs_addon.scene.display import add_crop_box
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
+from cvdgs.cvdgs_addon.shown import shown_run
 
 from . import ewa
-from .scenes import CAMERA, cloud, drawn_points, look_at, opencv
+from .scenes import CAMERA, cloud, drawn_points, look_at, opencv, synthetic_run
 from .test_splats import apply_transform
 
 POSE = opencv(look_at((3.0, -2.0, 1.5)))
@@ -155,6 +158,63 @@ def test_the_lut_of_the_shown_layer_is_copied(addon, run_folder, tmp_path):
     splat_objects.show_layer(bpy.context.scene.objects["Gaussians"], "deutan-1.0")
     with pytest.raises(RuntimeError, match="there is no such LUT"):
         bpy.ops.cvdgs.export_cube(filepath=str(tmp_path / "mine.cube"))
+
+
+def test_the_original_colours_have_no_lut(addon, run_folder):
+    splat_objects.show_layer(show_run(str(run_folder), bpy.context.scene), "original")
+    assert not bpy.ops.cvdgs.export_cube.poll()
+
+
+@pytest.mark.parametrize(
+    ("enhanced", "name"),
+    [
+        (1.0, "my photos CVD tritan-0.5"),
+        (0.4, "my photos CVD tritan-0.5 at 40 percent"),
+        (0.0, "my photos CVD original"),
+    ],
+)
+def test_files_are_named_after_run_layer_and_how_far_it_is_shown(addon, run_folder, enhanced, name):
+    folder = run_folder.rename(run_folder.parent / "my photos CVD")
+    splats = show_run(str(folder), bpy.context.scene)
+    splat_objects.show_layer(splats, "tritan-0.5", enhanced)
+    assert proposed_name(splats) == name
+    assert proposed_cube_name(splats) == "my photos CVD tritan-0.5"
+
+
+def test_files_go_beside_the_run_until_the_scene_has_a_place(addon, run_folder, tmp_path):
+    splats = show_run(str(run_folder), bpy.context.scene)
+    assert proposed_folder(splats) == str(run_folder.parent)
+    (tmp_path / "project").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "project" / "shop.blend"))
+    assert proposed_folder(splats) == str(tmp_path / "project")
+
+
+def test_files_come_from_the_run_whose_gaussians_are_shown(addon, run_folder, tmp_path):
+    other = synthetic_run(tmp_path / "other")
+    for folder in (run_folder, other):
+        (folder / "layer.deutan-1.0.cube").write_text(f"TITLE {folder.name}\n")
+        show_run(str(folder), bpy.context.scene)
+    assert shown_run(bpy.context) == str(other)  # the newest
+    bpy.context.scene.cvdgs.display.target = bpy.context.scene.objects["Gaussians"]
+    splat_objects.show_layer(bpy.context.scene.objects["Gaussians"], "deutan-1.0")
+    bpy.ops.cvdgs.export_cube(filepath=str(tmp_path / "mine.cube"))
+    assert (tmp_path / "mine.cube").read_text() == "TITLE run\n"
+
+
+def test_gaussians_that_were_deleted_are_shown_no_more(addon, run_folder):
+    splats = show_run(str(run_folder), bpy.context.scene)
+    for collection in splats.users_collection:
+        collection.objects.unlink(splats)
+    assert not bpy.ops.cvdgs.export_gaussians.poll()
+
+
+def test_a_runs_own_scene_knows_its_run_wherever_it_is_moved(addon, run_folder):
+    convert(run_folder, reporter=Reporter(), options=ConversionOptions(stills=False))
+    moved = run_folder.rename(run_folder.parent / "moved")
+    bpy.ops.wm.open_mainfile(filepath=str(moved / "scene.blend"))
+    assert shown_run(bpy.context) == str(moved)
+    show_run(str(moved), bpy.context.scene)  # takes the Gaussians that are there
+    assert sum(splat_objects.is_splats(candidate) for candidate in bpy.context.scene.objects) == 1
 
 
 def test_without_gaussians_the_operators_say_what_is_missing(addon):

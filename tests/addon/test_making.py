@@ -15,8 +15,9 @@ from cvdgs.core.errors import InputError
 from cvdgs.cvdgs_addon import making
 from cvdgs.cvdgs_addon.activity import ACTIVITY
 from cvdgs.cvdgs_addon.background import State
-from cvdgs.cvdgs_addon.results import RUN_PROPERTY, show_run
+from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.splats import is_splats, layer_names
+from cvdgs.cvdgs_addon.shown import run_of
 
 from .interpreters import CRASHING, REFUSING, REPORT, SLEEPING, finishing, report_with
 from .waiting import finished, until
@@ -38,7 +39,7 @@ def test_a_run_ends_with_its_layer_in_the_scene(capture, worker, run_folder, tmp
     assert (job.state, job.problem, job.warnings) == (State.DONE, "", ["24 views only"])
     (splats,) = splats_in(capture)
     out = str(tmp_path / "photos CVD")
-    assert splats[RUN_PROPERTY] == capture.cvdgs.run.folder == out
+    assert run_of(splats) == out
     assert layer_names(splats) == ["original", "deutan-1.0", "tritan-0.5"]
     assert json.loads(Path(out, "report.json").read_text())["layers"].keys() == {"deutan-1.0"}
 
@@ -179,7 +180,7 @@ def test_a_finished_run_is_loaded_again_from_its_folder(addon, run_folder):
     (run_folder / "report.json").write_text(json.dumps(REPORT))
     assert bpy.ops.cvdgs.load_run(directory=f"{run_folder}/") == {"FINISHED"}
     (splats,) = splats_in(bpy.context.scene)
-    assert splats[RUN_PROPERTY] == str(run_folder)
+    assert run_of(splats) == str(run_folder)
     bpy.ops.cvdgs.load_run(directory=f"{run_folder}/")
     assert splats_in(bpy.context.scene) == [splats]
 
@@ -215,15 +216,16 @@ def test_everything_is_saved_with_the_file(capture, worker, run_folder, tmp_path
     press()
     finished(making.JOB)
     capture.cvdgs.viewer.severity = 0.3
-    folder = capture.cvdgs.run.folder
+    (splats,) = splats_in(capture)
+    folder = run_of(splats)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "file.blend"))
     bpy.ops.wm.read_homefile(use_empty=True)
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "file.blend"))
     properties = bpy.context.scene.cvdgs
     assert properties.viewer.severity == pytest.approx(0.3)
-    assert properties.run.folder == folder
     assert properties.capture.views == 24
-    assert len(splats_in(bpy.context.scene)) == 1
+    (splats,) = splats_in(bpy.context.scene)
+    assert run_of(splats) == folder
 
 
 def test_the_estimate_follows_what_runs_have_taken(capture, worker, run_folder, addon):

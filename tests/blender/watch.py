@@ -126,7 +126,7 @@ def look() -> float:
             "cvd": properties.viewer.cvd,
             "severity": properties.viewer.severity,
             "quality": properties.run.quality,
-            "run": properties.run.folder,
+            "run": next((found["cvdgs_run"] for found in scene.objects if "cvdgs_run" in found), ""),
             "test_is_open": properties.viewer.test_is_open,
             "caps_arranged": sum(cap > 0 for cap in properties.viewer.test_arranged),
         },
