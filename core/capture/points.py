@@ -34,23 +34,30 @@ def read_point_cloud(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint8]
         table = VertexTable(file, path, noun="points", remedy=_WITHOUT)
         table.require(_POSITION, "the points have no positions")
         positions = np.empty((table.count, 3), np.float32)
-        colors = np.full((table.count, 3), _GREY, np.uint8)
         has_colors = set(_COLOR) <= set(table.names)
+        kind = table.declared_type(_COLOR[0]) if has_colors else np.dtype(np.uint8)
+        colors = np.full((table.count, 3), _GREY, np.uint16 if kind == np.uint16 else np.uint8)
         start = 0
         for block in table.blocks():
             end = start + len(block)
             positions[start:end] = as_float32(np.stack([block[axis] for axis in _POSITION], axis=1))
             if has_colors:
-                is_fraction = table.declared_type(_COLOR[0]).kind == "f"
-                colors[start:end] = _to_bytes(np.stack([block[channel] for channel in _COLOR], axis=1), is_fraction)
+                channels = np.stack([block[channel] for channel in _COLOR], axis=1)
+                colors[start:end] = _to_integers(channels * 255.0 if kind.kind == "f" else channels, colors.dtype)
             start = end
-    return positions, colors
+    return positions, _to_8_bits(colors)
 
 
-def _to_bytes(colors: NDArray, is_fraction: bool) -> NDArray[np.uint8]:
-    """(P, 3) colours of any type; floating-point ones are shares of full brightness."""
-    scale = 255.0 if is_fraction else 1.0
-    return np.rint(np.clip(np.nan_to_num(colors) * scale, 0.0, 255.0)).astype(np.uint8)
+def _to_integers(values: NDArray, dtype: np.dtype) -> NDArray:
+    """Values of any type, rounded and clipped to the range of an unsigned integer `dtype`; 0 where they are NaN."""
+    return np.rint(np.clip(np.nan_to_num(values), 0, np.iinfo(dtype).max)).astype(dtype)
+
+
+def _to_8_bits(colors: NDArray) -> NDArray[np.uint8]:
+    """Colours of 8 bits from those in fields of 8 or 16 bits; the wide fields of some programs hold 8 bits too."""
+    if colors.max(initial=0) > 255:
+        colors = colors >> 8
+    return colors.astype(np.uint8, copy=False)
 
 
 def write_point_cloud(path: Path, points: NDArray[np.float32], colors: NDArray[np.uint8]) -> None:

@@ -33,7 +33,9 @@ _PNG_TYPES_WITH_ALPHA = (4, 6)
 
 _MOST_VIEWS = 20_000  # as many as a worker reads
 _MOST_POINT_BYTES = 1 << 30
-_POINT_PROPERTIES = ("x", "y", "z", "red", "green", "blue")
+_COLOR = ("red", "green", "blue")
+_POINT_PROPERTIES = ("x", "y", "z", *_COLOR)
+_FOREIGN_POINTS = "not the points that a worker writes"
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,9 @@ def read_points(folder: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]
         return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)
     with opened(path, most_bytes=_MOST_POINT_BYTES, remedy=_IMPORT_AGAIN) as file:
         table = VertexTable(file, path, noun="points", remedy=_IMPORT_AGAIN)
-        table.require(_POINT_PROPERTIES, "not the points that a worker writes")
+        table.require(_POINT_PROPERTIES, _FOREIGN_POINTS)
+        if any(table.declared_type(channel) != np.uint8 for channel in _COLOR):
+            raise InputError(_FOREIGN_POINTS, where=path, remedy=_IMPORT_AGAIN)
         blocks = list(table.blocks())
     points = np.concatenate(blocks) if blocks else np.zeros(0, [(name, "f4") for name in _POINT_PROPERTIES])
     x, y, z, *channels = (points[name].astype(np.float32) for name in _POINT_PROPERTIES)

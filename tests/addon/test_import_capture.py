@@ -200,6 +200,15 @@ def test_a_worker_prepares_in_the_background_and_can_be_cancelled(addon, worker,
     assert sum(cameras.is_capture_camera(candidate) for candidate in scene.objects) == 5
 
 
+def test_points_whose_colours_have_16_bits_are_left_to_the_worker(capture):
+    assert importing.ready_folder(str(capture)) == capture
+    header = b"ply\nformat ascii 1.0\nelement vertex 1\n"
+    header += b"".join(b"property float %c\n" % axis for axis in b"xyz")
+    header += b"".join(b"property ushort %s\n" % channel for channel in (b"red", b"green", b"blue"))
+    (capture / "points.ply").write_bytes(header + b"end_header\n0 0 1 65535 0 0\n")
+    assert importing.ready_folder(str(capture)) is None
+
+
 def test_a_wrong_folder_is_refused_with_what_to_do(addon, tmp_path):
     with pytest.raises(RuntimeError, match="no such folder"):
         bpy.ops.cvdgs.import_capture(directory=str(tmp_path / "nowhere"))

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plyfile import PlyData, PlyElement
 
 from cvdgs.core.capture import Capture, inspect_capture, read_capture
-from cvdgs.core.capture.points import write_point_cloud
+from cvdgs.core.capture.points import read_point_cloud, write_point_cloud
 from cvdgs.core.errors import InputError
 
 from .make_captures import (
@@ -155,6 +156,27 @@ def test_points_are_in_the_frame_of_the_poses_whatever_was_applied(tmp_path: Pat
     np.testing.assert_array_equal(capture.points, points[[0, 2]])
     np.testing.assert_array_equal(capture.point_colors, colors[[0, 2]])
     assert "unusable-points" in warnings_of(capture)
+
+
+@pytest.mark.parametrize(
+    ("kind", "stored"),
+    [("u1", [0, 128, 255]), ("u2", [0, 128 * 257, 65535]), ("f4", [0.0, 128 / 255, 1.0]), ("i4", [-1, 128, 300])],
+)
+@pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])
+def test_colours_of_points_mean_the_same_in_every_type(tmp_path: Path, kind: str, stored: list, text: bool) -> None:
+    vertices = np.zeros(3, [*((axis, "<f4") for axis in "xyz"), *((c, kind) for c in ("red", "green", "blue"))])
+    vertices["red"] = vertices["green"] = vertices["blue"] = stored
+    PlyData([PlyElement.describe(vertices, "vertex")], text=text).write(str(tmp_path / "points.ply"))
+    _, colors = read_point_cloud(tmp_path / "points.ply")
+    np.testing.assert_array_equal(colors, np.repeat([[0], [128], [255]], 3, axis=1))
+
+
+def test_colours_of_8_bits_may_be_in_fields_of_16(tmp_path: Path) -> None:
+    vertices = np.zeros(2, [*((axis, "<f4") for axis in "xyz"), *((c, "u2") for c in ("red", "green", "blue"))])
+    vertices["red"] = [7, 255]
+    PlyData([PlyElement.describe(vertices, "vertex")]).write(str(tmp_path / "points.ply"))
+    _, colors = read_point_cloud(tmp_path / "points.ply")
+    np.testing.assert_array_equal(colors, [[7, 0, 0], [255, 0, 0]])
 
 
 def test_cut_points_are_refused(tmp_path: Path) -> None:
