@@ -130,7 +130,7 @@ def _unusable(what: str) -> InputError:
 def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
     job = request.get("job")
     if job == "inspect":
-        return _inspect(Path(request["capture"]), bool(request.get("sfm")), request.get("thumbnails"))
+        return _inspect(Path(request["capture"]), bool(request.get("sfm")), request.get("thumbnails"), reporter)
     if job == "inspect-all":
         return {"refusals": _inspect_all(request["captures"], reporter)}
     if job == "normalise":
@@ -160,11 +160,11 @@ def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
     raise AssertionError(f"a job that parse_request knows and nobody does: {job}")
 
 
-def _inspect(capture: Path, sfm: bool, thumbnails: dict[str, Any] | None) -> dict[str, Any]:
+def _inspect(capture: Path, sfm: bool, thumbnails: dict[str, Any] | None, reporter: JsonReporter) -> dict[str, Any]:
     from .capture import inspect_capture
     from .capture.thumbnails import write_thumbnails
 
-    summary = asdict(inspect_capture(capture, sfm=sfm))
+    summary = asdict(inspect_capture(capture, sfm=sfm, reporter=reporter))
     summary["source"] = str(summary["source"])
     if thumbnails is None:
         return {"summary": summary}
@@ -180,7 +180,7 @@ def _inspect_all(captures: list[dict[str, Any]], reporter: JsonReporter) -> list
     for entry in captures:
         reporter.progress("check", len(refusals) / len(captures), entry["capture"])
         try:
-            inspect_capture(entry["capture"], sfm=bool(entry["sfm"]))
+            inspect_capture(entry["capture"], sfm=bool(entry["sfm"]), reporter=reporter)
         except InputError as error:
             refusals.append(str(error))
         else:

@@ -10,6 +10,7 @@ import numpy as np
 import pycolmap
 
 from ..errors import InputError
+from ..events import Reporter
 from ..untrusted import is_file
 from .colmap_model import ColmapModel, read_model
 from .files import list_images, quote_first, resolve_inside
@@ -48,13 +49,16 @@ def find_colmap(folder: Path) -> ColmapFolder | None:
     return None
 
 
-def read_colmap(found: ColmapFolder) -> SourceModel:
+def read_colmap(found: ColmapFolder, reporter: Reporter | None = None) -> SourceModel:
     """Read a COLMAP model; views without a pose or an image file are left out, and counted in a warning.
+
+    Args:
+        reporter: told how far its points are read.
 
     Raises:
         InputError: a file is missing, cut or damaged, or a name leaves the image folder.
     """
-    read = read_model(found.model)
+    read = read_model(found.model, reporter)
     model = SourceModel("colmap", found.model, [])
     if found.others:
         names = quote_first(path.name for path in found.others)

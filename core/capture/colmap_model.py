@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import codecs
 import mmap
+import os
 import re
 import struct
 from array import array
@@ -23,6 +24,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..events import Reporter
 from ..untrusted import is_file, opened
 from .points import as_float32
 from .source import MOST_VIEWS
@@ -46,12 +48,15 @@ _MODEL_NAMES = {int(pycolmap.CameraModelId.__members__[name]): name for name in 
 _U64 = struct.Struct("<Q")
 _CAMERA = struct.Struct("<IiQQ")  # id, model, width, height
 _IMAGE = struct.Struct("<I7dI")  # id, quaternion wxyz, translation, camera
-_POINT = struct.Struct("<Q3d3BdQ")  # id, position, colour, error, length of the track
+_POINT = np.dtype(
+    [("id", "<u8"), ("position", "<f8", 3), ("color", "u1", 3), ("error", "<f8"), ("track_length", "<u8")]
+)
+_TRACK_LENGTH = slice(_POINT.itemsize - _U64.size, None)
 _OBSERVATION_BYTES = 24
 _TRACK_ELEMENT_BYTES = 8
 
-_Point = tuple[Sequence[float], Sequence[int], int]
-"""Position, colour, and how many images its track names."""
+STAGE = "points"
+_BLOCK = 1 << 16  # points that are read between two reports of progress
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,7 @@ class ColmapModel:
     Attributes:
         cameras: by their numbers.
         images: in the file's order; their cameras are there.
-        points: (P, 3) float32 positions of those that can be trusted (`_trusted_points`), and `point_colors` (P, 3)
+        points: (P, 3) float32 positions of those that can be trusted (`_Points.are_trusted`), and `point_colors` (P, 3)
             uint8.
     """
 
@@ -100,8 +105,48 @@ class ColmapModel:
     point_colors: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
 
 
-def read_model(folder: Path) -> ColmapModel:
+@dataclass
+class _Points:
+    """Points while they are read: three float32 coordinates, three bytes of colour, and how many images see each one.
+
+    Attributes:
+        track_lengths: counted up to `_LEAST_TRACK_LENGTH`.
+    """
+
+    positions: array = field(default_factory=lambda: array("f"))
+    colors: bytearray = field(default_factory=bytearray)
+    track_lengths: bytearray = field(default_factory=bytearray)
+
+    def add(self, position: Sequence[float], color: Sequence[int], track_length: int) -> None:
+        """Add a point."""
+        self.positions.extend(position)
+        self.colors.extend(color)
+        self.track_lengths.append(min(track_length, _LEAST_TRACK_LENGTH))
+
+    def add_block(self, positions: NDArray, colors: NDArray, track_lengths: NDArray) -> None:
+        """Add (P, 3) positions, (P, 3) colours and (P,) lengths of tracks."""
+        self.positions.frombytes(as_float32(positions).tobytes())
+        self.colors += colors.tobytes()
+        self.track_lengths += np.minimum(track_lengths, _LEAST_TRACK_LENGTH).astype(np.uint8).tobytes()
+
+    def are_trusted(self) -> NDArray[np.bool_]:
+        """(P,) whether a point is used.
+
+        Programs that take points from depth maps or a scanner and write them in COLMAP's layout leave tracks empty, or
+        name one image a point. Theirs are as good as any; in a model with longer tracks, a track of one image is a
+        guess.
+        """
+        lengths = np.frombuffer(self.track_lengths, np.uint8)
+        if (lengths >= _LEAST_TRACK_LENGTH).any():
+            return lengths != 1
+        return np.ones(len(lengths), bool)
+
+
+def read_model(folder: Path, reporter: Reporter | None = None) -> ColmapModel:
     """The model in `folder`, binary if it has both forms.
+
+    Args:
+        reporter: told how far the points are read.
 
     Raises:
         InputError: a file is missing, cut or damaged.
@@ -123,28 +168,13 @@ def read_model(folder: Path) -> ColmapModel:
         _require(known, f"damaged: {image.name} is of camera {image.camera_id}, which is not there", images)
         _require(len(model.images) < MOST_VIEWS, f"it has more than {MOST_VIEWS:,} images", images)
         model.images.append(image)
-    positions, colors, track_lengths = array("d"), bytearray(), bytearray()
-    for position, color, track_length in (_binary_points if binary else _text_points)(points):
-        positions.extend(position)
-        colors.extend(color)
-        track_lengths.append(min(track_length, _LEAST_TRACK_LENGTH))
-    model.points = as_float32(np.frombuffer(positions, np.float64).reshape(-1, 3))
-    model.point_colors = np.frombuffer(colors, np.uint8).reshape(-1, 3)
-    trusted = _trusted_points(np.frombuffer(track_lengths, np.uint8))
+    read = (_binary_points if binary else _text_points)(points, reporter or Reporter())
+    model.points = np.frombuffer(read.positions, np.float32).reshape(-1, 3)
+    model.point_colors = np.frombuffer(read.colors, np.uint8).reshape(-1, 3)
+    trusted = read.are_trusted()
     if not trusted.all():  # else there is no need for copies, of tens of millions of points in the worst case
         model.points, model.point_colors = model.points[trusted], model.point_colors[trusted]
     return model
-
-
-def _trusted_points(track_lengths: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """(P,) whether a point is used, from the number of images that its track names, counted up to two.
-
-    Programs that take points from depth maps or a scanner and write them in COLMAP's layout leave tracks empty, or name
-    one image a point. Theirs are as good as any; in a model with longer tracks, a track of one image is a guess.
-    """
-    if (track_lengths >= _LEAST_TRACK_LENGTH).any():
-        return track_lengths != 1
-    return np.ones(len(track_lengths), bool)
 
 
 def _require(condition: bool, what: str, path: Path) -> None:
@@ -172,6 +202,10 @@ class _Walker:
         self.data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if self.size else b""
         self.position = 0
 
+    @property
+    def fraction(self) -> float:
+        return self.position / self.size
+
     def take(self, layout: struct.Struct) -> tuple:
         return layout.unpack_from(self.data, self.skip(layout.size))
 
@@ -197,6 +231,9 @@ class _Walker:
         (count,) = self.take(_U64)
         for _ in range(count):
             yield
+        self.require_end()
+
+    def require_end(self) -> None:
         _require(self.position == self.size, "the file is longer than its counts say", self.path)
 
 
@@ -222,13 +259,33 @@ def _binary_images(path: Path) -> Iterator[ColmapImage]:
             yield ColmapImage(name, camera_id, tuple(pose[:4]), tuple(pose[4:]))
 
 
-def _binary_points(path: Path) -> Iterator[_Point]:
+def _binary_points(path: Path, reporter: Reporter) -> _Points:
+    points = _Points()
     with opened(path, most_bytes=_MOST_POINT_BYTES) as file:
         walker = _Walker(file, path)
-        for _ in walker.records():
-            _, x, y, z, red, green, blue, _, track_length = walker.take(_POINT)
-            walker.skip(_TRACK_ELEMENT_BYTES * track_length)
-            yield (x, y, z), (red, green, blue), track_length
+        (count,) = walker.take(_U64)
+        for start in range(0, count, _BLOCK):
+            if start:
+                reporter.progress(STAGE, walker.fraction, f"{start:,} of {count:,} points")
+            block = np.frombuffer(b"".join(_point_records(walker, min(_BLOCK, count - start))), _POINT)
+            points.add_block(block["position"], block["color"], block["track_length"])
+        walker.require_end()
+    return points
+
+
+def _point_records(walker: _Walker, count: int) -> list[bytes]:
+    """The next `count` records of `_POINT`, without the tracks that follow each one."""
+    # There may be tens of millions: no call for each that is not needed. Beyond the end of the file there are empty
+    # records, and after them the end of the block is refused.
+    data, size, position = walker.data, _POINT.itemsize, walker.position
+    records = []
+    for _ in range(count):
+        record = data[position : position + size]
+        track_length = int.from_bytes(record[_TRACK_LENGTH], "little")
+        position += size + _TRACK_ELEMENT_BYTES * track_length
+        records.append(record)
+    walker.skip(position - walker.position)
+    return records
 
 
 # ---- text
@@ -242,9 +299,13 @@ class _Lines:
 
     def __init__(self, file: BinaryIO, path: Path) -> None:
         self.path, self.number = path, 0
-        self._file = file
+        self._file, self._size = file, os.fstat(file.fileno()).st_size
         self._promised: int | None = None
         self._ended = True
+
+    @property
+    def fraction(self) -> float:
+        return self._file.tell() / self._size
 
     def __iter__(self) -> Iterator[str]:
         while line := self._file.readline(_LONGEST_LINE):
@@ -315,7 +376,8 @@ def _text_images(path: Path) -> Iterator[ColmapImage]:
         lines.check_count(count)
 
 
-def _text_points(path: Path) -> Iterator[_Point]:
+def _text_points(path: Path, reporter: Reporter) -> _Points:
+    points = _Points()
     with opened(path, most_bytes=_MOST_POINT_BYTES) as file:
         lines, count = _Lines(file, path), 0
         for line in lines:
@@ -327,6 +389,9 @@ def _text_points(path: Path) -> Iterator[_Point]:
             position, color = lines.parse(float, words[1:4]), lines.parse(int, words[4:7])
             if not all(0 <= channel <= 255 for channel in color):
                 raise lines.refuse()
+            points.add(position, color, (len(words) - 8) // 2)
             count += 1
-            yield position, color, (len(words) - 8) // 2
+            if count % _BLOCK == 0:
+                reporter.progress(STAGE, lines.fraction, f"{count:,} points")
         lines.check_count(count)
+    return points

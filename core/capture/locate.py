@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import InputError
+from ..events import Reporter
 from ..untrusted import is_file, is_folder, is_there
 from .colmap import IMAGE_FOLDERS, find_colmap, read_colmap
 from .files import FOREIGN_EXTENSIONS, list_images, quote_first, resolve_inside
@@ -14,7 +15,7 @@ from .transforms import find_transforms, read_transforms
 MIN_VIEWS = 2
 
 
-def read_cameras(path: Path) -> SourceModel | None:
+def read_cameras(path: Path, reporter: Reporter | None = None) -> SourceModel | None:
     """The cameras of a capture, or None for a folder of photographs without any.
 
     Where there are a COLMAP model and a transforms.json, COLMAP is taken if it has as many views, because it brings
@@ -22,6 +23,7 @@ def read_cameras(path: Path) -> SourceModel | None:
 
     Args:
         path: a capture folder, a COLMAP model's folder, or a transforms.json.
+        reporter: told how far the points of a COLMAP model are read.
 
     Raises:
         InputError: nothing is there, or a camera file is damaged.
@@ -33,7 +35,7 @@ def read_cameras(path: Path) -> SourceModel | None:
     if not is_folder(path):
         raise InputError("not a capture", where=path, remedy="give the folder with the photographs")
     colmap_folder, transforms_file = find_colmap(path), find_transforms(path)
-    colmap = read_colmap(colmap_folder) if colmap_folder else None
+    colmap = read_colmap(colmap_folder, reporter) if colmap_folder else None
     transforms = read_transforms(transforms_file) if transforms_file else None
     if colmap and transforms:
         return _with_enough_views(colmap if len(colmap.views) >= len(transforms.views) else transforms)

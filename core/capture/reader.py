@@ -23,18 +23,19 @@ from .views import STAGE, plan_views, read_views
 _FEW_VIEWS = 10
 
 
-def inspect_capture(folder: str | Path, *, sfm: bool = False) -> CaptureSummary:
+def inspect_capture(folder: str | Path, *, sfm: bool = False, reporter: Reporter | None = None) -> CaptureSummary:
     """What `read_capture` would read, from camera files and image headers alone.
 
     Args:
         folder: a capture folder, a COLMAP model's folder, or a transforms.json.
         sfm: accept photographs without cameras; they are counted, not estimated.
+        reporter: told of progress where there are many points.
 
     Raises:
         InputError: as `read_capture`, except for damage to pixels.
     """
     folder = Path(folder)
-    model = read_cameras(folder)
+    model = read_cameras(folder, reporter)
     if model is None:
         photographs, names = photographs_without_cameras(folder, sfm=sfm)
         return CaptureSummary(folder, "sfm", len(names), _by_frequency(_sizes(photographs, names)), 0)
@@ -78,7 +79,7 @@ def read_capture(
 @contextmanager
 def _source_model(folder: Path, sfm: bool, reporter: Reporter) -> Iterator[SourceModel]:
     """The cameras that the folder gives, else estimated ones while their temporary files exist."""
-    model = read_cameras(folder)
+    model = read_cameras(folder, reporter)
     if model is not None:
         yield model
         return

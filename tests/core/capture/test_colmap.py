@@ -14,6 +14,7 @@ import pytest
 from cvdgs.core.capture import Capture, inspect_capture, read_capture
 from cvdgs.core.capture.colmap_model import read_model
 from cvdgs.core.errors import InputError
+from cvdgs.core.events import Reporter
 
 from .make_captures import PlanePoints, pinhole, reconstruction, save, save_images, shots, turned, write_colmap
 
@@ -206,6 +207,26 @@ def test_beside_longer_tracks_a_point_of_one_view_is_left_out(tmp_path: Path, te
     write_colmap(tmp_path, shots(3), text=text)
     rewrite_points(tmp_path / "sparse" / "0", text, [2, 1, 0, 3])
     np.testing.assert_array_equal(read_model(tmp_path / "sparse" / "0").points[:, 0], [0, 2, 3])
+
+
+@pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])
+def test_many_points_are_read_with_progress_and_few_without(tmp_path: Path, text: bool) -> None:
+    class Listener(Reporter):
+        def __init__(self) -> None:
+            self.heard: list[float] = []
+
+        def progress(self, stage: str, fraction: float, message: str = "") -> None:
+            self.heard.append(fraction)
+
+    write_colmap(tmp_path, shots(3), text=text)
+    few, many = Listener(), Listener()
+    inspect_capture(tmp_path, reporter=few)
+    assert few.heard == []
+    rewrite_points(tmp_path / "sparse" / "0", text, [2] * 150_000)
+    assert inspect_capture(tmp_path, reporter=many).points == 150_000
+    assert many.heard == sorted(many.heard)
+    assert len(many.heard) >= 2
+    assert 0.0 < many.heard[0] <= many.heard[-1] <= 1.0
 
 
 def rewrite_points(model: Path, text: bool, track_lengths: list[int]) -> None:
