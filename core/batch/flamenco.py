@@ -1,7 +1,9 @@
-"""A plan as a job of Flamenco 3, Blender's render farm, and the job type that it needs. Standard library only.
+"""A plan as a job of Flamenco, Blender's render farm, and the job type that it needs. Standard library only.
 
 Flamenco turns a job into tasks by a script of its type (https://flamenco.blender.org/usage/job-types/). Ours is the
-same for every batch, `flamenco_job_type.js`; what differs stands in the job's settings, as its API takes them:
+same for every batch, `flamenco_job_type.js`; what differs stands in the job's settings, as its API takes them (schemas
+SubmittedJob and AvailableJobSetting of pkg/api/flamenco-openapi.yaml in Flamenco's sources). Workers run the tasks with
+their command "exec" (internal/worker/command_exec.go), which they have from Flamenco 3.3 on:
 
     cp OUT/flamenco/cvdgs-turntables.js FLAMENCO/scripts/        # once, then restart the Manager
     curl -H "Content-Type: application/json" -d @OUT/flamenco/job.json http://MANAGER:8080/api/v3/jobs

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: GPL-3.0-or-later
 //
-// A job type for Flamenco 3: each task of a batch of turntables (scripts/turntable.py) as a task of the farm.
-// Put this file into the folder "scripts" next to flamenco-manager. Jobs are not submitted from Blender but written by
-// `turntable.py BATCH.toml --out DIR --export flamenco`, whose message says how to submit one.
+// A job type for Flamenco 3.3 and later, whose workers have the command "exec": each task of a batch of turntables
+// (scripts/turntable.py) as a task of the farm. Put this file into the folder "scripts" next to flamenco-manager. Jobs
+// are not submitted from Blender but written by `turntable.py BATCH.toml --out DIR --export flamenco`, whose message
+// says how to submit one.
 
 const JOB_TYPE = {
     label: "cvdgs turntables",

@@ -60,6 +60,7 @@ def test_the_workers_run_the_command_that_every_engine_runs(folder):
         (command,) = task["commands"]
         assert command["name"] == "exec"
         parameters = command["parameters"]
+        assert parameters.keys() == {"exe", "args"}
         assert [parameters["exe"], *parameters["args"]] == task_command(sys.executable, plan, task["name"])
 
 
@@ -72,6 +73,22 @@ def test_tasks_that_need_a_graphics_card_go_to_workers_that_have_one(folder):
         "video-vase": "blender",
         "page": "misc",
     }
+
+
+def test_settings_are_of_the_kinds_that_the_manager_knows(folder):
+    """By the enumerations of AvailableJobSetting in Flamenco's pkg/api/flamenco-openapi.yaml."""
+    for setting in compiled(folder)["type"]["settings"]:
+        assert setting["type"] in {"string", "int32", "float", "bool"}
+        assert setting.get("subtype", "file_path") in {"file_path", "dir_path", "file_name", "hashed_file_path"}
+        assert setting.get("visible", "visible") in {"visible", "hidden", "submission", "web"}
+
+
+def test_a_job_has_what_the_managers_api_requires(folder):
+    """By SubmittedJob in Flamenco's pkg/api/flamenco-openapi.yaml; platforms are called as in Go."""
+    job = read_job(folder)
+    assert {"name", "type", "priority", "submitter_platform"} <= set(job)
+    assert 0 <= job["priority"] <= 100
+    assert job["submitter_platform"] in {"linux", "windows", "darwin"}
 
 
 def test_a_job_has_every_setting_that_its_type_requires_and_no_unknown_one(folder):
