@@ -131,7 +131,7 @@ class Job:
             environment.pop(name, None)
         environment["PYTHONUNBUFFERED"] = "1"
         environment["PYTHONIOENCODING"] = "utf-8"
-        # Spinning OpenMP threads make a step 10-15 times slower beside one busy neighbour (notes/splats.md).
+        # Spinning OpenMP threads make a step 10-15 times slower beside one busy neighbour.
         environment.setdefault("OMP_WAIT_POLICY", "passive")
         self._log = log
         self._grace_seconds = grace_seconds

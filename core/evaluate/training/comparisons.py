@@ -20,9 +20,9 @@ from .runs import TrainedRun, at_quality, first_reaching, train_once
 
 STAGE = "trainings"
 QUALITY = 26.06
-"""dB on fox at 270x480: where OpenSplat's CPU build ends after 2,000 steps (notes/splats.md)."""
-QUICK_PLAN = TrainingPlan(steps=1000, limit=20_000, sh_degree=0, stopping=None, curve_points=40)
-"""What `--iterations 1000 --gaussians 20000 --sh-degree 0` trains, measured more often."""
+"""dB on fox at 270x480: where OpenSplat's CPU build ends after 2,000 steps (docs/trainer.md)."""
+QUICK_PLAN = TrainingPlan(steps=1000, limit=20_000, sh_degree=0, stopping=None, poses=None, curve_points=40)
+"""What `--iterations 1000 --gaussians 20000 --sh-degree 0 --no-refine-poses` trains, measured more often."""
 _PROTOTYPE_STEPS = 2000
 _PROTOTYPE_EVERY = 50  # steps between its measurements, which do not count as time
 REFERENCE, OURS = "clone-split", "multi-view"
@@ -77,10 +77,10 @@ def compare_strategies(
 ) -> list[TrainedRun]:
     """The reference with the largest limit, and ours with all of them.
 
-    All views are fitted and all steps done, so that only the strategy differs.
+    All views are fitted where they are given and all steps done, so that only the strategy differs.
     """
     plans = [
-        (name, TrainingPlan(steps=iterations, limit=limit, sh_degree=0, stopping=None, strategy=STRATEGIES[name]))
+        (name, replace(QUICK_PLAN, steps=iterations, limit=limit, strategy=STRATEGIES[name]))
         for name, limit in [(REFERENCE, max(limits)), *((OURS, limit) for limit in limits)]
     ]
     runs = []

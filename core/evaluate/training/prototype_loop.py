@@ -1,7 +1,8 @@
-"""Runs the throw-away prototype's training loop on a capture, so that a benchmark can hold ours against it.
+"""Runs the training loop of a prototype on a capture, so that a benchmark can hold ours against it.
 
-The prototype (a folder of experiments that lives beside the repository, see notes/splats.md) reads one prepared folder;
-its loop renders, takes a fused L1 + SSIM loss, goes backward and steps Adam, without densification.
+The prototype is a first version of the trainer that is not part of the repository; benchmarks leave it out where it is
+missing. It reads one prepared folder; its loop renders, takes a fused L1 + SSIM loss, goes backward and steps Adam,
+without densification.
 """
 
 from __future__ import annotations

@@ -16,8 +16,8 @@ from .model import Refinement, Schedule
 class CloneSplitPrune:
     """Adaptive density control after Kerbl et al. 2023, sections 5.2, with a budget and without opacity resets.
 
-    A reset costs a run of a few thousand steps more than it gains (notes/splats.md), and the budget, reached step by
-    step, keeps the growth where the screen-space gradient is largest.
+    A reset costs a run of a few thousand steps more than it gains, and the budget, reached step by step, keeps the
+    growth where the screen-space gradient is largest.
 
     Attributes:
         schedule: when.
