@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
+from ..core.progress import format_seconds
 from ..core.run_files import REPORT_FILE
 from ..core.untrusted import is_file, read_json
 from .scene.convert import load_run
@@ -88,21 +89,21 @@ def figures_of(report: dict[str, Any]) -> dict[str, list[tuple[str, str]]]:
     tables = {
         "Reconstruction": [
             ("Gaussians", _shown(report.get("gaussians"), "{:,}")),
-            ("Held-out views", _shown(reconstruction.get("psnr"), "{:.1f} dB")),
-            ("SSIM", _shown(reconstruction.get("ssim"), "{:.3f}")),
-            ("Time", _shown(seconds.get("total"), "{:.0f} s")),
+            ("Held-out views, PSNR", _shown(reconstruction.get("psnr"), "{:.1f} dB")),
+            ("Held-out views, SSIM", _shown(reconstruction.get("ssim"), "{:.3f}")),
+            ("Time", _duration(seconds.get("total"))),
         ]
     }
     for name in _part(report, "layers"):
         layer = _part(_part(report, "layers"), name)
         contrast, natural, consistency = (_part(layer, part) for part in ("ccpr", "naturalness", "rwe"))
         tables[name] = [
-            ("Contrast left, photographs", _shown(contrast.get("input"), "{:.0%}")),
-            ("Contrast left, enhanced", _shown(contrast.get("enhanced"), "{:.0%}")),
-            ("Scene, original colours", _shown(contrast.get("unenhanced"), "{:.0%}")),
-            ("Scene, enhanced", _shown(contrast.get("rendered"), "{:.0%}")),
+            ("Contrast, photographs", _shown(contrast.get("input"), "{:.0%}")),
+            ("Contrast, enhanced photos", _shown(contrast.get("enhanced"), "{:.0%}")),
+            ("Contrast, scene", _shown(contrast.get("unenhanced"), "{:.0%}")),
+            ("Contrast, enhanced scene", _shown(contrast.get("rendered"), "{:.0%}")),
             ("Change of colours, ΔE00", _shown(natural.get("delta_e"), "{:.1f}")),
-            ("Drift between views (1 = photos)", _shown(consistency.get("ratio"), "{:.2f}")),
+            ("Drift of views (photos: 1)", _shown(consistency.get("ratio"), "{:.2f}")),
         ]
     return {heading: [row for row in rows if row[1]] for heading, rows in tables.items()}
 
@@ -115,6 +116,10 @@ def _part(report: dict[str, Any], name: str) -> dict[str, Any]:
 
 def _shown(value: Any, template: str) -> str:
     return template.format(value) if isinstance(value, int | float) and abs(value) < _MOST_SHOWN else ""
+
+
+def _duration(value: Any) -> str:
+    return format_seconds(value) if _shown(value, "{}") else ""
 
 
 def _newest_layer(folder: str) -> str:

@@ -7,6 +7,7 @@ import bpy
 from ..cvdgs_addon.scene import display
 from ..cvdgs_addon.scene.display import Form
 from ..cvdgs_addon.scene.native_splats import has_native_splats
+from ..cvdgs_addon.scene.render_settings import keeps_colors, view_transform_of
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
 from ..cvdgs_addon.shown import NOTHING_TO_SHOW, shown_layer, shown_splats
@@ -76,6 +77,7 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     row = box.row(align=True)
     row.operator("cvdgs.set_up_render", icon="SCENE")
     row.operator("cvdgs.restore_render", text="Restore", icon="LOOP_BACK")
+    say_unsuitable_view(box, context)
     told = list(display.render_changes(context.scene))
     if told:
         header, body = layout.panel("cvdgs_render_changes", default_closed=True)
@@ -83,6 +85,13 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
         if body is not None:
             for change in told:
                 say(body, context, change)
+
+
+def say_unsuitable_view(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Say that the scene's view transform changes the photographs' colours, where it does."""
+    if not keeps_colors(context.scene):
+        text = f"The view transform {view_transform_of(context.scene)} changes the photographs' colours"
+        say(layout, context, f"{text}; Set Up Render under Display avoids that", "INFO")
 
 
 def _draw_input(

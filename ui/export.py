@@ -24,8 +24,8 @@ class CVDGS_PT_export(SidePanel, bpy.types.Panel):
         say(layout, context, f"{splats.name}: {layer}, {enhanced:.0%}", "OUTLINER_OB_POINTCLOUD")
         column = layout.column(align=True)
         column.operator_context = "INVOKE_DEFAULT"
-        column.operator("cvdgs.export_gaussians", icon="EXPORT")
-        column.operator("cvdgs.export_cube", icon="COLOR")
+        column.operator("cvdgs.export_gaussians", text="Gaussians (.ply, .spz, .splat)", icon="EXPORT")
+        column.operator("cvdgs.export_cube", text="Colour Mapping (.cube)", icon="COLOR")
 
 
 CLASSES: tuple[type, ...] = (CVDGS_PT_export,)

@@ -4,9 +4,20 @@ from __future__ import annotations
 
 import bpy
 
-from ..cvdgs_addon.scene.turntable import rendering_changes, turntable_of
+from ..cvdgs_addon.scene.turntable import bystanders, rendering_changes, turntable_of
 from ..cvdgs_addon.shown import NOTHING_TO_SHOW, shown_splats
+from .display import say_unsuitable_view
 from .layout import SidePanel, say, say_missing
+
+# Properties of the way around, with the panel's words where 0 lets the photographs decide.
+_WAY = {
+    "frames": None,
+    "radius": "Radius (0: auto)",
+    "height": None,
+    "focal_length": "Focal Length (0: auto)",
+    "arc": "Arc (0: auto)",
+}
+_MOST_NAMES = 3
 
 
 class CVDGS_PT_turntable(SidePanel, bpy.types.Panel):
@@ -22,8 +33,8 @@ class CVDGS_PT_turntable(SidePanel, bpy.types.Panel):
             say_missing(layout, context, NOTHING_TO_SHOW)
             return
         column = layout.column(align=True)
-        for name in ("frames", "radius", "height", "focal_length", "arc"):
-            column.prop(chosen, name)
+        for name, text in _WAY.items():
+            column.prop(chosen, name, text=text)
         has_rig = turntable_of(context.scene) is not None
         row = layout.row(align=True)
         row.operator("cvdgs.add_turntable", text="Update Turntable" if has_rig else None, icon="CON_FOLLOWPATH")
@@ -37,6 +48,12 @@ class CVDGS_PT_turntable(SidePanel, bpy.types.Panel):
         layout.operator("cvdgs.render_turntable", icon="RENDER_ANIMATION")
         if any(rendering_changes(context.scene)):
             say(layout, context, "Rendering; the scene's own settings come back when it ends", "TIME")
+            return
+        say_unsuitable_view(layout, context)
+        others = bystanders(context.scene)
+        if others:
+            more = f" and {len(others) - _MOST_NAMES} more" if len(others) > _MOST_NAMES else ""
+            say(layout, context, f"The pictures also show {', '.join(others[:_MOST_NAMES])}{more}", "INFO")
 
 
 CLASSES: tuple[type, ...] = (CVDGS_PT_turntable,)

@@ -25,7 +25,7 @@ class TurntableProperties(bpy.types.PropertyGroup):
         default=0.0,
     )
     height: bpy.props.FloatProperty(
-        name="Height",
+        name="Camera Height",
         description="Height of the camera above the subject's centre, as a share of the radius",
         soft_min=-1.0,
         soft_max=2.0,

@@ -75,10 +75,19 @@ def engine_settings(engine: Engine) -> dict[str, Setting]:
     }
 
 
+def view_transform_of(scene: bpy.types.Scene) -> str:
+    """The view transform of `scene`, be it in the compositor."""
+    return str(setting_before(scene, SIMULATION_VIEW, "view_settings.view_transform"))
+
+
 def display_of(scene: bpy.types.Scene) -> Display:
-    """How Gaussians have to be displayed for the view transform of `scene`, be it in the compositor."""
-    view_transform = setting_before(scene, SIMULATION_VIEW, "view_settings.view_transform")
-    return Display.PHOTO if view_transform == RAW else Display.SCENE_LINEAR
+    """How Gaussians have to be displayed for the view transform of `scene`."""
+    return Display.PHOTO if view_transform_of(scene) == RAW else Display.SCENE_LINEAR
+
+
+def keeps_colors(scene: bpy.types.Scene) -> bool:
+    """Whether the view transform of `scene` leaves the photographs' colours as they are."""
+    return view_transform_of(scene) in (RAW, STANDARD)
 
 
 def set_display(scene: bpy.types.Scene, display: Display) -> None:

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from .cameras import SENSOR_WIDTH, is_capture_camera
 from .display import match_display
+from .native_splats import native_splats_of
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import Engine, engine_settings, png_settings
-from .splats import core_bounds, point_positions
+from .sparse_points import is_sparse_points
+from .splats import core_bounds, is_splats, point_positions
 
 _RENDER = "cvdgs_turntable_render"
 _IS_RIG = "cvdgs_turntable"  # custom property of the Empty
@@ -29,6 +31,7 @@ _LEAST_ARC = math.radians(20.0)  # less shows no shape
 _NAME = "Turntable"
 _RADII_AWAY = 2.5  # of a camera from a subject without photographs, in radii of its core
 _POLL_SECONDS = 0.5  # between looks at whether a render still goes on
+_SURFACES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME"}  # types of what renders show
 _NUMBER = "####"  # of a picture in its file name
 
 
@@ -145,6 +148,23 @@ def render_turntable(scene: bpy.types.Scene, turntable: Turntable, folder: Path,
 def rendering_changes(scene: bpy.types.Scene) -> Iterator[str]:
     """Settings that are changed while a turntable renders, in words."""
     return changes(scene, _RENDER)
+
+
+def restore_interrupted(scene: bpy.types.Scene) -> None:
+    """Put the settings back in a scene that was saved while its turntable rendered."""
+    if any(rendering_changes(scene)) and not bpy.app.is_job_running("RENDER"):
+        _restore(scene)
+
+
+def bystanders(scene: bpy.types.Scene) -> list[str]:
+    """Objects that a turntable shows beside the Gaussians, such as the cube of a new file: their names."""
+    return [
+        candidate.name
+        for candidate in scene.objects
+        if candidate.type in _SURFACES
+        and not (candidate.hide_render or is_splats(candidate) or is_sparse_points(candidate))
+        and (candidate.parent is None or native_splats_of(candidate.parent) != candidate)
+    ]
 
 
 def picture_settings(camera: bpy.types.Object, turntable: Turntable) -> dict[str, Setting]:

@@ -90,9 +90,11 @@ def test_the_panel_shows_layers_form_and_what_was_changed(shown):
     assert {"original", "deutan-1.0", "tritan-0.5", "Instances", "Points", "Native"} <= set(panel.texts)
     assert "cvdgs.add_crop_box" in panel.operators
     assert "cvdgs.remove_crop_box" not in panel.operators
+    assert "AgX changes the photographs' colours" in " ".join(panel.texts)
     bpy.ops.cvdgs.add_crop_box()
     bpy.ops.cvdgs.set_up_render()
     panel = drawn(CVDGS_PT_display)
+    assert "changes the photographs' colours" not in " ".join(panel.texts)
     assert "cvdgs.remove_crop_box" in panel.operators
     assert "View transform: " in " ".join(panel.texts)
 

@@ -191,6 +191,25 @@ def test_what_stands_in_the_way_is_told(scene, splats, tmp_path):
     assert all_settings(scene) == before
 
 
+def test_a_file_that_was_saved_while_it_rendered_opens_with_its_own_settings(addon, run_folder, tmp_path):
+    scene = bpy.context.scene
+    add_turntable(scene, show_run(str(run_folder), scene), SMALL)
+    before = all_settings(scene)
+
+    def save(*_: object) -> None:
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
+
+    bpy.app.handlers.render_write.append(save)
+    try:
+        render_turntable(scene, SMALL, tmp_path / "turn", wait=True)
+    finally:
+        bpy.app.handlers.render_write.remove(save)
+    assert all_settings(scene) == before
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
+    assert all_settings(bpy.context.scene) == before
+    assert not any(rendering_changes(bpy.context.scene))
+
+
 def test_the_operators_and_the_panel(addon, run_folder, tmp_path):
     scene = bpy.context.scene
     assert any("First" in text for text in drawn(CVDGS_PT_turntable).texts)
@@ -201,6 +220,11 @@ def test_the_operators_and_the_panel(addon, run_folder, tmp_path):
     chosen.frames, chosen.width, chosen.height_pixels, chosen.engine = 2, 32, 24, Engine.CYCLES.value
     bpy.ops.cvdgs.add_turntable()
     assert "Update Turntable" in drawn(CVDGS_PT_turntable).texts
+    assert not any("also show" in text for text in drawn(CVDGS_PT_turntable).texts)
+    bpy.ops.mesh.primitive_cube_add()
+    assert any("also show Cube" in text for text in drawn(CVDGS_PT_turntable).texts)
+    bpy.data.objects["Cube"].hide_render = True
+    assert not any("also show" in text for text in drawn(CVDGS_PT_turntable).texts)
     with pytest.raises(RuntimeError, match="save the file, or choose a folder"):
         bpy.ops.cvdgs.render_turntable()
     chosen.folder = str(tmp_path / "turn")
