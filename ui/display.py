@@ -90,8 +90,8 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
 def say_unsuitable_view(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Say that the scene's view transform changes the photographs' colours, where it does."""
     if not keeps_colors(context.scene):
-        text = f"The view transform {view_transform_of(context.scene)} changes the photographs' colours"
-        say(layout, context, f"{text}; Set Up Render under Display avoids that", "INFO")
+        text = f"{view_transform_of(context.scene)} changes the photographs' colours; Set Up Render avoids that"
+        say(layout, context, text, "INFO")
 
 
 def _draw_input(

@@ -12,6 +12,7 @@ from ..cvdgs_addon.environment import worker_python
 from ..cvdgs_addon.package import PACKAGE
 from ..cvdgs_addon.pictures import PICTURES
 from ..cvdgs_addon.quality import QUALITIES, Quality, in_words
+from ..cvdgs_addon.results import is_finished_run, splats_of
 from .layout import SidePanel, complain, say, say_missing
 
 _PREVIEW_SCALE = 10.0
@@ -92,12 +93,12 @@ def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
             column.prop_enum(properties, "quality", quality.name, text=f"{quality.label}{_time(scene, quality)}")
         _draw_button(layout, "Make CVD-friendly")
     elif making.has_layer(scene):
-        text = f"The run in the output folder has {layer}: choose another viewer for a further layer, or start over"
-        say(layout, context, text, "CHECKMARK")
-        layout.prop(properties, "start_over")
+        say(layout, context, f"The run in the output folder has {layer}: {_what_next(scene)}", "CHECKMARK")
     else:
         say(layout, context, f"The output folder has a run; {layer} becomes a further layer of it", "INFO")
         _draw_button(layout, f"Add {layer}{_time(scene, QUALITIES[0])}")
+    if is_finished_run(making.output_folder(scene)):
+        layout.prop(properties, "start_over")
     header, body = layout.panel("cvdgs_run_options", default_closed=True)
     header.label(text="Options")
     if body is not None:
@@ -108,8 +109,14 @@ def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
             say(body, context, f"Goes to {making.output_folder(scene)}")
         if not making.adds_to_run(scene):
             body.prop(properties, "refine_poses")
-        body.prop(properties, "start_over")
         body.prop(properties, "scene_file")
+
+
+def _what_next(scene: bpy.types.Scene) -> str:
+    """What can be done with a run that has the viewer's layer."""
+    choices = "choose another viewer for a further layer, or start over"
+    is_shown = any(splats_of(scene, making.output_folder(scene)))
+    return choices if is_shown else f"load it, {choices}"
 
 
 def _draw_button(layout: bpy.types.UILayout, text: str) -> None:
