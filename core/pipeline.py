@@ -10,7 +10,7 @@ from typing import Any
 
 import warp as wp
 
-from .capture import Capture, read_capture, write_capture
+from .capture import Capture, read_capture, write_cameras, write_capture
 from .devices import choose_device
 from .enhance import Enhancer, make_enhancer
 from .evaluate.advice import advise
@@ -70,6 +70,8 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
         with clock.measure("geometry"):
             trained = stages.train()
             stages = stages.after(trained)
+            if trained.moved_poses:
+                write_cameras(stages.capture, folder / CAPTURE_FOLDER)
             made = stages.reconstruct(trained)
     with clock.measure("layers"):
         pictures = stages.fit_layers(made, enhancers)

@@ -15,6 +15,7 @@ from .events import Reporter, StageSpan
 from .report import SCHEMA, check_report
 from .run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
 from .settings import Settings
+from .splats.corrections import CORRECTED
 from .splats.gaussians import Gaussians
 from .splats.ply import read_ply
 from .untrusted import MAX_JSON_BYTES, explained, is_file, parse_json, read_text
@@ -117,7 +118,8 @@ class EarlierRun:
         size = max(max(view.camera.width, view.camera.height) for view in self.capture.views)
         quiet = _ProgressOnly(reporter, "capture", 0.0, 1.0, "comparing with the finished run")
         given = read_capture(folder, max_size=size, reporter=quiet)
-        _compare(given.views, self.capture.views, folder, poses=not self.settings.refine_poses)
+        corrected = str(self.report.get("decision", {}).get("poses", "")).startswith(CORRECTED)
+        _compare(given.views, self.capture.views, folder, poses=not corrected)
 
     def extend(self, added: Mapping[str, Any]) -> dict[str, Any]:
         """The run's report with the layers of a report that has only what was added.

@@ -71,7 +71,8 @@ class Settings:
         holdout: every Nth view is kept for testing; 0 keeps none.
         device: "auto", "cpu" or "cuda".
         seed: of everything random.
-        refine_poses: whether to correct cameras that are a little off; those that are good stay as given.
+        refine_poses: whether to correct cameras that are a little off; those that are good stay as given. None does it
+            where the mode can.
         turntable: pictures of a turn around the subject, of each layer; 0 renders none.
         engine: Blender's render engine for the turntable; stills are by Cycles.
         blend: whether to build scene.blend and render stills.
@@ -93,7 +94,7 @@ class Settings:
     holdout: int = 8
     device: str = "auto"
     seed: int = 0
-    refine_poses: bool = False
+    refine_poses: bool | None = None
     turntable: int = 0
     engine: str = "cycles"
     blend: bool = True
@@ -153,6 +154,11 @@ class Settings:
         _one_of(self.engine, ENGINES, "--engine")
         _check(self.turntable != 1, "one picture is no turn", "--turntable", "give 2 or more, or 0 for none")
         _check(self.blend or not self.turntable, "Blender renders it", "--turntable", "leave out --no-blend")
+
+    @property
+    def corrects_poses(self) -> bool:
+        """Whether cameras that are off will be corrected."""
+        return self.mode != "joint" if self.refine_poses is None else self.refine_poses
 
     def to_dict(self) -> dict[str, Any]:
         """A JSON-ready dictionary; `from_dict` reads it back."""

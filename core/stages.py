@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .capture import Capture, View, write_cameras
+from .capture import Capture, View
 from .consistency import SceneAgreement, SceneCorrespondences
 from .enhance import CganEnhancer, Enhancer, IdentityEnhancer, LutEnhancer
 from .evaluate.evaluation import Evaluation, Split, enhanced_path, render_path
@@ -29,7 +29,7 @@ from .evaluate.matches import SceneMatches
 from .events import Reporter, StageSpan
 from .images import read_png, to_bytes, write_png
 from .preview import Preview, PreviewedTraining
-from .run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, layer_cube_file, layer_gaussians_file
+from .run_files import GAUSSIANS_FILE, layer_cube_file, layer_gaussians_file
 from .settings import Layer, Settings
 from .splats import raster
 from .splats.gaussians import Gaussians
@@ -37,7 +37,6 @@ from .splats.guides import ViewGuide
 from .splats.joint import JointPlan, JointTraining
 from .splats.layers import LayerPlan, fit_layer
 from .splats.ply import write_ply
-from .splats.poses import PosePlan
 from .splats.renderer import SceneRenderer
 from .splats.targets import Background
 from .splats.trainer import Trainer, TrainingPlan, TrainingResult
@@ -166,11 +165,10 @@ class Stages:
         return self._train_on_photographs()
 
     def after(self, result: TrainingResult) -> Stages:
-        """The stages that follow: on the capture with the poses that training corrected, which are written too."""
+        """The stages that follow, on the capture with the poses that training corrected."""
         if not result.moved_poses:
             return self
         capture = self.capture.moved(result.moved_poses)
-        write_cameras(capture, self.folder / CAPTURE_FOLDER)
         return replace(self, capture=capture, scene=SceneRenderer(self.rasterizer, capture.views, self.background))
 
     def reconstruct(self, result: TrainingResult) -> Reconstruction:
@@ -256,7 +254,7 @@ class Stages:
             steps=self.settings.iterations,
             limit=self.settings.gaussians,
             sh_degree=self.settings.sh_degree,
-            poses=PosePlan() if self.settings.refine_poses else None,
+            poses=self.plans.training.poses if self.settings.corrects_poses else None,
         )
 
     def fit_layer(self, made: Reconstruction, layer: Layer, enhancer: Enhancer, reporter: Reporter) -> Gaussians:

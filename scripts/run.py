@@ -55,7 +55,11 @@ def build_parser() -> argparse.ArgumentParser:
     add("--holdout", type=int, default=8, metavar="N", help="keep every Nth view for testing; 0 = none (8)")
     add("--device", default="auto", metavar="DEVICE", help="|".join(DEVICES) + " (auto)")
     add("--seed", type=int, default=0, metavar="N", help="of everything random (0)")
-    add("--refine-poses", action="store_true", help="correct cameras that are a little off; good ones stay as given")
+    add(
+        "--refine-poses",
+        action=argparse.BooleanOptionalAction,
+        help="correct cameras that are a little off; good ones stay as given (yes, but in mode joint)",
+    )
     add(
         "--turntable",
         type=int,

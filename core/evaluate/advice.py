@@ -132,8 +132,8 @@ def _of_geometry(
         if moved > limits.image_shift:
             yield CaptureWarning(
                 "cameras-off",
-                f"held-out photographs lie about {moved:.1f} pixels beside the scene: the cameras are not exact; try "
-                "--refine-poses",
+                f"held-out photographs lie about {moved:.1f} pixels beside the scene: the cameras are not exact; let "
+                "them be corrected (--refine-poses), or estimate them again where they are too far off for that",
             )
     reached = figures["reconstruction"]["psnr"]
     if reached < limits.psnr:

@@ -104,7 +104,7 @@ def reconstruct_matches(
     reporter = reporter or Reporter()
     raster.load("cpu", reporter)
     rasterizer, background = raster.Rasterizer("cpu"), Background.of(capture.views)
-    plan = TrainingPlan(steps=steps, limit=_GAUSSIANS)
+    plan = TrainingPlan(steps=steps, limit=_GAUSSIANS, poses=None)
     trainer = Trainer(rasterizer, capture.views, [], capture.points, capture.point_colors, plan, background, seed)
     trained = trainer.train(StageSpan(reporter, STAGE, 0.0, 1.0, f"reconstructing {capture.source.name}"))
     scene = SceneRenderer(rasterizer, capture.views, background)

@@ -17,6 +17,9 @@ from .poses import PosePlan, PoseRefinement
 from .raster import Frame, Gradients, ParameterSet, RasterCamera, Rasterizer
 from .targets import Background, TrainingView
 
+CORRECTED = "corrected"
+"""What a decision in words begins with where something was corrected."""
+
 
 class ViewCorrections:
     """The corrections of all views that a run fits.
@@ -26,6 +29,7 @@ class ViewCorrections:
         views: that are fitted.
         background: of the run.
         exposure, poses: what may be corrected and how; None corrects nothing. Exposures of cut-outs are not corrected.
+        visits: how often a run as long as planned comes to each view.
     """
 
     def __init__(
@@ -35,6 +39,7 @@ class ViewCorrections:
         background: Background,
         exposure: ExposurePlan | None,
         poses: PosePlan | None,
+        visits: float,
     ) -> None:
         self._rasterizer = rasterizer
         self._views = views
@@ -42,6 +47,7 @@ class ViewCorrections:
         # A gain would change the light behind cut-outs too, which no photograph shows.
         self._exposure_plan = None if any(background.color) else exposure
         self._pose_plan = poses
+        self._visits = visits
         self._exposure_undecided, self._poses_undecided = self._exposure_plan is not None, poses is not None
         self._cameras = [view.at(1)[1] for view in views]
         self.exposure = ExposureCorrection(rasterizer.device, len(views))
@@ -61,7 +67,7 @@ class ViewCorrections:
         if self._poses_undecided and self._pose_plan is not None and progress >= self._pose_plan.decided:
             self._poses_undecided = False
             motion = self.poses.image_motion(self._cameras)
-            self._words["poses"] = f"corrected: they were off by about {motion:.1f} pixels"
+            self._words["poses"] = f"{CORRECTED}: they were off by about {motion:.1f} pixels"
             if motion < self._pose_plan.threshold:
                 self.poses.stop()
                 self._words["poses"] = f"as given: corrections moved the images by {motion:.2f} pixels only"
@@ -75,7 +81,8 @@ class ViewCorrections:
         if self._exposure_plan is not None:
             self.exposure.step(view, self._exposure_plan.rate_at(self._progress))
         if self._pose_plan is not None and self._moves_poses:
-            self.poses.step(view, parameters, gradients, camera, self._pose_plan.rate_at(self._progress))
+            rate = self._pose_plan.rate_at(self._progress, self._visits)
+            self.poses.step(view, parameters, gradients, camera, rate)
 
     def of(self, view: int) -> ViewCorrection:
         """What a step needs of one view's corrections."""
@@ -93,6 +100,12 @@ class ViewCorrections:
     def poses_were_off(self) -> bool:
         """Whether it was decided that the poses need correcting."""
         return not self._poses_undecided and self._moves_poses
+
+    @property
+    def poses_seem_off(self) -> bool:
+        """Whether that is undecided, and they have moved as far as poses that are off do."""
+        plan = self._pose_plan
+        return plan is not None and self._poses_undecided and self.poses.image_motion(self._cameras) >= plan.threshold
 
     @property
     def moved_poses(self) -> NDArray[np.float64] | None:
@@ -113,7 +126,7 @@ class ViewCorrections:
             estimates.append(estimate_log_gains(rendered, image.numpy() * np.float32(1.0 / 255.0)))
         active = self.exposure.start(estimates, plan.threshold)
         spread = np.sqrt(np.mean((np.asarray(estimates) - np.mean(estimates, axis=0)) ** 2))
-        decision = "corrected" if active else "as photographed"
+        decision = CORRECTED if active else "as photographed"
         self._words["exposure"] = f"{decision}: it differs by {spread:.1%} from view to view"
 
     def _seen(self, view: int, reduction: int) -> TrainingView:

@@ -87,7 +87,7 @@ class JointTraining:
         """
         together = round(self.plan.steps * self.joint.share)
         before = max(self.plan.steps - together, 1)
-        plan = replace(self.plan, steps=before)
+        plan = replace(self.plan, steps=before, poses=None)  # where the views agree is looked up with those given
         trainer = Trainer(self.rasterizer, self.views, self.held_out, points, colors, plan, self.background, self.seed)
         turn = before / self.plan.steps
         result = trainer.train(StageSpan(reporter, STAGE, 0.0, turn, "fitting enhanced views"))

@@ -39,8 +39,8 @@ class TrainingPlan:
         decided: fraction of the run after which all is decided: the SH degree is chosen then, and the views that were
             kept aside to decide are fitted like the others, which no longer leaves a gap where they stand.
         exposure: how photographs that differ in exposure or white balance are corrected; None leaves them.
-        poses: how poses that are off are corrected; None leaves them. Once they were found to be off, the views that
-            were kept aside decide nothing any more, and are fitted and corrected like the others.
+        poses: how poses that are off are corrected; None leaves them. Views that decide are then aligned with the
+            scene before they are measured.
         curve_points: how often held-out views are measured.
         curve_views: at most so many of them each time.
     """
@@ -64,7 +64,7 @@ class TrainingPlan:
     harmonics: HarmonicsRule = field(default_factory=HarmonicsRule)
     decided: float = 0.9
     exposure: ExposurePlan | None = field(default_factory=ExposurePlan)
-    poses: PosePlan | None = None
+    poses: PosePlan | None = field(default_factory=PosePlan)
     curve_points: int = 10
     curve_views: int = 6
 

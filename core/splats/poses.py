@@ -36,21 +36,28 @@ class PosePlan:
         decided: fraction of the run after which it is decided whether they go on moving.
         threshold: root mean square over the views of the corrections' motion in the image, in pixels; with less than
             this the poses are put back where they were.
-        rate: step size, as an angle of view in radians.
-        rate_left: what is left of it at the end, reached exponentially.
-        align_steps: for each view that is only aligned with the finished scene (`align_poses`).
+        rate, largest_rate: step size at the start, as an angle of view in radians. The larger is for short runs, which
+            otherwise were over before a pose has come far; noise grows with it.
+        path: what the steps at the start's size would add up to in a run that is short, in radians.
+        rate_left: what is left of the step size at the end, reached exponentially.
+        align_steps: of a view that is aligned with a scene which is not fitted to it (`AlignedViews`).
+        follow_steps: of such a view each time that the scene has changed since.
     """
 
     started: float = 0.02
     decided: float = 0.3
     threshold: float = 0.5
     rate: float = 1e-3
+    largest_rate: float = 3e-3
+    path: float = 0.03
     rate_left: float = 0.05
     align_steps: int = 60
+    follow_steps: int = 4
 
-    def rate_at(self, progress: float) -> float:
-        """The step size when the fraction `progress` of the run is done."""
-        return self.rate * self.rate_left ** min(max((progress - self.started) / (1.0 - self.started), 0.0), 1.0)
+    def rate_at(self, progress: float, visits: float) -> float:
+        """The step size when the fraction `progress` of the run is done, which visits each view `visits` times."""
+        start = min(max(self.path / visits, self.rate), self.largest_rate)
+        return start * self.rate_left ** min(max((progress - self.started) / (1.0 - self.started), 0.0), 1.0)
 
 
 def pose_gradient(
@@ -132,33 +139,59 @@ class PoseRefinement:
             squares.append((camera.fx * seen[0] / seen[2]) ** 2 + (camera.fy * seen[1] / seen[2]) ** 2)
         return float(np.sqrt(np.mean(squares)))
 
+    def put(self, view: int, pose: NDArray[np.float64]) -> None:
+        """Go on with the view from another (4, 4) pose."""
+        self._poses[view] = pose
+
     def stop(self) -> None:
         """Put every pose back to where it was given, for good."""
         self._poses = self._given.copy()
         self.active = False
 
 
-def align_poses(
-    rasterizer: Rasterizer,
-    parameters: ParameterSet,
-    views: Sequence[TrainingView],
-    background: Background,
-    plan: PosePlan,
-) -> NDArray[np.float64]:
-    """(V, 4, 4) poses near the given ones from which a finished scene looks most like the views' photographs.
+class AlignedViews:
+    """Views that a scene is not fitted to, from where it looks most like their photographs; the scene does not change.
 
-    For views that were not fitted: once the others' poses moved, theirs are as far off as those were, and a comparison
-    would measure that. The scene does not change.
+    Once the poses of those that are fitted have moved, these are as far off as those were, and a comparison would
+    measure that.
     """
-    poses = PoseRefinement([view.at(1)[1].world_to_camera for view in views], fixed_scene=True)
-    for index, view in enumerate(views):
-        image, camera = view.at(1)
-        for step in range(plan.align_steps):
-            frame = rasterizer.render(parameters, poses.camera(index, camera), background.color)
-            rasterizer.photometric_loss(frame, image)
-            rate = plan.rate * plan.rate_left ** (step / plan.align_steps)
-            poses.step(index, parameters, rasterizer.backward(frame), camera, rate)
-    return poses.poses
+
+    def __init__(
+        self, rasterizer: Rasterizer, views: Sequence[TrainingView], background: Background, plan: PosePlan
+    ) -> None:
+        self._rasterizer = rasterizer
+        self._given = views
+        self._background = background
+        self._plan = plan
+        self._refinement = PoseRefinement([view.at(1)[1].world_to_camera for view in views], fixed_scene=True)
+        self._aligned = False
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """(V, 4, 4) world-to-camera in frame units."""
+        return self._refinement.poses
+
+    @property
+    def views(self) -> list[TrainingView]:
+        """The photographs with these poses."""
+        return [view.moved(pose) for view, pose in zip(self._given, self.poses, strict=True)]
+
+    def align(self, parameters: ParameterSet) -> None:
+        """Move the poses to where the scene is now: from where they were given at first, then only after it."""
+        plan = self._plan
+        if self._aligned:
+            rates = [plan.rate * plan.rate_left] * plan.follow_steps
+        else:
+            done = np.arange(plan.align_steps) / plan.align_steps
+            rates = (plan.largest_rate * plan.rate_left**done).tolist()
+        self._aligned = True
+        for index, view in enumerate(self._given):
+            image, given = view.at(1)
+            for rate in rates:
+                camera = self._refinement.camera(index, given)
+                frame = self._rasterizer.render(parameters, camera, self._background.color)
+                self._rasterizer.photometric_loss(frame, image)
+                self._refinement.step(index, parameters, self._rasterizer.backward(frame), camera, rate)
 
 
 def _extent(poses: NDArray[np.float64]) -> float:

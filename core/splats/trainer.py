@@ -19,7 +19,7 @@ from .fitting import Fit
 from .gaussians import Gaussians
 from .outcome import Outcome
 from .plan import TrainingPlan, TrainingResult
-from .poses import align_poses
+from .poses import AlignedViews
 from .raster import LearningRates, Rasterizer
 from .scene_frame import SceneFrame
 from .strategy import Evidence, MultiViewConsistent, Relocation, Strategy, ViewEvidence, floaters, unseen
@@ -67,6 +67,7 @@ class Trainer:
         self._rng = np.random.default_rng(seed)
         self._frame = SceneFrame.around(views, points)
         self._aligned: dict[str, NDArray[np.float64]] = {}
+        self._aligned_deciding: AlignedViews | None = None
         self._prepare_views(views, held_out)
         fitted = [views[i] for i in self._roles.fitted]
         self._fitted = len(fitted)
@@ -77,7 +78,8 @@ class Trainer:
         initial = take(initial, morton_order(initial.means))
         self._initial = len(initial)
         self.fit = Fit(rasterizer, with_sh_degree(initial, plan.sh_degree or 0), background, plan.ssim_weight)
-        self._corrections = ViewCorrections(rasterizer, self._targets, background, plan.exposure, plan.poses)
+        visits = plan.steps / len(self._targets)
+        self._corrections = ViewCorrections(rasterizer, self._targets, background, plan.exposure, plan.poses, visits)
         self._order = ViewOrder(self._fitted, self._rng)
         self._degree_undecided = plan.sh_degree is None
         self._curve: list[dict[str, float | None]] = []
@@ -159,9 +161,6 @@ class Trainer:
         strategy, rates, growing = self._strategy, self._course.rates(step), self._course.growing(step)
         gather = growing and _due(strategy.gradient_every, step)
         self._corrections.decide(self._course.progress(step), self.fit.parameters)
-        if self._corrections.poses_were_off:
-            # Those of the deciding views are off too, so as they are they say nothing about this scene any more.
-            self._fit_all_views(step)
         self._fit_next(self._course.reduction(step), rates, gather_gradient=gather)
         if growing and _due(strategy.disturb_every, step):
             gaussians = self.fit.parameters.to_gaussians()
@@ -175,7 +174,9 @@ class Trainer:
     def _refine(self, step: int) -> None:
         """Let the strategy change the set of Gaussians, and the growth rule say whether that goes on."""
         plan, strategy = self._plan, self._strategy
-        if plan.limit is None and self._deciding and self._course.fine_since(step) > 0:
+        grows_by_itself = plan.limit is None and self._deciding and self._course.fine_since(step) > 0
+        # While the scene follows other poses than the deciding views have, these say nothing about it.
+        if grows_by_itself and not self._corrections.poses_seem_off:
             rounds = self._decided.at_round(self._measure(step))
             verdict = plan.growth.verdict(rounds)
             if verdict is not None:
@@ -220,6 +221,8 @@ class Trainer:
 
     def _measure(self, step: int) -> Measurement:
         """What the deciding views say; keeps the Gaussians when they are the best so far."""
+        if self._corrections.poses_were_off:
+            self._align_deciding()
         measurement = Measurement(step, len(self.fit), self._deciding_psnr(), self.fit.work)
         self._decided.keep_if_best(measurement, self.fit)
         return measurement
@@ -235,9 +238,22 @@ class Trainer:
         if self._roles.kept_aside:
             self._fit_all_views(step)
 
+    def _align_deciding(self) -> None:
+        """Bring the deciding views' poses, off as the others were, to where the scene is now."""
+        if self._aligned_deciding is None:
+            assert self._plan.poses is not None, "poses that are not refined are never off"
+            views = (self._rasterizer, self._deciding, self._background)
+            self._aligned_deciding = AlignedViews(*views, self._plan.poses)
+            self._decided.rounds.clear()
+        self._aligned_deciding.align(self.fit.parameters)
+        self._deciding = self._aligned_deciding.views
+
     def _fit_all_views(self, step: int) -> None:
         self._deciding = []
         if self._fitted < len(self._targets):
+            if self._aligned_deciding is not None:
+                for view, pose in enumerate(self._aligned_deciding.poses, self._fitted):
+                    self._corrections.poses.put(view, pose)
             self._fitted = len(self._targets)
             self._order = ViewOrder(self._fitted, self._rng)
             self._decided.views += f", and fitted like the others from step {step:,} on"
@@ -259,10 +275,10 @@ class Trainer:
         plan = self._plan.poses
         assert plan is not None, "poses that are not refined are never off"
         targets = prepare_targets(self._rasterizer, self._judging, self._frame, self._background, set())
-        poses = align_poses(self._rasterizer, self.fit.parameters, targets, self._background, plan)
-        self._aligned = {view.key: pose for view, pose in zip(self._judging, poses, strict=True)}
-        moved = [target.moved(pose) for target, pose in zip(targets, poses, strict=True)]
-        self._held_out = self._shown_of(moved)
+        aligned = AlignedViews(self._rasterizer, targets, self._background, plan)
+        aligned.align(self.fit.parameters)
+        self._aligned = {view.key: pose for view, pose in zip(self._judging, aligned.poses, strict=True)}
+        self._held_out = self._shown_of(aligned.views)
 
     def _shown_of(self, held_out: Sequence[T]) -> list[T]:
         """Those of all held-out views that the curve is measured on."""

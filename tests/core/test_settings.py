@@ -64,6 +64,14 @@ def test_a_layer_is_named_after_type_and_severity(severity, name):
     assert Layer("deutan", severity).name == name
 
 
+@pytest.mark.parametrize(
+    ("mode", "asked", "corrects"),
+    [("layers", None, True), ("post", None, True), ("joint", None, False), ("layers", False, False)],
+)
+def test_cameras_are_corrected_where_the_mode_can_unless_it_is_switched_off(mode, asked, corrects):
+    assert settings(mode=mode, refine_poses=asked).corrects_poses == corrects
+
+
 def test_settings_survive_the_way_to_the_worker():
     original = settings(layers=(Layer("protan", 0.5), Layer("tritan", 1.0)), max_size=320, gaussians=900)
     assert Settings.from_dict(original.to_dict()) == original

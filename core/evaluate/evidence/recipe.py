@@ -13,11 +13,12 @@ from ..enhancers.methods import method_label
 
 DEUTAN = Layer("deutan", 1.0)
 PLAIN = Plans(
-    training=TrainingPlan(strategy=CloneSplitPrune(), exposure=None, stopping=None),
+    training=TrainingPlan(strategy=CloneSplitPrune(), exposure=None, stopping=None, poses=None),
     layer=LayerPlan(multi_view_weight=0.0),
     guided=False,
 )
-"""Settings of plain Gaussian splatting: clone and split by gradients, every photograph and pixel taken as it is."""
+"""Settings of plain Gaussian splatting: clone and split by gradients, every photograph, pixel and
+camera taken as it is."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...capture import Capture
 from ...consistency import relative_warping_error
 from ...enhance import Enhancer
 from ...events import Reporter
@@ -56,10 +57,12 @@ class _Enhanced:
 
 @dataclass(frozen=True)
 class _Geometry:
-    """A trained geometry."""
+    """A trained geometry, and the judged capture with the poses from which it shows its photographs."""
 
     result: TrainingResult
     made: Reconstruction
+    judged: Capture
+    scene: SceneRenderer
     warnings: tuple[str, ...]
     cost: _Cost
 
@@ -104,8 +107,7 @@ class CaptureTrials:
         self._matches = matches
         self._folder = folder
         self._rasterizer = raster.Rasterizer("cpu", threads)
-        background = Background.of(subject.judged.views)
-        self._scene = SceneRenderer(self._rasterizer, subject.judged.views, background)
+        self._background = Background.of(subject.judged.views)
         self._enhanced: dict[str, _Enhanced] = {}
         self._geometries: dict[str, _Geometry] = {}
         self._unenhanced: dict[str, float] = {}
@@ -123,7 +125,7 @@ class CaptureTrials:
         """
         enhanced = self._enhance(recipe)
         geometry = self._reconstruct(recipe, enhanced)
-        return self._layer(recipe, self._stages(recipe, enhanced.folder, Reporter()), geometry.made, enhanced)
+        return self._layer(recipe, self._stages_after(recipe, geometry, enhanced), geometry.made, enhanced)
 
     def try_recipe(self, recipe: Recipe) -> Trial:
         """Make its scene and measure it.
@@ -134,14 +136,14 @@ class CaptureTrials:
         enhanced = self._enhance(recipe)
         geometry = self._reconstruct(recipe, enhanced)
         folder = recipe_folder(self._folder, recipe)
-        stages = self._stages(recipe, enhanced.folder, Reporter())
+        stages = self._stages_after(recipe, geometry, enhanced)
         started = _Clock()
         made = self._layer(recipe, stages, geometry.made, enhanced)
         layer_cost = started.cost()
-        picture = _Remembered(lambda index: made.picture(self._scene, index))
+        picture = _Remembered(lambda index: made.picture(geometry.scene, index))
         shutil.copytree(enhanced.judged / ENHANCED_FOLDER, folder / ENHANCED_FOLDER, dirs_exist_ok=True)
         evaluation = Evaluation(
-            self.subject.judged, self.subject.judged_split, recipe.simulation, self._scene, folder, Reporter()
+            geometry.judged, self.subject.judged_split, recipe.simulation, geometry.scene, folder, Reporter()
         )
         figures = evaluation.run(geometry.made.original, {recipe.layer: picture}, self._matches)
         warnings = geometry.warnings
@@ -168,6 +170,10 @@ class CaptureTrials:
         settings = recipe.settings(str(given.source), str(folder))
         return Stages.of(settings, folder, reporter, given, split, self._rasterizer, plans=recipe.plans)
 
+    def _stages_after(self, recipe: Recipe, geometry: _Geometry, enhanced: _Enhanced) -> Stages:
+        """Those that follow the training."""
+        return self._stages(recipe, enhanced.folder, Reporter()).after(geometry.result)
+
     def _enhance(self, recipe: Recipe) -> _Enhanced:
         """The enhancer, fitted to the given training views, and its pictures of all given views."""
         key = recipe.enhancement_key
@@ -193,15 +199,17 @@ class CaptureTrials:
             result = stages.train()
             made = stages.after(result).reconstruct(result)
             cost = started.cost()
-            self._geometries[key] = _Geometry(result, made, tuple(noted.names), cost)
+            judged = self.subject.judged.moved(result.moved_poses)
+            scene = SceneRenderer(self._rasterizer, judged.views, self._background)
+            self._geometries[key] = _Geometry(result, made, judged, scene, tuple(noted.names), cost)
         return self._geometries[key]
 
     def _unenhanced_rwe(self, geometry_key: str) -> float:
         """What reconstruction and resampling leave of the warping error even without any enhancement."""
         if geometry_key not in self._unenhanced:
-            original = self._geometries[geometry_key].made.original
-            photographs = [self.subject.judged.views[i].image for i in self._matches.views]
-            rendered = [self._scene.color(original, i) for i in self._matches.views]
+            geometry = self._geometries[geometry_key]
+            photographs = [geometry.judged.views[i].image for i in self._matches.views]
+            rendered = [geometry.scene.color(geometry.made.original, i) for i in self._matches.views]
             error = relative_warping_error(photographs, rendered, self._matches.short)
             self._unenhanced[geometry_key] = error.ratio
         return self._unenhanced[geometry_key]
@@ -225,9 +233,8 @@ class CaptureTrials:
         if not self.subject.is_ordinary:
             picture = _Remembered(lambda index: made.picture(stages.scene, index))
             figures, folder = stages.evaluate(geometry.made, {recipe.layer: picture}), stages.folder
-        given, split = self.subject.given, self.subject.split
-        advice = advise(given, split, folder, geometry.result.curve, figures)
-        return tuple(warning.name for warning in (*given.warnings, *advice))
+        advice = advise(stages.capture, self.subject.split, folder, geometry.result.curve, figures)
+        return tuple(warning.name for warning in (*stages.capture.warnings, *advice))
 
     def _enhance_judged(self, layer: Layer, enhanced: _Enhanced) -> None:
         """Write the enhanced photographs that evaluations compare with."""

@@ -19,7 +19,8 @@ def training_step_milliseconds(capture: Capture, steps: int, threads: int) -> fl
 
     One Gaussian a point, full resolution from the first step on.
     """
-    plan = TrainingPlan(steps=steps, limit=max(len(capture.points), 1), coarse=(), strategy=_NEVER, curve_points=1)
+    limit = max(len(capture.points), 1)
+    plan = TrainingPlan(steps=steps, limit=limit, coarse=(), poses=None, strategy=_NEVER, curve_points=1)
     trainer = Trainer(
         Rasterizer("cpu", threads),
         [view for i, view in enumerate(capture.views) if i % 8],

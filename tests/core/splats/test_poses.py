@@ -127,7 +127,7 @@ def refine(views: list[View], scene: Gaussians, steps: int, until: float = 1.0) 
         rasterizer.photometric_loss(frame_now, image)
         gradients = rasterizer.backward(frame_now)
         if step >= plan.started * steps:
-            poses.step(view, parameters, gradients, camera, plan.rate_at(step / steps))
+            poses.step(view, parameters, gradients, camera, plan.rate_at(step / steps, steps / len(views)))
         left = 0.2 ** (step / steps)
         rates = LearningRates(6.4e-4 * 0.02 ** (step / steps), 2e-2 * left, 4e-3 * left, 1e-1 * left, 1e-2 * left)
         adam.step(rasterizer, parameters, gradients, rates)
