@@ -17,16 +17,30 @@ import venv
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from .bootstrap import OLDEST_PYTHON, ROOT
 from .errors import InputError
 from .events import Reporter
-from .job import ROOT
 
 STAGE = "environment"
-OLDEST_PYTHON = (3, 11)
 TESTED_PYTHON = (3, 11)  # what the files below are for
 REQUIREMENTS = ROOT / "requirements.txt"
 TORCH_REQUIREMENTS = ROOT / "requirements-torch.txt"
 CUDA_REQUIREMENTS = ROOT / "requirements-cuda.txt"
+PACKAGES = {
+    "numpy": "numpy",
+    "torch": "torch",
+    "warp": "warp-lang",
+    "pycolmap": "pycolmap",
+    "OpenImageIO": "OpenImageIO",
+    "kornia": "kornia",
+    "colour": "colour-science",
+    "safetensors": "safetensors",
+    "plyfile": "plyfile",
+    "scipy": "scipy",
+    "zstandard": "zstandard",
+}
+"""Module to distribution: what the worker imports (pyproject.toml), in the order in which a user would miss it."""
+
 _COMPLETE = ".complete"
 _PROBE_SECONDS = 10.0  # for a Python to say whether it can make environments
 _PACKAGES_EACH = 2.5  # that a required package brings along, itself included: 30 for the worker's 11
@@ -85,7 +99,8 @@ def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | N
     """
     if sys.version_info[:2] < OLDEST_PYTHON:
         version = f"Python {sys.version_info[0]}.{sys.version_info[1]}"
-        raise InputError(f"{version} is too old", where=sys.executable, remedy="use Python 3.11 or later")
+        remedy = f"use Python {'.'.join(map(str, OLDEST_PYTHON))} or later"
+        raise InputError(f"{version} is too old", where=sys.executable, remedy=remedy)
     reporter.status(STAGE, f"making an environment for Python {sys.version_info[0]}.{sys.version_info[1]}")
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

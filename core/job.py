@@ -21,11 +21,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import IO, Any
 
+from .bootstrap import ROOT
 from .errors import Cancelled, InputError
 from .events import parse_event
 from .priority import BEHIND_FLAGS, put_behind
 
-ROOT = Path(__file__).resolve().parent.parent
 WORKER = ROOT / "core" / "__main__.py"
 BLENDER_WORKER = ROOT / "cvdgs_addon" / "scene" / "worker.py"
 PICTURE_WORKER = ROOT / "cvdgs_addon" / "batch" / "worker.py"
@@ -82,12 +82,7 @@ def blender_command(arguments: list[str], worker: Path = BLENDER_WORKER, threads
     if _has_modules("bpy"):
         return [sys.executable, str(worker), *arguments]
     python = find_python()
-    if (
-        subprocess.run(
-            [python, "-c", "import importlib.util as u, sys; sys.exit(u.find_spec('bpy') is None)"]
-        ).returncode
-        == 0
-    ):
+    if _has_bpy(python):
         return [python, str(worker), *arguments]
     raise InputError(
         "no Blender is found",
@@ -97,6 +92,16 @@ def blender_command(arguments: list[str], worker: Path = BLENDER_WORKER, threads
 
 def _has_modules(*names: str) -> bool:
     return all(importlib.util.find_spec(name) is not None for name in names)
+
+
+def _has_bpy(python: str) -> bool:
+    program = "import importlib.util, sys; sys.exit(importlib.util.find_spec('bpy') is None)"
+    return subprocess.run([python, "-c", program], env=variables_of_interpreters()).returncode == 0
+
+
+def variables_of_interpreters() -> dict[str, str]:
+    """This process's environment without what Blender sets for its own Python, which would lead another one astray."""
+    return {name: value for name, value in os.environ.items() if name not in ("PYTHONHOME", "PYTHONPATH")}
 
 
 class Job:
@@ -125,12 +130,8 @@ class Job:
         *,
         behind: bool = False,
     ) -> None:
-        environment = {**os.environ, **variables}
-        # Blender sets these for its own Python; they would lead the worker's interpreter astray.
-        for name in ("PYTHONHOME", "PYTHONPATH"):
-            environment.pop(name, None)
-        environment["PYTHONUNBUFFERED"] = "1"
-        environment["PYTHONIOENCODING"] = "utf-8"
+        environment = {**variables_of_interpreters(), **variables}
+        environment |= {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8"}
         # Spinning OpenMP threads make a step 10-15 times slower beside one busy neighbour.
         environment.setdefault("OMP_WAIT_POLICY", "passive")
         self._log = log

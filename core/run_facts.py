@@ -8,28 +8,15 @@ import sys
 from pathlib import Path
 
 from .. import __version__
+from .environment import PACKAGES
+from .processors import available_processors
 from .splats.raster import Rasterizer
-from .splats.raster.runner_cpu import available_processors
-
-# All that the worker requires (pyproject.toml).
-_PACKAGES = (
-    "torch",
-    "warp-lang",
-    "numpy",
-    "scipy",
-    "pycolmap",
-    "OpenImageIO",
-    "kornia",
-    "colour-science",
-    "safetensors",
-    "plyfile",
-    "zstandard",
-)
 
 
 def versions() -> dict[str, str]:
     """Of this project, of Python and of the libraries that a result depends on."""
-    return {"cvdgs": __version__, "python": platform.python_version(), **{name: _version(name) for name in _PACKAGES}}
+    packages = {name: _version(name) for name in PACKAGES.values()}
+    return {"cvdgs": __version__, "python": platform.python_version(), **packages}
 
 
 def _version(package: str) -> str:

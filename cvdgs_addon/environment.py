@@ -12,7 +12,8 @@ from typing import Any
 
 import bpy
 
-from ..core.environment import OLDEST_PYTHON, STAGE, can_make_environments, is_complete, python_in
+from ..core.bootstrap import OLDEST_PYTHON
+from ..core.environment import STAGE, can_make_environments, is_complete, python_in
 from ..core.errors import InputError
 from ..core.job import WORKER, Workers, find_python
 from ..core.job_console import Listener, finish

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 
+from ..core.demo import SHOWROOM
 from ..cvdgs_addon.activity import ACTIVITY
 from ..cvdgs_addon.inspection import JOB, inspect_now, start_inspection
 from .reporting import reports_errors
-
-DEMO = Path(__file__).resolve().parent.parent / "core" / "demo" / "showroom"
 
 
 class CVDGS_OT_inspect_capture(bpy.types.Operator):
@@ -51,7 +48,7 @@ class CVDGS_OT_use_demo(bpy.types.Operator):
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
         context.scene.cvdgs.capture.sfm = False
-        context.scene.cvdgs.capture.folder = str(DEMO)
+        context.scene.cvdgs.capture.folder = str(SHOWROOM)
         return {"FINISHED"}
 
 

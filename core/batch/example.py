@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..demo import SHOWROOM
 from ..errors import InputError
-from ..job import ROOT
-
-DEMO_CAPTURE = ROOT / "core" / "demo" / "showroom"
 
 _TEXT = """\
 # A batch of turntables. Try it:
@@ -65,7 +63,7 @@ def write_example(path: Path) -> Path:
     Raises:
         InputError: it exists, or cannot be written.
     """
-    text = _TEXT.format(name=path.name, capture=_quoted(str(DEMO_CAPTURE)))
+    text = _TEXT.format(name=path.name, capture=_quoted(str(SHOWROOM)))
     try:
         with open(path, "x", encoding="utf-8") as file:
             file.write(text)

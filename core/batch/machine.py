@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..processors import available_processors
+
 if TYPE_CHECKING:  # the doctor runs in a Python that is too old for tasks
     from .task import Task
 
@@ -43,16 +45,10 @@ class Resources:
 def this_machine(cores: int | None = None, memory_mb: int | None = None, gpus: int | None = None) -> Resources:
     """What this machine has, as far as it is not given."""
     return Resources(
-        _cores() if cores is None else cores,
+        available_processors() if cores is None else cores,
         _memory_mb() if memory_mb is None else memory_mb,
         _graphics_cards() if gpus is None else gpus,
     )
-
-
-def _cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _memory_mb() -> int:

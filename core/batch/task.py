@@ -28,8 +28,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from ..bootstrap import ROOT
 from ..errors import InputError
-from ..job import ROOT
 from ..untrusted import explained, read_json
 
 SCRIPT = ROOT / "scripts" / "turntable.py"

@@ -12,8 +12,9 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 
+from ..bootstrap import ROOT
 from ..errors import InputError
-from ..job import ROOT, blender_command
+from ..job import blender_command
 from .finding import Finding, State
 from .interpreters import ask, blender_version
 
@@ -67,8 +68,7 @@ def _blender() -> tuple[Finding, bool]:
             return Finding("Blender", State.OK, f"{blender_version(program)} ({program})"), is_module
         return Finding("Blender", State.OK, f"bpy module {_module_version(program)} ({program})"), is_module
     except InputError as error:
-        found = f"{error.where}: {error.what}" if error.where else error.what
-        return Finding("Blender", State.MISSING, found, error.remedy), is_module
+        return Finding.of_error("Blender", error), is_module
 
 
 def _module_version(python: str) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..batch.machine import this_machine
-from ..job import ROOT
+from ..bootstrap import ROOT
 from .finding import Finding, State
 
 # The demo's worker peaks at 1.1 GB (README); Blender and the system want as much again.

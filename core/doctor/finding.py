@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from ..errors import InputError
+
 
 class State(Enum):
     """How a thing stands; the values are what programs read and what stands before a line."""
@@ -30,6 +32,12 @@ class Finding:
     state: State
     found: str
     remedy: str = ""
+
+    @classmethod
+    def of_error(cls, name: str, error: InputError) -> Finding:
+        """What is missing because of `error`."""
+        found = f"{error.where}: {error.what}" if error.where else error.what
+        return cls(name, State.MISSING, found, error.remedy)
 
     def to_dict(self) -> dict[str, str]:
         """A JSON-ready dictionary."""

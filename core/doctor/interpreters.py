@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
+from ..job import variables_of_interpreters
 
 PROBE = Path(__file__).with_name("probe.py")
 # A cold disk takes a minute to import torch; a program that never answers is not waited for.
@@ -45,8 +45,6 @@ def blender_version(program: str) -> str:
 
 
 def _run(command: list[str]) -> str:
-    # Blender sets these for its own Python; they would lead another one astray.
-    environment = {name: value for name, value in os.environ.items() if name not in ("PYTHONHOME", "PYTHONPATH")}
     try:
         result = subprocess.run(
             command,
@@ -54,7 +52,7 @@ def _run(command: list[str]) -> str:
             text=True,
             encoding="utf-8",
             errors="replace",
-            env=environment,
+            env=variables_of_interpreters(),
             timeout=_PATIENCE_SECONDS,
         )
     except (OSError, subprocess.SubprocessError) as error:

@@ -7,26 +7,13 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..environment import TESTED_PYTHON, can_make_environments
+from ..bootstrap import ROOT
+from ..environment import PACKAGES, TESTED_PYTHON, can_make_environments
 from ..errors import InputError
-from ..job import ROOT, find_python
+from ..job import find_python
 from .finding import Finding, State
 from .interpreters import Answer, ask
 
-# Module to distribution: what the main job imports, in the order in which a user would miss it.
-REQUIRED = {
-    "numpy": "numpy",
-    "torch": "torch",
-    "warp": "warp-lang",
-    "pycolmap": "pycolmap",
-    "OpenImageIO": "OpenImageIO",
-    "kornia": "kornia",
-    "colour": "colour-science",
-    "safetensors": "safetensors",
-    "plyfile": "plyfile",
-    "scipy": "scipy",
-    "zstandard": "zstandard",
-}
 OPTIONAL = {
     "distributed": ("distributed", "batches with --cluster"),
     "openjd.cli": ("openjd-cli", "running what --export openjd writes"),
@@ -37,15 +24,14 @@ def examine_worker() -> Iterator[Finding]:
     """The interpreter that workers are started with, its packages, and its kernels' cache."""
     try:
         python = find_python()
-        answer = ask(python, {**REQUIRED, **{module: name for module, (name, _) in OPTIONAL.items()}})
+        answer = ask(python, {**PACKAGES, **{module: name for module, (name, _) in OPTIONAL.items()}})
     except InputError as error:
-        found = f"{error.where}: {error.what}" if error.where else error.what
-        yield Finding("worker", State.MISSING, found, error.remedy)
+        yield Finding.of_error("worker", error)
         yield from _what_makes_one()
         return
     yield Finding("worker", State.OK, f"Python {answer['python']} ({python})")
     packages = answer["packages"]
-    for name in REQUIRED.values():
+    for name in PACKAGES.values():
         version, problem = packages[name]["version"], packages[name]["problem"]
         if problem is None:
             yield Finding(name, State.OK, version)

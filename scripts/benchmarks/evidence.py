@@ -11,7 +11,7 @@ from typing import Any
 from ...core.console import ConsoleReporter
 from ...core.evaluate.evidence.scenes import DEMO, SHOWROOMS, capture_sources
 from ...core.evaluate.evidence.subject import CaptureFolder
-from ...core.splats.raster.runner_cpu import available_processors
+from ...core.processors import available_processors
 from .data import FOX, KERMIT
 from .options import names
 

@@ -23,8 +23,8 @@ from ...core.evaluate.evidence.pareto_page import write_pareto
 from ...core.evaluate.evidence.scenes import DEMO
 from ...core.evaluate.evidence.subject import CaptureFolder
 from ...core.evaluate.training.prototype_loop import PrototypeLoop
+from ...core.processors import available_processors
 from ...core.settings import Settings
-from ...core.splats.raster.runner_cpu import available_processors
 from ...cvdgs_addon.quality import QUALITIES
 from .data import PROTOTYPE
 from .evidence import add_evidence_arguments, chosen_sources, settled, shown_command, work_folder

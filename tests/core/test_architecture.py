@@ -53,6 +53,7 @@ STANDARD_LIBRARY_ONLY = [
     "licences",
     "parent",
     "priority",
+    "processors",
     "progress",
     "report",
     "run_files",

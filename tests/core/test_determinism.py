@@ -27,7 +27,7 @@ from pathlib import Path
 from cvdgs.core.events import Reporter
 from cvdgs.core.pipeline import run
 from cvdgs.core.settings import Layer, Settings
-from cvdgs.core.splats.raster.runner_cpu import available_processors
+from cvdgs.core.processors import available_processors
 
 assert available_processors() == int(threads)
 plan = {"iterations": 60, "max_size": 48, "gaussians": 6000}

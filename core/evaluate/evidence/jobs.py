@@ -23,8 +23,8 @@ import torch
 from .... import __version__
 from ...errors import InputError
 from ...events import Reporter
+from ...processors import available_processors
 from ...splats import raster
-from ...splats.raster.runner_cpu import available_processors
 from ..drift import cached_matches
 from .recipe import Recipe, Trial
 from .subject import SubjectSource

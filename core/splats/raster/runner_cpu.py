@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ...processors import available_processors
 from .camera import CAMERA_FLOATS
 from .kernels_cpu import KERNELS, Stage
 from .runner import MOMENTS, SPLAT_FLOATS, Runner
@@ -18,13 +18,6 @@ _SORT_HISTOGRAM = 3 * 2048  # passes x buckets; as in stages_cpu.h
 _STRIP_ROWS = 48  # as in loss_cpu.h
 _FEW = 1024  # Gaussians that are not worth waking the other threads for
 _SEGMENTED = 4096  # Gaussians from which binning is shared out
-
-
-def available_processors() -> int:
-    """Processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _loss_scratch_floats(width: int) -> int:

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from cvdgs.core.capture.thumbnails import write_thumbnails
+from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import InputError
 from cvdgs.core.images import read_png
 
 ROOT = Path(__file__).resolve().parents[3]
-DEMO = ROOT / "core" / "demo" / "showroom"
 
 
 def inspect(**request: object) -> tuple[int, list[dict]]:
@@ -30,7 +30,7 @@ def inspect(**request: object) -> tuple[int, list[dict]]:
 
 
 def test_thumbnails_keep_the_aspect_and_the_colours(tmp_path):
-    paths = write_thumbnails(DEMO, tmp_path / "small", count=3, size=64)
+    paths = write_thumbnails(SHOWROOM, tmp_path / "small", count=3, size=64)
     assert [path.name for path in paths] == ["0.png", "1.png", "2.png"]
     pictures = [read_png(path) for path in paths]
     assert {picture.shape for picture in pictures} == {(48, 64, 3)}
@@ -40,13 +40,13 @@ def test_thumbnails_keep_the_aspect_and_the_colours(tmp_path):
 
 def test_photographs_without_cameras_need_to_be_asked_for(tmp_path):
     with pytest.raises(InputError, match="no cameras"):
-        write_thumbnails(DEMO / "images", tmp_path, count=1, size=64)
-    assert len(write_thumbnails(DEMO / "images", tmp_path, count=1, size=64, sfm=True)) == 1
+        write_thumbnails(SHOWROOM / "images", tmp_path, count=1, size=64)
+    assert len(write_thumbnails(SHOWROOM / "images", tmp_path, count=1, size=64, sfm=True)) == 1
 
 
 def test_the_worker_says_what_a_capture_holds_and_shows_it(tmp_path):
     pictures = {"folder": str(tmp_path), "count": 2, "size": 64}
-    code, events = inspect(capture=str(DEMO), thumbnails=pictures)
+    code, events = inspect(capture=str(SHOWROOM), thumbnails=pictures)
     assert code == 0
     summary = events[-1]["summary"]
     assert (summary["format"], summary["views"], summary["sizes"]) == ("transforms", 40, [[480, 360, 40]])
