@@ -7,7 +7,7 @@ import bpy
 from ..cvdgs_addon.messages import lines_of
 
 _CHARACTER_WIDTH = 6.2  # pixels of a character of the interface font on average, at a scale of 1
-_MARGIN = 80.0  # pixels beside the text: tabs, borders (of a box as well), icon, scroll bar
+_MARGIN = 68.0  # pixels beside the text: tabs, borders (of a box as well), icon, scroll bar
 _FEWEST_CHARACTERS = 16
 
 
