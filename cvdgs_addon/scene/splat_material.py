@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
+
 import bpy
 
 from .nodes import NodeWriter, Value
@@ -9,19 +11,33 @@ from .projection_nodes import ALPHA_MIN
 from .splat_attributes import Attribute
 
 DISC_NAME = "CVD Gaussian Disc"
+MESH_DISC_NAME = "CVD Gaussian Mesh Disc"
 ELLIPSOID_NAME = "CVD Gaussian Ellipsoid"
 POINT_NAME = "CVD Gaussian Point"
 
 ALPHA_MAX = 0.999  # of the rasteriser: no Gaussian hides what is behind it entirely
 
 
+class _Kept(StrEnum):
+    """Where opacity and colour are kept, as the attribute node calls it."""
+
+    ON_INSTANCE = "INSTANCER"
+    ON_MESH = "GEOMETRY"
+
+
 def build_disc_material() -> bpy.types.Material:
     """Evaluates the Gaussian where the ray meets the plane of its centre."""
     material = _new_material(DISC_NAME)
     write = NodeWriter(material.node_tree)
-    point = write.output("ShaderNodeTexCoord", name="Object")
-    squared_radius = write.vector_math("DOT_PRODUCT", point, point)
-    _finish(write, _alpha(write, squared_radius))
+    _show_disc(write, write.output("ShaderNodeTexCoord", name="Object"), _Kept.ON_INSTANCE)
+    return material
+
+
+def build_mesh_disc_material() -> bpy.types.Material:
+    """Does the same for discs that are faces of one mesh (see `disc_nodes`)."""
+    material = _new_material(MESH_DISC_NAME)
+    write = NodeWriter(material.node_tree)
+    _show_disc(write, _attribute(write, Attribute.ON_DISC, "Vector", _Kept.ON_MESH), _Kept.ON_MESH)
     return material
 
 
@@ -38,7 +54,8 @@ def build_ellipsoid_material() -> bpy.types.Material:
     foot = write.math("DIVIDE", write.math("MULTIPLY", along, along), write.vector_math("DOT_PRODUCT", ray, ray))
     squared_radius = write.math("SUBTRACT", write.vector_math("DOT_PRODUCT", point, point), foot)
     entering = write.math("SUBTRACT", 1.0, geometry.outputs["Backfacing"])
-    _finish(write, write.math("MULTIPLY", entering, _alpha(write, squared_radius)))
+    alpha = _alpha(write, squared_radius, _Kept.ON_INSTANCE)
+    _finish(write, write.math("MULTIPLY", entering, alpha), _Kept.ON_INSTANCE)
     return material
 
 
@@ -62,24 +79,29 @@ def _new_material(name: str) -> bpy.types.Material:
     return material
 
 
-def _alpha(write: NodeWriter, squared_radius: Value) -> Value:
+def _show_disc(write: NodeWriter, point: Value, kept: _Kept) -> None:
+    squared_radius = write.vector_math("DOT_PRODUCT", point, point)
+    _finish(write, _alpha(write, squared_radius, kept), kept)
+
+
+def _alpha(write: NodeWriter, squared_radius: Value, kept: _Kept) -> Value:
     """o exp(-r^2 / 2) with r in standard deviations, from the squared radius in units of the hull's.
 
     The hull's radius is where it falls to `ALPHA_MIN`, so it is o (ALPHA_MIN / o)^(squared radius).
     """
-    opacity = _instance_attribute(write, Attribute.OPACITY, "Fac")
+    opacity = _attribute(write, Attribute.OPACITY, "Fac", kept)
     falloff = write.math("POWER", write.math("DIVIDE", ALPHA_MIN, opacity), squared_radius)
     alpha = write.math("MINIMUM", write.math("MULTIPLY", opacity, falloff), ALPHA_MAX)
     return write.math("MULTIPLY", alpha, write.math("LESS_THAN", squared_radius, 1.0))
 
 
-def _instance_attribute(write: NodeWriter, name: str, output: str) -> Value:
-    return write.output("ShaderNodeAttribute", name=output, attribute_type="INSTANCER", attribute_name=name)
+def _attribute(write: NodeWriter, name: str, output: str, kept: _Kept) -> Value:
+    return write.output("ShaderNodeAttribute", name=output, attribute_type=kept, attribute_name=name)
 
 
-def _finish(write: NodeWriter, alpha: Value) -> None:
+def _finish(write: NodeWriter, alpha: Value, kept: _Kept) -> None:
     """Emission of the drawn colour, mixed over what is behind by `alpha`."""
-    emission = write.output("ShaderNodeEmission", _instance_attribute(write, Attribute.DRAWN_COLOR, "Color"))
+    emission = write.output("ShaderNodeEmission", _attribute(write, Attribute.DRAWN_COLOR, "Color", kept))
     mixed = write.output("ShaderNodeMixShader", alpha, write.output("ShaderNodeBsdfTransparent"), emission)
     write.node("ShaderNodeOutputMaterial", mixed)
     write.arrange()

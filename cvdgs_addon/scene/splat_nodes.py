@@ -26,6 +26,7 @@ import bpy
 
 from ...core.run_files import ORIGINAL
 from .color_nodes import add_decoding_nodes
+from .disc_nodes import MESH_LIMIT, disc_hull, few_enough, one_mesh
 from .harmonics_nodes import view_dependent_part
 from .nodes import NodeWriter, Sockets, Value, add_input, new_group
 from .projection_nodes import ALPHA_MIN, Camera, Splat, add_camera_nodes, add_frame_nodes, add_hull_nodes
@@ -36,10 +37,8 @@ GROUP_NAME = "CVD Gaussians"
 
 DILATION = 0.3  # px^2 that the rasteriser adds to the variance of every projection (Kerbl et al. 2023)
 
-# Circumscribed about the unit sphere and the unit circle, so that the hull cuts nothing off.
+# Circumscribed about the unit sphere, so that the hull cuts nothing off.
 ICOSPHERE_RADIUS = math.sqrt(15.0 / (5.0 + 2.0 * math.sqrt(5.0)))
-DISC_CORNERS = 8  # fewer cost more in rays through transparent corners than they save in triangles
-DISC_RADIUS = 1.0 / math.cos(math.pi / DISC_CORNERS)
 
 _ORIGIN = (0.0, 0.0, 0.0)
 
@@ -53,6 +52,7 @@ class Input(StrEnum):
     CAMERA_VIEW = "Camera View"
     SCENE_LINEAR = "Scene Linear"
     DILATION = "Dilation"
+    MESH_LIMIT = "Mesh Limit"
     AS_POINTS = "As Points"
     POINT_SIZE = "Point Size"
     BUDGET = "Budget"
@@ -61,6 +61,7 @@ class Input(StrEnum):
     CROP_BOX = "Crop Box"
     WIDTH = "Width"
     HEIGHT = "Height"
+    MOTION_BLUR = "Motion Blur"
 
 
 def group_name(sh_degree: int) -> str:
@@ -70,9 +71,10 @@ def group_name(sh_degree: int) -> str:
 
 @dataclass(frozen=True)
 class Materials:
-    """What the group draws with: the camera-facing hull, the hull around the Gaussian, and points."""
+    """What the group draws with: the camera-facing hull as instance and in a mesh, the ellipsoid, and points."""
 
     disc: bpy.types.Material
+    mesh_disc: bpy.types.Material
     ellipsoid: bpy.types.Material
     point: bpy.types.Material
 
@@ -102,7 +104,12 @@ def build_group(sh_degree: int, materials: Materials) -> bpy.types.NodeTree:
     splat = Splat(write, camera, frame)
     in_front = write.compare("GREATER_THAN", splat.depth, camera.clip_start)
     drawn = write.both(chosen, write.switch("BOOLEAN", facing, True, in_front))
-    hull = write.switch("GEOMETRY", facing, _icosphere(write, materials.ellipsoid), _disc(write, materials.disc))
+    # The faces of the mesh change places between the moments that motion blur compares; instances stay who they are.
+    is_sharp = write.output("FunctionNodeBooleanMath", inputs[Input.MOTION_BLUR], operation="NOT")
+    few = few_enough(write, points, drawn, inputs[Input.MESH_LIMIT])
+    as_mesh = write.both(facing, write.both(is_sharp, few))
+    disc_material = write.switch("MATERIAL", as_mesh, materials.disc, materials.mesh_disc)
+    hull = write.switch("GEOMETRY", facing, _icosphere(write, materials.ellipsoid), disc_hull(write, disc_material))
     instances = write.output("GeometryNodeInstanceOnPoints", points, drawn, hull)
 
     ellipsoid, disc = add_hull_nodes(write, camera, frame, inputs[Input.DILATION])
@@ -110,9 +117,10 @@ def build_group(sh_degree: int, materials: Materials) -> bpy.types.NodeTree:
     instances = write.output("GeometryNodeSetInstanceTransform", instances, True, placement)
     color = _add_color_nodes(write, inputs, camera, frame, sh_degree)
     instances = _with_color(write, instances, color, "INSTANCE")
+    hulls = write.switch("GEOMETRY", as_mesh, instances, one_mesh(write, instances, splat.depth))
     cloud = as_points(write, points, chosen, splat.scale, inputs[Input.POINT_SIZE], materials.point)
     cloud = _with_color(write, cloud, color, "POINT")
-    write.node("NodeGroupOutput", write.switch("GEOMETRY", inputs[Input.AS_POINTS], instances, cloud))
+    write.node("NodeGroupOutput", write.switch("GEOMETRY", inputs[Input.AS_POINTS], hulls, cloud))
     write.arrange()
     return tree
 
@@ -136,6 +144,10 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
               "off: photo colours, for the Raw view transform", default_value=False)  # fmt: skip
     add_input(tree, Input.DILATION, "NodeSocketFloat", "Low-pass of the rasteriser, in square pixels",
               min_value=0.0, max_value=10.0, default_value=DILATION)  # fmt: skip
+    add_input(tree, Input.MESH_LIMIT, "NodeSocketInt",
+              "Up to how many discs are drawn as one mesh, which Cycles renders faster but needs more memory for; more "
+              "are instances. 0: always instances",
+              min_value=0, default_value=MESH_LIMIT)  # fmt: skip
     add_input(tree, Input.AS_POINTS, "NodeSocketBool",
               "Draw points instead of Gaussians: fast, for placing and cropping", default_value=False)  # fmt: skip
     add_input(tree, Input.POINT_SIZE, "NodeSocketFloat", "Radius of points in standard deviations of their Gaussians",
@@ -151,6 +163,8 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
     for name in (Input.WIDTH, Input.HEIGHT):
         add_input(tree, name, "NodeSocketFloat", "Size of the render in pixels, driven by the scene",
                   min_value=1.0, default_value=1000.0, hide_in_modifier=True)  # fmt: skip
+    add_input(tree, Input.MOTION_BLUR, "NodeSocketBool", "Whether renders have it, driven by the scene",
+              default_value=False, hide_in_modifier=True)  # fmt: skip
 
 
 _CHOICE = (Input.BUDGET, Input.BUDGET_IN_RENDERS, Input.CROP, Input.CROP_BOX)
@@ -177,11 +191,6 @@ def _with_color(write: NodeWriter, geometry: Value, color: Value, domain: str) -
 
 def _icosphere(write: NodeWriter, material: bpy.types.Material) -> Value:
     mesh = write.output("GeometryNodeMeshIcoSphere", ICOSPHERE_RADIUS, 1)
-    return write.output("GeometryNodeSetMaterial", mesh, True, material)
-
-
-def _disc(write: NodeWriter, material: bpy.types.Material) -> Value:
-    mesh = write.output("GeometryNodeMeshCircle", DISC_CORNERS, DISC_RADIUS, fill_type="NGON")
     return write.output("GeometryNodeSetMaterial", mesh, True, material)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -24,9 +25,11 @@ from .splat_attributes import Attribute, Frame, color_attribute
 from .splat_material import (
     DISC_NAME,
     ELLIPSOID_NAME,
+    MESH_DISC_NAME,
     POINT_NAME,
     build_disc_material,
     build_ellipsoid_material,
+    build_mesh_disc_material,
     build_point_material,
 )
 from .splat_nodes import GROUP_NAME, Input, Materials, build_group, group_name
@@ -67,8 +70,9 @@ def add_gaussians(
     collection.objects.link(splats)
     modifier = splats.modifiers.new(MODIFIER_NAME, "NODES")
     modifier.node_group = _shared_group(gaussians.sh_degree)
-    _drive_by_render_size(splats, Input.WIDTH, "x")
-    _drive_by_render_size(splats, Input.HEIGHT, "y")
+    for name, size in ((Input.WIDTH, "resolution_x"), (Input.HEIGHT, "resolution_y")):
+        _drive_by_render_settings(splats, name, f"{size} * resolution_percentage / 100")
+    _drive_by_render_settings(splats, Input.MOTION_BLUR, "use_motion_blur")
     show_layer(splats, next(iter(layers), ORIGINAL))
     return splats
 
@@ -217,27 +221,36 @@ def _add_attribute(mesh: bpy.types.Mesh, name: str, kind: str, field: str, value
 
 
 def _shared_group(sh_degree: int) -> bpy.types.NodeTree:
-    """The node group of this file, made when there is none: all Gaussians of an SH degree share it."""
-    existing = bpy.data.node_groups.get(group_name(sh_degree))
-    if existing is not None:
-        return existing
+    """The node group of this file, made when there is none: all Gaussians of an SH degree share it.
+
+    One that an earlier release made stays with the Gaussians that have it.
+    """
+    for existing in bpy.data.node_groups:
+        name, _, _number = existing.name.partition(".")
+        if name == group_name(sh_degree) and set(Input) <= {item.name for item in existing.interface.items_tree}:
+            return existing
     blocks = bpy.data.materials
     materials = Materials(
         disc=blocks.get(DISC_NAME) or build_disc_material(),
+        mesh_disc=blocks.get(MESH_DISC_NAME) or build_mesh_disc_material(),
         ellipsoid=blocks.get(ELLIPSOID_NAME) or build_ellipsoid_material(),
         point=blocks.get(POINT_NAME) or build_point_material(),
     )
     return build_group(sh_degree, materials)
 
 
-def _drive_by_render_size(splats: bpy.types.Object, name: Input, axis: str) -> None:
-    """Let the input follow the render size of whichever scene is shown, so that the low-pass stays in pixels."""
+def _drive_by_render_settings(splats: bpy.types.Object, name: Input, expression: str) -> None:
+    """Let the input follow the settings in `expression` of whichever scene is shown.
+
+    Args:
+        expression: simple enough for Blender to evaluate without running Python.
+    """
     driver = splats.driver_add(input_path(splats, name)).driver
     driver.type = "SCRIPTED"
-    for variable_name, path in (("size", f"render.resolution_{axis}"), ("percent", "render.resolution_percentage")):
+    for setting in re.findall("[a-z_]+", expression):
         variable = driver.variables.new()
-        variable.name = variable_name
+        variable.name = setting
         variable.type = "CONTEXT_PROP"
         variable.targets[0].context_property = "ACTIVE_SCENE"
-        variable.targets[0].data_path = path
-    driver.expression = "size * percent / 100"  # simple enough for Blender to evaluate without running Python
+        variable.targets[0].data_path = f"render.{setting}"
+    driver.expression = expression

@@ -11,6 +11,7 @@ import pytest
 
 from cvdgs.cvdgs_addon.scene import display, splats, worker
 from cvdgs.cvdgs_addon.scene.render_settings import Display, Engine
+from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 
 from . import ewa
 from .scenes import CAMERA, cloud, look_through, opencv, read_png, ring_view
@@ -31,10 +32,14 @@ os._exit(0)
 
 
 @pytest.mark.timeout(120)
-def test_eevee_shows_the_rasterisers_image(scene, tmp_path):
+@pytest.mark.parametrize(
+    "limit", [pytest.param(0, id="instances", marks=pytest.mark.slow), pytest.param(COUNT, id="mesh")]
+)
+def test_eevee_shows_the_rasterisers_image(scene, tmp_path, limit):
     gaussians = cloud(COUNT)
     look_through(scene, CAMERA, POSE)
     added = splats.add_gaussians(gaussians, {}, scene.collection)
+    splats.set_input(added, Input.MESH_LIMIT, limit)
     added[display.BACKGROUND_PROPERTY] = (0.0, 0.0, 0.0)
     display.set_up_render(scene, Engine.EEVEE, Display.PHOTO)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))

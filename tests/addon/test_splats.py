@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import bmesh
 import bpy
@@ -14,8 +15,9 @@ from cvdgs.core.errors import InputError
 from cvdgs.core.run_files import ORIGINAL
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.cvdgs_addon.scene import render_settings, splats
+from cvdgs.cvdgs_addon.scene.disc_nodes import DISC_CORNERS
 from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute
-from cvdgs.cvdgs_addon.scene.splat_nodes import DISC_CORNERS, Input
+from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 
 from ..effort import function_calls
 from . import ewa
@@ -35,9 +37,11 @@ def view(scene):
     return look_through(scene, CAMERA, POSE)
 
 
-def test_a_render_is_the_rasterisers_image(scene, tmp_path):
+@pytest.mark.parametrize("limit", [0, 500], ids=["instances", "mesh"])
+def test_a_render_is_the_rasterisers_image(scene, tmp_path, limit):
     gaussians = cloud(500)
-    splats.add_gaussians(gaussians, {}, scene.collection)
+    added = splats.add_gaussians(gaussians, {}, scene.collection)
+    splats.set_input(added, Input.MESH_LIMIT, limit)
     assert ewa.psnr(render_png(scene, tmp_path / "image.png"), reference(gaussians)) > 50.0
 
 
@@ -115,16 +119,81 @@ def test_either_hull_draws_a_single_gaussian_alike(scene, tmp_path, facing):
 
 
 def drawn_in_the_viewport() -> set[int]:
-    """Corners of the hulls that the viewport's evaluation of the scene has."""
+    """Corners of the hulls that the viewport's evaluation of the scene has as instances."""
     instances = bpy.context.evaluated_depsgraph_get().object_instances
     return {len(instance.object.data.vertices) for instance in instances if instance.is_instance}
 
 
-def test_the_viewport_draws_ellipsoids_unless_it_looks_through_the_camera(scene):
+class Meshed(NamedTuple):
+    """The mesh of hulls that the viewport's evaluation of an object has."""
+
+    corners: int
+    centers: np.ndarray
+    attributes: set[str]
+
+
+def meshed_in_the_viewport(added: bpy.types.Object) -> Meshed:
+    geometry = added.evaluated_get(bpy.context.evaluated_depsgraph_get()).evaluated_geometry()
+    centers = np.array([polygon.center.to_tuple() for polygon in geometry.mesh.polygons])
+    return Meshed(len(geometry.mesh.vertices), centers, set(geometry.mesh.attributes.keys()))
+
+
+@pytest.mark.parametrize("limit", [0, 20], ids=["instances", "mesh"])
+def test_the_viewport_draws_ellipsoids_unless_it_looks_through_the_camera(scene, limit):
     added = splats.add_gaussians(cloud(20), {}, scene.collection)
+    splats.set_input(added, Input.MESH_LIMIT, limit)
     (ellipsoid,) = drawn_in_the_viewport()
     assert ellipsoid > DISC_CORNERS
     splats.set_input(added, Input.CAMERA_VIEW, True)
+    if limit:
+        assert drawn_in_the_viewport() == set()
+        assert meshed_in_the_viewport(added).corners == 20 * DISC_CORNERS
+    else:
+        assert drawn_in_the_viewport() == {DISC_CORNERS}
+
+
+def test_what_is_drawn_counts_for_the_mesh_and_not_what_there_is(scene):
+    added = splats.add_gaussians(cloud(20), {}, scene.collection)
+    splats.set_input(added, Input.CAMERA_VIEW, True)
+    splats.set_input(added, Input.MESH_LIMIT, 19)
+    assert drawn_in_the_viewport() == {DISC_CORNERS}
+    splats.set_input(added, Input.BUDGET, 19)
+    assert drawn_in_the_viewport() == set()
+    assert len(meshed_in_the_viewport(added).centers) == 19
+
+
+@pytest.mark.parametrize("degree", [0, 2])
+def test_the_mesh_carries_only_what_is_shown(scene, degree):
+    """Attributes take memory for each corner of each disc."""
+    sh = np.zeros((20, (degree + 1) ** 2, 3), np.float32)
+    gaussians = replace(cloud(20), sh=sh)
+    added = splats.add_gaussians(gaussians, {"deutan-1.0": gaussians.base_colors}, scene.collection)
+    splats.set_input(added, Input.CAMERA_VIEW, True)
+    kept = meshed_in_the_viewport(added).attributes
+    shown = {Attribute.ON_DISC, Attribute.OPACITY, Attribute.DRAWN_COLOR}
+    assert kept >= shown
+    names = [attribute.name for attribute in added.data.attributes]
+    others = {name for name in names if not name.startswith(".")} - shown - {"position"}
+    assert others >= {Attribute.SCALE, "color_deutan-1.0"}
+    assert not kept & others
+
+
+def test_the_mesh_has_the_farthest_discs_first(scene):
+    """The order in which EEVEE draws them."""
+    added = splats.add_gaussians(cloud(50), {}, scene.collection)
+    splats.set_input(added, Input.CAMERA_VIEW, True)
+    centers = meshed_in_the_viewport(added).centers
+    depths = (centers @ opencv(POSE)[:3, :3].T + opencv(POSE)[:3, 3])[:, 2]
+    assert len(depths) == 50
+    assert (np.diff(depths) < 1e-5).all()
+
+
+def test_motion_blur_needs_instances(scene):
+    """The faces of the mesh change places as the camera moves, so that blur would join those of different discs."""
+    added = splats.add_gaussians(cloud(20), {}, scene.collection)
+    splats.set_input(added, Input.CAMERA_VIEW, True)
+    assert drawn_in_the_viewport() == set()
+    scene.render.use_motion_blur = True
     assert drawn_in_the_viewport() == {DISC_CORNERS}
 
 
@@ -223,6 +292,19 @@ def test_two_objects_share_one_node_group_but_not_their_settings(scene):
     assert groups[0] == groups[1]
     assert splats.get_input(first, Input.ENHANCED) == 1.0
     assert not splats.is_splats(scene.camera)
+
+
+def test_a_node_group_of_an_earlier_release_stays_with_the_gaussians_that_have_it(scene, tmp_path):
+    earlier = splats.add_gaussians(cloud(10), {}, scene.collection)
+    group = earlier.modifiers[splats.MODIFIER_NAME].node_group
+    items = group.interface.items_tree
+    group.interface.remove(next(item for item in items if item.name == Input.MOTION_BLUR))
+    later, latest = (splats.add_gaussians(cloud(10), {}, scene.collection) for _ in range(2))
+    assert earlier.modifiers[splats.MODIFIER_NAME].node_group == group
+    assert later.modifiers[splats.MODIFIER_NAME].node_group != group
+    assert later.modifiers[splats.MODIFIER_NAME].node_group == latest.modifiers[splats.MODIFIER_NAME].node_group
+    assert splats.is_splats(earlier)
+    assert splats.is_splats(latest)
 
 
 def test_every_input_of_the_node_group_is_documented(scene):
