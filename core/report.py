@@ -11,17 +11,26 @@ from pathlib import Path
 from typing import Any
 
 from .batch.arguments import evenly_spread, picture_name
-from .run_files import REPORT_FILE, REPORT_PAGE, TURNTABLE_FOLDER
+from .run_files import (
+    CAPTURE_FOLDER,
+    IMAGES_FOLDER,
+    RENDERS_FOLDER,
+    REPORT_FILE,
+    REPORT_PAGE,
+    SIMULATED_FOLDER,
+    SIMULATED_INPUT_FOLDER,
+    TURNTABLE_FOLDER,
+)
 
 SCHEMA = "cvdgs-report-1"
 _VIEWS_SHOWN = 3
-# What the metrics of a layer are computed on, and how the table calls it.
-_KINDS = {
+SCORED_PICTURES = {
     "input": "photographs",
     "enhanced": "enhanced photographs",
     "unenhanced": "scene, original colours",
-    "rendered": "scene, enhanced",
+    "rendered": "scene, enhanced colours",
 }
+"""What the metrics of a layer are computed on: key in the report, and what tables call it."""
 
 _STYLE = """
 :root { color-scheme: light dark; --line: #8884; --soft: #8882; }
@@ -48,7 +57,7 @@ _TURNTABLE_PICTURES = 4  # that the page shows
 
 
 _TEXT, _NUMBER, _WHOLE = (str,), (int, float, type(None)), (int,)
-_FIGURES = dict.fromkeys(_KINDS, _NUMBER)
+_FIGURES = dict.fromkeys(SCORED_PICTURES, _NUMBER)
 _LAYER_SHAPE = {
     "ccpr": {**_FIGURES, "tau": _NUMBER},
     "ccpr_mean": _FIGURES,
@@ -161,14 +170,15 @@ def _page(folder: Path, report: dict[str, Any]) -> str:
 
 def _quad(folder: Path, layer: str, key: str) -> str:
     """Photograph and result, as normal and as simulated vision see them."""
-    cvd = html.escape(layer.rsplit("-", 1)[0])
+    cvd, renders = html.escape(layer.rsplit("-", 1)[0]), folder / RENDERS_FOLDER / layer
     pictures = (
-        (f"capture/images/{key}.png", "photograph"),
-        (f"renders/{layer}/{key}.png", "enhanced, rendered"),
-        (f"renders/{layer}/simulated_input/{key}.png", f"photograph, as {cvd} vision sees it"),
-        (f"renders/{layer}/simulated/{key}.png", f"enhanced, as {cvd} vision sees it"),
+        (folder / CAPTURE_FOLDER / IMAGES_FOLDER, "photograph"),
+        (renders, "enhanced, rendered"),
+        (renders / SIMULATED_INPUT_FOLDER, f"photograph, as {cvd} vision sees it"),
+        (renders / SIMULATED_FOLDER, f"enhanced, as {cvd} vision sees it"),
     )
-    return "<div class='quad'>" + "".join(_figure(folder / path, caption) for path, caption in pictures) + "</div>"
+    figures = "".join(_figure(place / f"{key}.png", caption) for place, caption in pictures)
+    return f"<div class='quad'>{figures}</div>"
 
 
 def _stills(folder: Path, report: dict[str, Any]) -> str:
@@ -202,9 +212,9 @@ def _figure(path: Path, caption: str) -> str:
 def _layer_table(layer: dict[str, Any]) -> str:
     ccpr, similarity, natural, rwe = layer["ccpr"], layer["ssim_simulated"], layer["naturalness"], layer["rwe"]
     rows = (
-        (f"contrast kept (CCPR, τ = {ccpr['tau']})", *(ccpr[kind] for kind in _KINDS)),
-        ("contrast kept, mean over τ", *(layer["ccpr_mean"][kind] for kind in _KINDS)),
-        ("SSIM, original to simulated", *(similarity[kind] for kind in _KINDS)),
+        (f"contrast kept (CCPR, τ = {ccpr['tau']})", *(ccpr[kind] for kind in SCORED_PICTURES)),
+        ("contrast kept, mean over τ", *(layer["ccpr_mean"][kind] for kind in SCORED_PICTURES)),
+        ("SSIM, original to simulated", *(similarity[kind] for kind in SCORED_PICTURES)),
         ("naturalness: SSIM to the original", None, natural["ssim"], None, None),
         ("naturalness: mean ΔE00 to the original", None, natural["delta_e"], None, None),
         ("view consistency: RWE (1 = as the photographs)", None, rwe["enhanced_ratio"], None, rwe["ratio"]),
@@ -214,7 +224,7 @@ def _layer_table(layer: dict[str, Any]) -> str:
         f"<tr><td>{html.escape(name)}</td>" + "".join(f"<td>{_number(value, 3)}</td>" for value in values) + "</tr>"
         for name, *values in rows
     )
-    head = "<tr><th></th>" + "".join(f"<th>{_KINDS[kind]}</th>" for kind in _KINDS) + "</tr>"
+    head = "<tr><th></th>" + "".join(f"<th>{SCORED_PICTURES[kind]}</th>" for kind in SCORED_PICTURES) + "</tr>"
     return f"<table><thead>{head}</thead><tbody>{body}</tbody></table>"
 
 

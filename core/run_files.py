@@ -11,9 +11,16 @@ STILLS_FOLDER = "stills"
 TURNTABLE_FOLDER = "turntable"
 GAUSSIANS_FILE = "splats.ply"
 BLEND_FILE = "scene.blend"
+# Pictures of a layer's folder, in folders of their own: the scene and the photograph as the observer sees them.
+SIMULATED_FOLDER, SIMULATED_INPUT_FOLDER = "simulated", "simulated_input"
 REPORT_FILE = "report.json"
 REPORT_PAGE = "report.html"
 LOG_FILE = "run.log"
+
+# Of a capture in the normalised form, which the capture folder has (core/capture/normalised.py).
+CAMERAS_FILE = "transforms.json"
+POINTS_FILE = "points.ply"
+IMAGES_FOLDER = "images"
 
 _LAYER_PREFIX, _LAYER_SUFFIX = "splats.", ".ply"
 LAYER_GAUSSIANS_PATTERN = f"{_LAYER_PREFIX}*{_LAYER_SUFFIX}"

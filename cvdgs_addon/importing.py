@@ -16,7 +16,7 @@ import bpy
 from ..core.errors import InputError
 from ..core.job import Workers
 from ..core.job_console import Listener, Log, all_or_nothing, finish
-from ..core.run_files import CAPTURE_FOLDER
+from ..core.run_files import CAMERAS_FILE, CAPTURE_FOLDER, IMAGES_FOLDER, POINTS_FILE
 from ..core.run_folder import RunFolder
 from .activity import ACTIVITY, redraw_panels
 from .background import BackgroundJob, State
@@ -24,13 +24,13 @@ from .environment import make_workers
 from .folders import folder_beside, normalised_folder
 from .making import remember_for_undo
 from .messages import show_information, show_problem
-from .scene.capture_folder import CAMERAS_FILE, POINTS_FILE, is_normalised
+from .scene.capture_folder import is_normalised
 from .scene.import_capture import CaptureObjects, ImportOptions, import_capture
 
 JOB = "import"
 
 _LOG_NAME = "import.log"
-_OWN_NAMES = (CAMERAS_FILE, POINTS_FILE, "images", _LOG_NAME)
+_OWN_NAMES = (CAMERAS_FILE, POINTS_FILE, IMAGES_FOLDER, _LOG_NAME)
 
 
 @dataclass(frozen=True)

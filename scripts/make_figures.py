@@ -25,7 +25,7 @@ from cvdgs.core.color.spaces import image_to_tensor, srgb_to_lab  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.evaluate.charts import Theme, plot_series, write_charts  # noqa: E402
 from cvdgs.core.images import read_png  # noqa: E402
-from cvdgs.core.run_files import CAPTURE_FOLDER, ENHANCED_FOLDER, REPORT_FILE  # noqa: E402
+from cvdgs.core.run_files import CAPTURE_FOLDER, ENHANCED_FOLDER, IMAGES_FOLDER, REPORT_FILE  # noqa: E402
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,7 +75,7 @@ def make_figures(run: Path, out: Path) -> None:
     try:
         report = json.loads((run / REPORT_FILE).read_text(encoding="utf-8"))
         layer, view = next(iter(report["layers"])), report["views_shown"][0]
-        before = read_png(run / CAPTURE_FOLDER / "images" / f"{view}.png").reshape(-1, 3)
+        before = read_png(run / CAPTURE_FOLDER / IMAGES_FOLDER / f"{view}.png").reshape(-1, 3)
         after = read_png(run / ENHANCED_FOLDER / layer / f"{view}.png").reshape(-1, 3)
     except (OSError, KeyError, ValueError, StopIteration) as error:
         raise InputError(f"is not a finished run ({error})", where=run, remedy="run 'make demo' first") from None

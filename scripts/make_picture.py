@@ -17,7 +17,14 @@ import bootstrap
 
 bootstrap.load()
 from cvdgs.core.images import read_png, write_png  # noqa: E402
-from cvdgs.core.run_files import CAPTURE_FOLDER, RENDERS_FOLDER, REPORT_FILE  # noqa: E402
+from cvdgs.core.run_files import (  # noqa: E402
+    CAPTURE_FOLDER,
+    IMAGES_FOLDER,
+    RENDERS_FOLDER,
+    REPORT_FILE,
+    SIMULATED_FOLDER,
+    SIMULATED_INPUT_FOLDER,
+)
 
 GAP = 6  # pixels of white between the pictures
 
@@ -26,8 +33,8 @@ def sheet(run: Path, layer: str, view: str) -> np.ndarray:
     """(H, W, 3) uint8 of the four pictures."""
     renders = run / RENDERS_FOLDER / layer
     rows = (
-        (run / CAPTURE_FOLDER / "images" / f"{view}.png", renders / f"{view}.png"),
-        (renders / "simulated_input" / f"{view}.png", renders / "simulated" / f"{view}.png"),
+        (run / CAPTURE_FOLDER / IMAGES_FOLDER / f"{view}.png", renders / f"{view}.png"),
+        (renders / SIMULATED_INPUT_FOLDER / f"{view}.png", renders / SIMULATED_FOLDER / f"{view}.png"),
     )
     pictures = [[read_png(path) for path in row] for row in rows]
     height, width = pictures[0][0].shape[:2]

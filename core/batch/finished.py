@@ -7,10 +7,10 @@ from typing import Any
 
 from ..errors import InputError
 from ..report import SCHEMA
-from ..run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
+from ..run_files import CAMERAS_FILE, CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
 from ..untrusted import is_file, is_there, read_json
 
-CAMERAS = f"{CAPTURE_FOLDER}/transforms.json"
+CAMERAS = f"{CAPTURE_FOLDER}/{CAMERAS_FILE}"
 _REMEDY = "give the output folder of a finished run of scripts/run.py"
 
 

@@ -16,16 +16,10 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from ..report import SCORED_PICTURES
 from .captions import seen_by, vision
 from .previews import Preview, PreviewFiles
 
-# What the figures of a layer are computed on: key in the report, and what the table calls it.
-_KINDS = {
-    "input": "photographs",
-    "enhanced": "enhanced photographs",
-    "unenhanced": "scene, original colours",
-    "rendered": "scene, enhanced colours",
-}
 _GLOSSARY = {
     "Contrast that is left (CCPR)": (
         "share of the pairs of places whose colours differ for normal vision and still differ for the observer; 1 is "
@@ -227,13 +221,13 @@ def _figures(turn: ShownTurn) -> str:
     natural, drift = layer.get("naturalness") or {}, layer.get("rwe") or {}
     contrast, structure = layer.get("ccpr") or {}, layer.get("ssim_simulated") or {}
     rows = [
-        _row("Contrast that is left (CCPR)", [contrast.get(kind) for kind in _KINDS], 3, bars=True),
-        _row("Structure that is left (SSIM)", [structure.get(kind) for kind in _KINDS], 3, bars=True),
+        _row("Contrast that is left (CCPR)", [contrast.get(kind) for kind in SCORED_PICTURES], 3, bars=True),
+        _row("Structure that is left (SSIM)", [structure.get(kind) for kind in SCORED_PICTURES], 3, bars=True),
         _row("Naturalness: SSIM", [None, natural.get("ssim"), None, None], 3),
         _row("Naturalness: mean ΔE00", [None, natural.get("delta_e"), None, None], 1),
         _row("View consistency (RWE)", [None, drift.get("enhanced_ratio"), None, drift.get("ratio")], 2),
     ]
-    head = "".join(f"<th scope='col'>{name}</th>" for name in _KINDS.values())
+    head = "".join(f"<th scope='col'>{name}</th>" for name in SCORED_PICTURES.values())
     caption = f"Measured by the run, for {escape(vision(turn.preview.observer))}"
     return (
         f"<div class='scroll'><table><caption>{caption}</caption>"

@@ -8,13 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ..images import write_png
+from ..run_files import CAMERAS_FILE, IMAGES_FOLDER, POINTS_FILE
 from .model import Capture, View
 from .points import write_point_cloud
 from .poses import OPENGL_TO_OPENCV, invert_rigid
-
-POINTS_FILE = "points.ply"
-IMAGES_FOLDER = "images"
-CAMERA_FILE = "transforms.json"
 
 
 def write_capture(capture: Capture, folder: str | Path) -> None:
@@ -44,10 +41,10 @@ def write_cameras(capture: Capture, folder: Path) -> None:
     document: dict[str, Any] = {"camera_model": "PINHOLE", "frames": [_frame(view) for view in capture.views]}
     if len(capture.points):
         document["ply_file_path"] = POINTS_FILE
-    temporary = folder / f"{CAMERA_FILE}.partial"
+    temporary = folder / f"{CAMERAS_FILE}.partial"
     try:
         temporary.write_text(json.dumps(document, indent=1, allow_nan=False), encoding="utf-8")
-        os.replace(temporary, folder / CAMERA_FILE)
+        os.replace(temporary, folder / CAMERAS_FILE)
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -22,10 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..settings import CVD_TYPES, SIMULATIONS
 from . import machado2009
-
-CVD_TYPES = ("protan", "deutan", "tritan", "achromat")
-SIMULATION_MODELS = ("machado", "vienot", "brettel")
 
 Matrix = NDArray[np.float64]
 
@@ -90,8 +88,8 @@ def check_simulation(cvd: str, severity: float, model: str = "machado") -> None:
     """Raise `InputError` unless (cvd, severity, model) can be simulated."""
     if cvd not in CVD_TYPES:
         raise InputError(f"{cvd!r} is not a type of colour vision deficiency", remedy=f"use {_choice(CVD_TYPES)}")
-    if model not in SIMULATION_MODELS:
-        raise InputError(f"{model!r} is not a simulation model", remedy=f"use {_choice(SIMULATION_MODELS)}")
+    if model not in SIMULATIONS:
+        raise InputError(f"{model!r} is not a simulation model", remedy=f"use {_choice(SIMULATIONS)}")
     if not 0.0 <= severity <= 1.0:  # also refuses NaN
         raise InputError(f"severity {severity:g} is out of range", remedy="give a number from 0 to 1")
     if model == "vienot" and cvd == "tritan":

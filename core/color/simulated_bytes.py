@@ -18,9 +18,9 @@ def simulate_bytes(picture: NDArray[np.uint8], cvd: str, severity: float, model:
 
     Args:
         picture: (..., 3) display-referred sRGB.
-        cvd: type of the deficiency, see `matrices.CVD_TYPES`.
+        cvd: type of the deficiency, see `settings.CVD_TYPES`.
         severity: 0 (normal vision) to 1.
-        model: one of `matrices.SIMULATION_MODELS`.
+        model: one of `settings.SIMULATIONS`.
 
     Raises:
         InputError: as for `matrices.linear_simulation`.

@@ -46,6 +46,7 @@ from ..color.spaces import (
     xyz_to_lab,
 )
 from ..events import Reporter
+from ..images import to_bytes
 from .enhancer import check_strength
 from .lut import as_float
 from .pairs import PairSampling, sample_pairs
@@ -155,7 +156,7 @@ class GradientTeacher:
         pixels = as_float(image)
         if self.is_identity:
             return pixels
-        directions = self._directions or self._choose([_to_bytes(pixels)], None)
+        directions = self._directions or self._choose([to_bytes(pixels)], None)
         if directions.gain == 0.0:
             return pixels
         linear = srgb_to_linear(image_to_tensor(pixels))
@@ -293,7 +294,3 @@ def _orthogonal_plane(normal: Tensor) -> tuple[Tensor, Tensor]:
 
 def _lab(linear: Tensor) -> Tensor:
     return xyz_to_lab(linear_to_xyz(linear))
-
-
-def _to_bytes(image: NDArray[np.float32]) -> NDArray[np.uint8]:
-    return np.rint(np.clip(image, 0.0, 1.0) * 255.0).astype(np.uint8)

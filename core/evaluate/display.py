@@ -6,12 +6,12 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import torch
-
 from ..color.metrics import psnr
+from ..color.spaces import image_to_tensor
 from ..errors import InputError
 from ..images import read_png
 from ..job import blender_command
+from ..run_files import ORIGINAL, RENDERS_FOLDER, STILLS_FOLDER
 
 DISPLAYS = ("photo", "scene-linear")
 
@@ -27,10 +27,13 @@ def display_fidelity(run: Path, view: str, scratch: Path) -> dict[str, float]:
     Raises:
         InputError: the run has no render of that view, or Blender could not show it.
     """
-    reference = run / "renders" / "original" / f"{view}.png"
+    reference = run / RENDERS_FOLDER / ORIGINAL / f"{view}.png"
     if not reference.is_file():
         raise InputError("no such render", where=reference, remedy="name the folder of a run and a held-out view")
-    return {display: psnr(_tensor(reference), _tensor(_still(run, view, display, scratch))) for display in DISPLAYS}
+    expected = image_to_tensor(read_png(reference))
+    return {
+        display: psnr(expected, image_to_tensor(read_png(_still(run, view, display, scratch)))) for display in DISPLAYS
+    }
 
 
 def _still(run: Path, view: str, display: str, scratch: Path) -> Path:
@@ -39,8 +42,4 @@ def _still(run: Path, view: str, display: str, scratch: Path) -> Path:
     command = blender_command([str(copy), "--view", view, "--display", display])
     if subprocess.run(command, capture_output=True).returncode:
         raise InputError("Blender could not render it", where=run, remedy="try scripts/run.py on the capture again")
-    return copy / "stills" / "original.png"
-
-
-def _tensor(path: Path) -> torch.Tensor:
-    return torch.from_numpy(read_png(path)).permute(2, 0, 1).to(torch.float32) / 255.0
+    return copy / STILLS_FOLDER / f"{ORIGINAL}.png"

@@ -14,7 +14,7 @@ from ..capture import Capture, View
 from ..color.simulated_bytes import simulate_bytes
 from ..events import Reporter
 from ..images import read_png, write_png
-from ..run_files import ENHANCED_FOLDER, RENDERS_FOLDER
+from ..run_files import ENHANCED_FOLDER, ORIGINAL, RENDERS_FOLDER, SIMULATED_FOLDER, SIMULATED_INPUT_FOLDER
 from ..settings import Layer
 from ..splats.gaussians import Gaussians
 from ..splats.renderer import SceneRenderer
@@ -92,7 +92,7 @@ class Evaluation:
         rendered = {}
         for i in tested:
             rendered[i] = self.scene.color(original, i)
-            write_png(self.folder / RENDERS_FOLDER / "original" / f"{self.capture.views[i].key}.png", rendered[i])
+            write_png(self.folder / RENDERS_FOLDER / ORIGINAL / f"{self.capture.views[i].key}.png", rendered[i])
             self._advance("original colours")
         return rendered
 
@@ -127,8 +127,8 @@ class Evaluation:
         place = path.parent
         write_png(path, rendered)
         observer = (layer.cvd, layer.severity, self.simulation)
-        write_png(place / "simulated" / f"{view.key}.png", simulate_bytes(rendered, *observer))
-        write_png(place / "simulated_input" / f"{view.key}.png", simulate_bytes(view.image, *observer))
+        write_png(place / SIMULATED_FOLDER / f"{view.key}.png", simulate_bytes(rendered, *observer))
+        write_png(place / SIMULATED_INPUT_FOLDER / f"{view.key}.png", simulate_bytes(view.image, *observer))
 
     def _advance(self, message: str) -> None:
         self._done += 1

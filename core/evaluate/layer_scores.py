@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from ..color.metrics import CCPR_THRESHOLD, contrast_scores, naturalness, psnr, ssim
 from ..color.simulation import simulate
+from ..color.spaces import image_to_tensor
 from ..settings import Layer
 
 
@@ -37,7 +37,7 @@ class LayerImages:
 
 def score_view(images: LayerImages, layer: Layer, simulation: str) -> dict[str, Any]:
     """The layer's entries of the report for one view; `average` makes the report's of several."""
-    original, enhanced, rendered = (_tensor(x) for x in (images.original, images.enhanced, images.rendered))
+    original, enhanced, rendered = (image_to_tensor(x) for x in (images.original, images.enhanced, images.rendered))
     mask = None if images.mask is None else torch.from_numpy(images.mask)
     simulated = {
         name: simulate(image, layer.cvd, layer.severity, simulation)
@@ -45,7 +45,7 @@ def score_view(images: LayerImages, layer: Layer, simulation: str) -> dict[str, 
             ("input", original),
             ("enhanced", enhanced),
             ("rendered", rendered),
-            ("unenhanced", _tensor(images.unenhanced)),
+            ("unenhanced", image_to_tensor(images.unenhanced)),
         )
     }
     contrast = {name: contrast_scores(original, image, mask=mask) for name, image in simulated.items()}
@@ -74,8 +74,3 @@ def _mean(values: list[Any]) -> Any:
         return {key: _mean([value[key] for value in values]) for key in values[0]}
     finite = [value for value in values if np.isfinite(value)]
     return float(np.mean(finite)) if finite else float("nan")
-
-
-def _tensor(image: NDArray[np.uint8]) -> Tensor:
-    """(3, H, W) float32 in [0, 1]."""
-    return torch.from_numpy(image).permute(2, 0, 1).to(torch.float32) / 255.0

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from ..capture.model import View
 from ..color.metrics import psnr, ssim
+from ..color.spaces import image_to_tensor
 from ..images import to_bytes
 from .gaussians import Gaussians
 from .raster import Frame, ParameterSet, RasterCamera, Rasterizer
@@ -51,7 +51,7 @@ class SceneRenderer:
 
     def fidelity(self, index: int, rendered: NDArray[np.uint8]) -> dict[str, float]:
         """PSNR in dB and SSIM of a rendering against the photograph over the same background."""
-        photograph, image = (_tensor(x) for x in (self._background.behind(self.views[index]), rendered))
+        photograph, image = (image_to_tensor(x) for x in (self._background.behind(self.views[index]), rendered))
         return {"psnr": psnr(photograph, image), "ssim": ssim(photograph, image)}
 
     def _render(self, gaussians: Gaussians, index: int) -> Frame:
@@ -63,7 +63,3 @@ class SceneRenderer:
         pose = self._frame.world_to_camera(view.world_to_camera)
         camera = RasterCamera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, pose)
         return self._rasterizer.render(self._loaded[1], camera, self._background.color)
-
-
-def _tensor(image: NDArray[np.uint8]) -> torch.Tensor:
-    return torch.from_numpy(image).permute(2, 0, 1).to(torch.float32) / 255.0

@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.ply_table import VertexTable
+from ...core.run_files import CAMERAS_FILE, POINTS_FILE
 from ...core.untrusted import explained, opened, read_json
 from .intrinsics import Intrinsics
-
-CAMERAS_FILE, POINTS_FILE = "transforms.json", "points.ply"
 
 _RUN_AGAIN = "choose the output folder of a finished run"
 _IMPORT_AGAIN = "import the capture again"

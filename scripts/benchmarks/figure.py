@@ -12,9 +12,10 @@ from ...core.console import ConsoleReporter
 from ...core.evaluate.enhancers.methods import NETWORK, method_label
 from ...core.evaluate.evidence.enhancers import PER_VIEW_LUT
 from ...core.evaluate.evidence.figure import write_figure
-from ...core.evaluate.evidence.novel_views import ORIGINAL, NovelViews, cached_novel_views, novel_views
+from ...core.evaluate.evidence.novel_views import NovelViews, cached_novel_views, novel_views
 from ...core.evaluate.evidence.recipe import Recipe
 from ...core.evaluate.evidence.scenes import DEMO
+from ...core.run_files import ORIGINAL
 from .evidence import add_evidence_arguments, chosen_sources, made_by, settled, work_folder, write_text
 from .options import names
 from .part import Part

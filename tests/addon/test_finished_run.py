@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
-from cvdgs.core.run_files import CAPTURE_FOLDER
+from cvdgs.core.run_files import CAMERAS_FILE, CAPTURE_FOLDER
 from cvdgs.core.splats.ply import write_ply
-from cvdgs.cvdgs_addon.scene.capture_folder import CAMERAS_FILE
 from cvdgs.cvdgs_addon.scene.finished_run import read_run
 
 from .scenes import CAMERA, cloud, ring_view

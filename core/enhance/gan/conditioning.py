@@ -9,12 +9,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...color.matrices import CVD_TYPES, SIMULATION_MODELS, LinearSimulation, linear_simulation
+from ...color.matrices import LinearSimulation, linear_simulation
 from ...color.observer import Observer
 from ...color.spaces import linear_to_srgb, srgb_to_lab, srgb_to_linear
+from ...settings import CVD_TYPES, SIMULATIONS
 from ..lut import as_float
 
-OBSERVER_FEATURES = len(CVD_TYPES) + len(SIMULATION_MODELS)
+OBSERVER_FEATURES = len(CVD_TYPES) + len(SIMULATIONS)
 """Length of an observer's vector."""
 
 PALETTE_BINS = 4
@@ -30,7 +31,7 @@ _LAB_CENTER, _LAB_SCALE = np.array([50.0, 0.0, 0.0]), 20.0  # bring CIELAB to th
 def observer_features(observer: Observer) -> Tensor:
     """(OBSERVER_FEATURES,): the severity in the place of the type, and which simulation model is meant."""
     kind = [observer.severity * (observer.cvd == name) for name in CVD_TYPES]
-    model = [float(observer.simulation == name) for name in SIMULATION_MODELS]
+    model = [float(observer.simulation == name) for name in SIMULATIONS]
     return torch.tensor([*kind, *model], dtype=torch.float32)
 
 

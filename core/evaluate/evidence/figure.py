@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...color.simulated_bytes import simulate_bytes
+from ...run_files import ORIGINAL
 from ...settings import Layer
 from ..charts import Theme, write_charts
-from .novel_views import COMPARED, ORIGINAL, NovelViews, least_steady_step, window_of_disagreement
+from .novel_views import COMPARED, NovelViews, least_steady_step, window_of_disagreement
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,6 +17,7 @@ from ...color.spaces import image_to_tensor, srgb_to_lab
 from ...errors import InputError
 from ...events import Reporter
 from ...images import read_png, write_png
+from ...run_files import ORIGINAL
 from ...splats import raster
 from ...splats.renderer import SceneRenderer
 from ...splats.targets import Background
@@ -26,7 +27,6 @@ from .subject import Subject
 from .trials import CaptureTrials
 
 STAGE = "figure"
-ORIGINAL = "original"
 COMPARED = ("post", "joint", "layers")
 _ENDS = "between.txt"  # is written last
 

@@ -11,8 +11,9 @@ from daltonlens import simulate as daltonlens
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cvdgs.core.color.matrices import CVD_TYPES, LUMINANCE, LinearSimulation, linear_simulation
+from cvdgs.core.color.matrices import LUMINANCE, LinearSimulation, linear_simulation
 from cvdgs.core.errors import InputError
+from cvdgs.core.settings import CVD_TYPES
 
 COLOUR_SCIENCE_NAMES = {"protan": "Protanomaly", "deutan": "Deuteranomaly", "tritan": "Tritanomaly"}
 DALTONLENS_TYPES = {
