@@ -117,13 +117,16 @@ class RunFolder:
             return "an earlier run was interrupted while it replaced a result; that result is back"
         return ""
 
-    def carry_over(self) -> None:
+    def carry_over(self, source: Path | None = None) -> None:
         """Copy what an earlier run left into the staging folder, for a run that adds to it.
+
+        Args:
+            source: the earlier run's folder; None: this one.
 
         Raises:
             OSError: they could not be copied whole.
         """
-        for path in self._earlier_files(self.out):
+        for path in self._earlier_files(source or self.out):
             if path.is_dir():
                 shutil.copytree(path, self.staging / path.name, symlinks=True)  # a run has none; cycles end here
             elif path.is_file():

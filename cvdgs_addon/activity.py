@@ -1,6 +1,7 @@
 """The background jobs of this Blender: polled by a timer, shown in the panels, ended with the file or with Blender.
 
-A running process has no place in Blender's data. `ACTIVITY` is the one object of the add-on that outlives a call.
+A running process has no place in Blender's data. `ACTIVITY` and `pictures.PICTURES` are what of the add-on outlives a
+call.
 """
 
 from __future__ import annotations

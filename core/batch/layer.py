@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 from ..front import run as run_settings
 from ..job_console import Listener, all_or_nothing
 from ..run_files import LOG_FILE
-from ..run_folder import RunFolder, files_of_a_run
+from ..run_folder import RunFolder
 from .arguments import LayerArguments
 from .finished import check_finished_run
 from .task import Task
@@ -36,8 +35,4 @@ def _copy_run(source: Path, target: Path) -> None:
     check_finished_run(source)
     folder = RunFolder(target)
     with all_or_nothing(folder, str(target), LOG_FILE):
-        for path in files_of_a_run(source):
-            if path.is_dir():
-                shutil.copytree(path, folder.staging / path.name, symlinks=True)  # a run has none; cycles end here
-            elif path.is_file():
-                shutil.copy2(path, folder.staging / path.name)
+        folder.carry_over(source)

@@ -13,7 +13,7 @@ from ..errors import InputError
 _ORTHONORMAL = 1e-5
 _REPAIRABLE = 1e-2
 # Products of such numbers still fit a float64, and a scene of this size does not fit float32 points any more.
-_LARGEST_NUMBER = 1e30
+LARGEST_NUMBER = 1e30
 # Camera (x right, y up, z back; OpenGL, Blender) to camera (x right, y down, z forward; OpenCV).
 OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -33,7 +33,7 @@ def rigid_pose(matrix: NDArray[np.float64], *, frame: str, where: str | Path) ->
     remedy = "export the cameras again or remove this frame"
     if matrix.shape not in ((3, 4), (4, 4)):
         raise InputError(f"the pose of {frame} has the shape {matrix.shape}, not 4 x 4", where=where, remedy=remedy)
-    if not np.isfinite(matrix).all() or np.abs(matrix).max() > _LARGEST_NUMBER:
+    if not np.isfinite(matrix).all() or np.abs(matrix).max() > LARGEST_NUMBER:
         raise InputError(f"the pose of {frame} holds NaN, infinite or huge numbers", where=where, remedy=remedy)
     if matrix.shape == (4, 4) and not np.allclose(matrix[3], [0.0, 0.0, 0.0, 1.0], atol=1e-6):
         raise InputError(f"the last row of the pose of {frame} is not 0 0 0 1", where=where, remedy=remedy)

@@ -20,13 +20,12 @@ from .colmap import check_camera
 from .files import IMAGE_EXTENSIONS, quote_first, resolve_inside
 from .images import read_header
 from .points import read_point_cloud
-from .poses import OPENGL_TO_OPENCV, invert_rigid, rigid_pose
+from .poses import LARGEST_NUMBER, OPENGL_TO_OPENCV, invert_rigid, rigid_pose
 from .source import MOST_VIEWS, SourceModel, SourceView
 
 # One file is read; the splits of the NeRF synthetic layout overlap in purpose with our own held-out views.
 _FILE_NAMES = ("transforms.json", "transforms_train.json", "transforms_test.json", "transforms_val.json")
 _MAX_STATED_SIDE = 1_000_000
-_LARGEST_NUMBER = 1e30
 _EXPORT_AGAIN = "copy or export the file again"
 
 _PERSPECTIVE = frozenset(
@@ -142,7 +141,7 @@ class _Reader:
         if value is None:
             return None
         # An integer of a thousand digits is no float.
-        usable = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < _LARGEST_NUMBER
+        usable = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST_NUMBER
         if not usable:
             raise InputError(
                 f"{key} is {str(value)[:20]!r}, not a usable number", where=self._file, remedy=_EXPORT_AGAIN

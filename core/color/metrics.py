@@ -92,11 +92,7 @@ def contrast_scores(
         ccpr_mean=_mean_preserved(before, after),
         ccpr_global=_global_preserved(before_lab, after_lab, threshold, mask, global_pairs, seed),
         ccfr=ccfr,
-        e_score=2.0 * ccpr * ccfr / (ccpr + ccfr)
-        if ccpr + ccfr > 0.0
-        else math.nan
-        if math.isnan(ccpr + ccfr)
-        else 0.0,
+        e_score=0.0 if ccpr + ccfr == 0.0 else 2.0 * ccpr * ccfr / (ccpr + ccfr),
     )
 
 

@@ -139,8 +139,8 @@ def save_matches(path: Path, matches: SceneMatches) -> None:
     """Write the correspondences as an .npz of plain arrays."""
     arrays: dict[str, NDArray] = {"views": np.array(matches.views)}
     for range_name, pairs in (("short", matches.short), ("long", matches.long)):
-        for number_, pair in enumerate(pairs):
-            arrays |= {f"{range_name}.{number_}.{field}": np.asarray(getattr(pair, field)) for field in _PAIR_FIELDS}
+        for index, pair in enumerate(pairs):
+            arrays |= {f"{range_name}.{index}.{field}": np.asarray(getattr(pair, field)) for field in _PAIR_FIELDS}
     path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_suffix(f".{os.getpid()}.npz")  # another process may want the same file
     np.savez_compressed(unfinished, **arrays)  # type: ignore[arg-type]

@@ -37,5 +37,5 @@ def number(value: float, digits: int) -> str:
 
 def _is_number(cell: str) -> bool:
     """Whether it is a number, or one with its spread."""
-    number_, _, _ = cell.partition(" ± ")
-    return number_ in ("–", "∞") or number_.replace(".", "", 1).lstrip("-+").isdigit()
+    mean, _, _ = cell.partition(" ± ")
+    return mean in ("–", "∞") or mean.replace(".", "", 1).lstrip("-+").isdigit()

@@ -32,9 +32,8 @@ MAGIC = b"NGSP"
 GZIP_MAGIC = b"\x1f\x8b"
 VERSIONS_WRITTEN = (2, 3)
 
-_HEADER = struct.Struct(
-    "<4sIIBBBB"
-)  # magic, version, Gaussians, SH degree, fractional bits, flags, reserved or streams
+# Magic, version, Gaussians, SH degree, fractional bits, flags, reserved or streams.
+_HEADER = struct.Struct("<4sIIBBBB")
 _CONTENTS_AT = struct.Struct("<I12x")  # version 4 only: offset of the table of contents
 _CONTENTS_ENTRY = struct.Struct("<QQ")  # compressed and uncompressed length of a stream
 _SH_TERMS = (0, 3, 8, 15, 24)  # per SH degree, those above degree 0

@@ -12,6 +12,9 @@ from .light import Image
 from .palettes import Palette
 from .weaves import Pixels
 
+# Primes: each cell of the repeat gets a number of its own, without a pattern that the eye finds.
+_COLUMN_STEP, _ROW_STEP, _CELLS = 7919, 104729, 4093
+
 Motif = Callable[[Field, Field, np.random.Generator], list[Field]]
 """Local coordinates (the motif fits the unit circle) to signed fields, painted in order where positive."""
 
@@ -104,16 +107,16 @@ def _repeat_motif(
     column = np.floor(u).astype(np.int32)
     v = v + np.float32(generator.choice([0.0, 0.5])) * (column % 2)
     row = np.floor(v).astype(np.int32)
-    cell = (column * 7919 + row * 104729) % 4093  # a number for each cell, without a pattern that the eye finds
+    cell = (column * _COLUMN_STEP + row * _ROW_STEP) % _CELLS
     disorder = generator.choice([0.0, generator.uniform(0.0, 1.0)])
     radius = np.float32(generator.uniform(0.25, 0.48))
     slack = 0.5 - radius
-    x = u - column - 0.5 - (disorder * slack * generator.uniform(-1.0, 1.0, 4093)).astype(np.float32)[cell]
-    y = v - row - 0.5 - (disorder * slack * generator.uniform(-1.0, 1.0, 4093)).astype(np.float32)[cell]
-    turn = (generator.uniform(0.0, 6.28) + disorder * generator.uniform(-3.14, 3.14, 4093)).astype(np.float32)[cell]
-    size = radius * (1.0 - 0.4 * disorder * generator.random(4093)).astype(np.float32)[cell]
+    x = u - column - 0.5 - (disorder * slack * generator.uniform(-1.0, 1.0, _CELLS)).astype(np.float32)[cell]
+    y = v - row - 0.5 - (disorder * slack * generator.uniform(-1.0, 1.0, _CELLS)).astype(np.float32)[cell]
+    turn = (generator.uniform(0.0, 6.28) + disorder * generator.uniform(-3.14, 3.14, _CELLS)).astype(np.float32)[cell]
+    size = radius * (1.0 - 0.4 * disorder * generator.random(_CELLS)).astype(np.float32)[cell]
     x, y = (np.cos(turn) * x + np.sin(turn) * y) / size, (np.cos(turn) * y - np.sin(turn) * x) / size
-    variants = generator.integers(0, 2, 4093)[cell] if generator.random() < 0.4 else np.zeros_like(cell)
+    variants = generator.integers(0, 2, _CELLS)[cell] if generator.random() < 0.4 else np.zeros_like(cell)
     for part, field in enumerate(motif(x, y, generator)):
         colors = palette.colors[(first_color + part + 3 * np.arange(2)) % len(palette.colors)].astype(np.float32)
         inside = field > 0.0

@@ -20,6 +20,8 @@ from .palettes import Palette
 Drawdown = NDArray[np.bool_]
 Pixels = NDArray[np.uint8]
 
+_DIFFERENT_YARNS = 509  # in thickness, of each direction; a prime, so that no repeat is seen
+
 
 @dataclass(frozen=True)
 class Cloth:
@@ -94,8 +96,8 @@ def _yarn_brightness(
     deviation: float,
     generator: np.random.Generator,
 ) -> Field:
-    warp, weft = generator.lognormal(0.0, deviation, (2, 509)).astype(np.float32)  # a prime: no visible repeat
-    return np.where(warp_on_top, warp[column % 509], weft[row % 509])
+    warp, weft = generator.lognormal(0.0, deviation, (2, _DIFFERENT_YARNS)).astype(np.float32)
+    return np.where(warp_on_top, warp[column % _DIFFERENT_YARNS], weft[row % _DIFFERENT_YARNS])
 
 
 def _photograph(

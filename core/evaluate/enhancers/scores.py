@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,9 +79,6 @@ class EnhancerScores:
     plate_after: float
     fit_seconds: float
     apply_seconds: float
-
-
-SCORE_FIELDS = tuple(field.name for field in fields(EnhancerScores))
 
 
 @dataclass(frozen=True)

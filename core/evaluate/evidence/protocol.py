@@ -118,8 +118,7 @@ def sequences_of(source: CaptureFolder, frames: Sequence[Frame], rule: Selection
     """The runs of hard frames that are long enough."""
     runs = select_frames([frame.ccpr for frame in frames], rule).sequences
     return [
-        FrameRun(f"{source.name}-{number_}", source, run.start, run.stop - 1)
-        for number_, run in enumerate(runs, start=1)
+        FrameRun(f"{source.name}-{count}", source, run.start, run.stop - 1) for count, run in enumerate(runs, start=1)
     ]
 
 
