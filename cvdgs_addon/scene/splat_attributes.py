@@ -6,7 +6,7 @@ from enum import IntEnum, StrEnum
 
 
 class Attribute(StrEnum):
-    """Attributes of the mesh's points, and of the instances. Colour layers are called ``color_<layer>``."""
+    """Attributes of the mesh's points, and of what is drawn. Colour layers are called ``color_<layer>``."""
 
     SCALE = "scale"  # FLOAT_VECTOR, standard deviations along the local axes
     ROTATION = "rotation"  # QUATERNION, wxyz, local to object

@@ -1,4 +1,4 @@
-"""The geometry-node group that draws Gaussians: one instance a Gaussian, its colour blended between two layers.
+"""The geometry-node group that draws Gaussians: a hull for each of them, its colour blended between two layers.
 
 Two hulls, chosen by the input ``Camera Facing``:
 
@@ -6,13 +6,13 @@ Two hulls, chosen by the input ``Camera Facing``:
   Gaussian's elliptical projection (EWA splatting, Zwicker et al. 2001, as in 3D Gaussian Splatting, Kerbl et al. 2023),
   the low-pass `DILATION` included, and discs are met in the order of their centres' depths: exactly what the
   rasteriser draws. For renders through the active camera, whichever that is, on every frame, and with ``Camera View``
-  for a viewport that looks through it.
+  for a viewport that looks through it. Many instances of one disc, or one mesh of all of them (see `disc_nodes`).
 * **ellipsoid**: an icosphere around the Gaussian, evaluated along the ray by the material. Right for any ray
   (viewport, reflections, orthographic and panoramic cameras), but met in the order of hull entries, and the
   low-pass becomes an isotropic growth.
 
-Either hull ends where opacity falls to `ALPHA_MIN`. Object coordinates on it are in units of that radius, so that the
-material needs only the opacity to evaluate the Gaussian (see `splat_material`).
+Either hull ends where opacity falls to `ALPHA_MIN`. Coordinates on it are in units of that radius, so that the material
+needs only the opacity to evaluate the Gaussian (see `splat_material`).
 """
 
 from __future__ import annotations
