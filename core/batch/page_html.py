@@ -266,7 +266,7 @@ def _footer(page: ShownPage) -> str:
     if page.linked:
         linked = f"<p>{_count(page.linked, 'video')} did not fit into this file and lie beside it.</p>\n"
     how = "Drag a picture to turn it, or use the slider and the arrow keys."
-    return f"<footer>\n<p>{how}</p>\n{linked}<dl>\n{terms}</dl>\n</footer>\n"
+    return f"<footer>\n<p class='how'>{how}</p>\n{linked}<dl>\n{terms}</dl>\n</footer>\n"
 
 
 def _count(number: int, noun: str) -> str:
