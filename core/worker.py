@@ -17,7 +17,6 @@ Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (its tra
 from __future__ import annotations
 
 import os
-import re
 import signal
 import sys
 import time
@@ -30,6 +29,7 @@ from typing import Any
 
 from .errors import Cancelled, InputError
 from .events import JsonReporter, claim_stdout
+from .faults import explain_fault
 from .job import GRACE_SECONDS
 from .job_console import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
 from .parent import follow_parent
@@ -37,14 +37,19 @@ from .photographs.front import EnhanceRequest
 from .settings import Settings
 from .untrusted import parse_json
 
-# How the system, Warp, torch and CUDA name what is not a defect of ours, in the text of an error.
-_NO_MEMORY = re.compile(
-    r"failed to allocate \d+ bytes|out of memory|can(?:'t|not) allocate memory|bad_alloc|can't start new thread"
-    r"|failed to map segment",
-    re.IGNORECASE,
-)
-_ON_GRAPHICS_CARD = re.compile(r"cuda", re.IGNORECASE)
-_CUDA_FAILED = re.compile(r"cuda ?error|cuda driver", re.IGNORECASE)
+# What a request must have besides its job, and what it may have.
+_REQUESTS: Mapping[str, Mapping[str, type]] = {
+    "inspect": {"capture": str},
+    "inspect-all": {"captures": list},
+    "normalise": {"capture": str, "folder": str},
+    "check": {"device": str},
+    "make-environment": {"folder": str},
+    "run": {"settings": dict, "folder": str},
+    "enhance": {"request": dict, "folder": str},
+}
+_OPTIONAL: Mapping[str, type] = {"sfm": bool, "previews": bool, "thumbnails": dict, "packages": list}
+_CAPTURE_ENTRY: Mapping[str, type] = {"capture": str, "sfm": bool}
+_THUMBNAILS: Mapping[str, type] = {"folder": str, "count": int, "size": int}
 
 
 def main() -> int:
@@ -70,23 +75,6 @@ def main() -> int:
         return EXIT_DEFECT
     reporter.emit("result", **result)
     return EXIT_DONE
-
-
-_OURS = __name__.partition(".")[0] + "."  # what the names of our modules start with
-
-# What a request must have besides its job, and what it may have.
-_REQUESTS: Mapping[str, Mapping[str, type]] = {
-    "inspect": {"capture": str},
-    "inspect-all": {"captures": list},
-    "normalise": {"capture": str, "folder": str},
-    "check": {"device": str},
-    "make-environment": {"folder": str},
-    "run": {"settings": dict, "folder": str},
-    "enhance": {"request": dict, "folder": str},
-}
-_OPTIONAL: Mapping[str, type] = {"sfm": bool, "previews": bool, "thumbnails": dict, "packages": list}
-_CAPTURE_ENTRY: Mapping[str, type] = {"capture": str, "sfm": bool}
-_THUMBNAILS: Mapping[str, type] = {"folder": str, "count": int, "size": int}
 
 
 def parse_request(line: str) -> dict[str, Any]:
@@ -188,14 +176,6 @@ def _inspect_all(captures: list[dict[str, Any]], reporter: JsonReporter) -> list
     return refusals
 
 
-def is_out_of_memory(error: BaseException) -> bool:
-    """Whether an allocation failed, on the CPU or on a GPU; the system, Warp and torch say so in an error's text."""
-    if isinstance(error, MemoryError):
-        return True
-    reasons = (error, error.__cause__)  # Warp names that of a library that cannot be loaded there
-    return any(isinstance(e, RuntimeError | OSError | ImportError) and bool(_NO_MEMORY.search(str(e))) for e in reasons)
-
-
 def _normalise(source: Path, folder: Path, sfm: bool, reporter: JsonReporter) -> dict[str, Any]:
     reporter.status("capture", "loading")
     from .capture import read_capture, write_capture
@@ -204,25 +184,6 @@ def _normalise(source: Path, folder: Path, sfm: bool, reporter: JsonReporter) ->
     reporter.status("capture", f"writing {len(capture.views)} photographs")
     write_capture(capture, folder)
     return {"views": len(capture.views), "points": len(capture.points)}
-
-
-def explain_fault(error: Exception) -> str:
-    """One line about a fault of the machine, with what to do; "" for what is none, but a defect of ours."""
-    if is_out_of_memory(error):
-        smaller = "give fewer or smaller photographs, or a smaller --max-size"
-        if _ON_GRAPHICS_CARD.search(str(error)):
-            return f"the graphics card's memory is used up - {smaller}, or use --device cpu"
-        return f"the memory is used up - {smaller}"
-    if isinstance(error, ImportError) and error.name and not error.name.startswith(_OURS):
-        what = str(error).splitlines()[0]
-        return f"{sys.executable} lacks something ({what}) - 'scripts/run.py --doctor' says what and how to get it"
-    if isinstance(error, OSError):
-        name = f"{error.filename}: " if error.filename else ""
-        return f"{name}{error.strerror or error} - free space or check the permissions, then run again"
-    if isinstance(error, RuntimeError) and _CUDA_FAILED.search(str(error)):
-        what = str(error).splitlines()[0]
-        return f"the graphics card or its driver failed ({what}) - update the driver, or use --device cpu"
-    return ""
 
 
 def _cancel(*_: object) -> None:

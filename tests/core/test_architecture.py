@@ -46,6 +46,7 @@ STANDARD_LIBRARY_ONLY = [
     "environment",
     "errors",
     "events",
+    "faults",
     "front",
     "photographs/front",
     "job",

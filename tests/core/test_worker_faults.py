@@ -11,9 +11,9 @@ import warp as wp
 
 from cvdgs.core.errors import InputError
 from cvdgs.core.events import Reporter
+from cvdgs.core.faults import explain_fault, is_out_of_memory
 from cvdgs.core.pipeline import run
 from cvdgs.core.settings import Settings
-from cvdgs.core.worker import explain_fault, is_out_of_memory
 
 MORE_THAN_THERE_IS = 1 << 46  # bytes
 
