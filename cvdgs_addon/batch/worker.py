@@ -6,6 +6,7 @@
     {"job": "frames", "out": "DIR", "arguments": {...}, "threads": N, "model": "machado"}       N 0: all processors
     {"job": "video" | "sheet", "out": "DIR", "arguments": {...}}
     {"job": "previews", "out": "DIR", "arguments": {"previews": [...], "width": PIXELS}}
+    {"job": "time-stills", "out": "RUN", "arguments": {...}}                      for ``benchmark.py display``
     {"job": "try-eevee"}                                 renders one small picture; ends in one way or another
 
 The arguments are those of ``core/batch/arguments.py``. Events and exit codes: see `worker_process`.
