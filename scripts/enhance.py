@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
-from cvdgs.core.arguments import OneLineParser  # noqa: E402
+from cvdgs.core.arguments import OneLineParser, script_arguments  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.photographs.front import EnhanceRequest, enhance_in_console  # noqa: E402
 from cvdgs.core.settings import CVD_TYPES, DEVICES, ENHANCERS, SIMULATIONS, WEIGHTS_SUFFIX  # noqa: E402
@@ -74,7 +74,6 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    inside_blender = "bpy" in sys.modules and "--" in sys.argv
-    code = main(sys.argv[sys.argv.index("--") + 1 :] if inside_blender else sys.argv[1:])
+    code = main(script_arguments())
     sys.stdout.flush()
     sys.exit(code)

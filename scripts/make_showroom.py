@@ -8,31 +8,23 @@ The shipped capture, core/demo/showroom, is what the defaults give. Exit code 2 
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import NoReturn
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
+from cvdgs.core.arguments import OneLineParser, script_arguments  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.events import Reporter  # noqa: E402
 from cvdgs.core.progress import format_seconds  # noqa: E402
 from cvdgs.scripts.showroom.settings import VARIANTS, CaptureSettings, SceneSettings  # noqa: E402
 
 PREVIEW_SAMPLES = 3
-
-
-class _Parser(argparse.ArgumentParser):
-    """Complains in one line, as the project's other commands do."""
-
-    def error(self, message: str) -> NoReturn:
-        raise InputError(message, remedy="see --help")
 
 
 class ConsoleReporter(Reporter):
@@ -56,7 +48,7 @@ class ConsoleReporter(Reporter):
 def parse(arguments: list[str]) -> tuple[Path, CaptureSettings, int]:
     """The output folder, the settings and the number of threads that the command line asks for."""
     defaults = CaptureSettings()
-    parser = _Parser(prog="make_showroom.py", description=__doc__.splitlines()[0], allow_abbrev=False)
+    parser = OneLineParser(prog="make_showroom.py", description=__doc__.splitlines()[0], allow_abbrev=False)
     add = parser.add_argument
     add("--out", type=Path, required=True, help="folder to write; an earlier showroom in it is replaced")
     add("--views", type=int, default=defaults.cameras.views)
@@ -117,7 +109,6 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    # Under `blender -b -P script -- arguments` Blender's own arguments come first.
-    code = main(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:])
+    code = main(script_arguments())
     sys.stdout.flush()
     sys.exit(code)

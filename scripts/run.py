@@ -25,7 +25,7 @@ if __name__ == "__main__" and DOCTOR in sys.argv:
     sys.exit(diagnose_in_console(as_json="--json" in sys.argv))
 
 bootstrap.require_python()
-from cvdgs.core.arguments import OneLineParser  # noqa: E402
+from cvdgs.core.arguments import OneLineParser, script_arguments  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.front import run_in_console  # noqa: E402
 from cvdgs.core.settings import CVD_TYPES, DEVICES, ENGINES, ENHANCERS, MODES, SIMULATIONS, Layer, Settings  # noqa: E402
@@ -124,7 +124,6 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    inside_blender = "bpy" in sys.modules and "--" in sys.argv
-    code = main(sys.argv[sys.argv.index("--") + 1 :] if inside_blender else sys.argv[1:])
+    code = main(script_arguments())
     sys.stdout.flush()
     sys.exit(code)

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
-from cvdgs.core.arguments import OneLineParser  # noqa: E402
+from cvdgs.core.arguments import OneLineParser, script_arguments  # noqa: E402
 from cvdgs.core.batch.batch_file import read_batch  # noqa: E402
 from cvdgs.core.batch.console import export, print_plan, run_in_console, start_display  # noqa: E402
 from cvdgs.core.batch.example import write_example  # noqa: E402
@@ -155,7 +155,6 @@ def _require(condition: object, what: str) -> None:
 
 
 if __name__ == "__main__":
-    inside_blender = "bpy" in sys.modules and "--" in sys.argv
-    code = main(sys.argv[sys.argv.index("--") + 1 :] if inside_blender else sys.argv[1:])
+    code = main(script_arguments())
     sys.stdout.flush()
     sys.exit(code)
