@@ -1,6 +1,6 @@
 """The README's picture of a batch's page: python scripts/make_page_picture.py SHOW/index.html --out FILE.png.
 
-A browser draws the page without a window (Chromium, or Chrome; `--browser` says which). Needs Pillow.
+A browser draws the page without a window (Chromium, or Chrome; `--browser` says which).
 """
 
 from __future__ import annotations
@@ -13,10 +13,15 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
+import bootstrap
+
+bootstrap.load()
+from cvdgs.core.images import read_png, write_png  # noqa: E402
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-SIZE = (700, 880)  # of the window, in pixels: the page's head, one turntable and its controls
+SIZE = (620, 820)  # of the window, in pixels: the page's head, one turntable and its controls
 LOADING = 2500  # milliseconds of the page's clock before it is drawn
 DRAWING_MAY_TAKE = 300.0  # seconds
 STEP = 4  # grey levels that become one, for half of the bytes; unlike with a palette, all hues stay
@@ -49,9 +54,8 @@ def main(arguments: list[str]) -> int:
     if not options.page.is_file():
         parser.error(f"{options.page} is no file; make the batch first")
     draw_page(options.page, options.out, options.browser)
-    levels = np.asarray(Image.open(options.out).convert("RGB"), np.uint16)
-    rounded = np.minimum((levels + STEP // 2) // STEP * STEP, 255).astype(np.uint8)
-    Image.fromarray(rounded).save(options.out, optimize=True)
+    levels = read_png(options.out)[..., :3].astype(np.uint16)
+    write_png(options.out, np.minimum((levels + STEP // 2) // STEP * STEP, 255).astype(np.uint8))
     return 0
 
 
