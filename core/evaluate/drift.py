@@ -24,14 +24,14 @@ from ..consistency import Correspondences, CorrespondenceSettings, SceneCorrespo
 from ..enhance import Enhancer
 from ..events import Reporter, StageSpan
 from ..images import to_bytes
-from ..settings import Layer, Settings
+from ..settings import Layer
 from ..splats import raster
 from ..splats.renderer import SceneRenderer
 from ..splats.targets import Background
 from ..splats.trainer import Trainer, TrainingPlan
 from .enhancers.methods import check_labels, method_factory, method_label
 from .enhancers.scores import ENHANCED_FOR
-from .evaluation import spread
+from .evaluation import Split, spread
 from .matches import SceneMatches
 from .tables import markdown_table, number, write_csv
 
@@ -189,7 +189,7 @@ def write_drift(folder: Path, rows: Sequence[Drift]) -> str:
 
 
 def _measure(capture: Capture, matches: SceneMatches, enhancer: Enhancer, method: str, observer: Layer) -> Drift:
-    training = [view for i, view in enumerate(capture.views) if i % Settings.holdout]
+    training = [capture.views[i] for i in Split.every(len(capture.views)).train]
     enhancer.fit([view.image for view in training], alphas=[view.alpha for view in training])
     views = [capture.views[i] for i in matches.views]
     originals = [view.image for view in views]

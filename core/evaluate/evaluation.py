@@ -15,7 +15,7 @@ from ..color.simulated_bytes import simulate_bytes
 from ..events import Reporter
 from ..images import read_png, write_png
 from ..run_files import ENHANCED_FOLDER, ORIGINAL, RENDERS_FOLDER, SIMULATED_FOLDER, SIMULATED_INPUT_FOLDER
-from ..settings import Layer
+from ..settings import Layer, Settings
 from ..splats.gaussians import Gaussians
 from ..splats.renderer import SceneRenderer
 from .layer_scores import LayerImages, average, score_view
@@ -33,6 +33,12 @@ class Split:
 
     train: list[int]
     test: list[int]
+
+    @classmethod
+    def every(cls, count: int, holdout: int = Settings.holdout) -> Split:
+        """Of `count` views every `holdout`-th, from the first on, is held out for tests, as the field does."""
+        views = range(count)
+        return cls([i for i in views if i % holdout], [i for i in views if i % holdout == 0])
 
 
 @dataclass

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from .plan import TrainingPlan
 from .raster import LearningRates
 from .strategy import Schedule
@@ -56,12 +58,5 @@ class Course:
     def rates(self, step: int) -> LearningRates:
         """The step sizes at `step`: exponential from the start's to the end's."""
         plan, progress = self._plan, self.progress(step)
-        rest = plan.rates_decay**progress
-        return LearningRates(
-            means=plan.rates.means * plan.means_decay**progress,
-            log_scales=plan.rates.log_scales * rest,
-            quaternions=plan.rates.quaternions * rest,
-            opacity_logits=plan.rates.opacity_logits * rest,
-            sh0=plan.rates.sh0 * rest,
-            sh_rest=plan.rates.sh_rest * rest,
-        )
+        rest = plan.rates.scaled(plan.rates_decay**progress)
+        return replace(rest, means=plan.rates.means * plan.means_decay**progress)

@@ -170,4 +170,4 @@ class HarmonicsRule:
     def rates(self, progress: float) -> LearningRates:
         """Step sizes of a trial: of the colours alone, so that what it gains is due to them."""
         left = self.rates_decay**progress
-        return LearningRates(0.0, 0.0, 0.0, 0.0, sh0=self.base_rate * left, sh_rest=self.rest_rate * left)
+        return LearningRates(sh0=self.base_rate * left, sh_rest=self.rest_rate * left)

@@ -52,7 +52,7 @@ def read_gaussians(path: str | Path, *, drop_damaged: bool = False) -> Gaussians
             where=path,
             remedy="export it again, or leave them out (scripts/convert.py --drop-damaged)",
         )
-    return Gaussians(*(getattr(gaussians, field.name)[~damaged] for field in fields(Gaussians)))
+    return gaussians.take(~damaged)
 
 
 def write_gaussians(path: str | Path, gaussians: Gaussians) -> None:

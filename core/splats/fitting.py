@@ -142,8 +142,7 @@ class Fit:
         if kept.all() or not kept.any():
             return
         index = np.flatnonzero(kept)
-        old = self.parameters.to_gaussians()
-        chosen = Gaussians(**{name: value[index] for name, value in vars(old).items()})
+        chosen = self.parameters.to_gaussians().take(index)
         self.apply(Refinement(chosen, index, np.zeros(len(index), bool)))
 
     def psnr(self, views: Sequence[TrainingView], *, any_exposure: bool = False) -> float:

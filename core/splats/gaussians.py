@@ -55,6 +55,10 @@ class Gaussians:
         """(N,) in (0, 1)."""
         return (1.0 / (1.0 + np.exp(-self.opacity_logits.astype(np.float64)))).astype(np.float32)
 
+    def take(self, index: NDArray[np.integer] | NDArray[np.bool_]) -> Gaussians:
+        """Copies of the Gaussians at (M,) positions, or of those that an (N,) mask holds."""
+        return Gaussians(**{name: values[index] for name, values in vars(self).items()})
+
     def with_base_colors(self, colors: NDArray[np.float32]) -> Gaussians:
         """The same geometry with (N, 3) sRGB colours that do not depend on the direction."""
         sh = ((np.asarray(colors, np.float32) - 0.5) / SH_C0)[:, None, :]

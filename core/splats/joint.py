@@ -121,13 +121,10 @@ class JointTraining:
         order = ViewOrder(len(targets), np.random.default_rng(self.seed))
         for step in range(1, steps + 1):
             view = order.next()
-            fit.step(targets[view], 1, self._rates(step / steps), loss=loss.of(view))
+            rates = self.joint.rates.scaled(self.joint.rates_decay ** (step / steps))
+            fit.step(targets[view], 1, rates, loss=loss.of(view))
             reporter.progress(STAGE, step / steps)
         return frame.to_world(fit.parameters.to_gaussians()), fit.skipped
-
-    def _rates(self, progress: float) -> LearningRates:
-        left = self.joint.rates_decay**progress
-        return LearningRates(**{name: rate * left for name, rate in vars(self.joint.rates).items()})
 
     def _psnr(self, gaussians: Gaussians) -> float | None:
         if not self.held_out:

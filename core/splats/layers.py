@@ -66,11 +66,7 @@ def fit_layer(
     steps = max(plan.epochs * len(targets), plan.minimum_steps)
     for step in range(1, steps + 1):
         view = order.next()
-        rates = _colors_only(plan.rate * plan.rate_decay ** (step / steps))
+        rates = LearningRates(sh0=plan.rate * plan.rate_decay ** (step / steps))
         fit.step(targets[view], 1, rates, colors_only=True, loss=loss.of(view))
         progress(step / steps)
     return gaussians.with_base_colors(fit.parameters.to_gaussians().base_colors)
-
-
-def _colors_only(rate: float) -> LearningRates:
-    return LearningRates(means=0.0, log_scales=0.0, quaternions=0.0, opacity_logits=0.0, sh0=rate, sh_rest=0.0)

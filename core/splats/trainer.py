@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -23,7 +24,6 @@ from .poses import AlignedViews
 from .raster import LearningRates, Rasterizer
 from .scene_frame import SceneFrame
 from .strategy import Evidence, MultiViewConsistent, Relocation, Strategy, ViewEvidence, floaters, unseen
-from .strategy.editing import take
 from .strategy.ordering import in_order, morton_order
 from .targets import Background, ViewOrder, prepare_targets
 
@@ -75,7 +75,7 @@ class Trainer:
         self._strategy = plan.strategy or _strategy_for(len(points), plan)
         self._course = Course(plan, self._strategy.schedule)
         initial = plan.initial.make(fitted, points, colors, self._frame, self._rng, self._limit)
-        initial = take(initial, morton_order(initial.means))
+        initial = initial.take(morton_order(initial.means))
         self._initial = len(initial)
         self.fit = Fit(rasterizer, with_sh_degree(initial, plan.sh_degree or 0), background, plan.ssim_weight)
         visits = plan.steps / len(self._targets)
@@ -342,4 +342,4 @@ def with_sh_degree(gaussians: Gaussians, degree: int) -> Gaussians:
     """The same colours with room for the terms up to `degree`."""
     sh = np.zeros((len(gaussians), (degree + 1) ** 2, 3), np.float32)
     sh[:, : gaussians.sh.shape[1]] = gaussians.sh
-    return Gaussians(gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, sh)
+    return replace(gaussians, sh=sh)

@@ -7,10 +7,8 @@ from pathlib import Path
 from typing import Protocol
 
 from ...capture import Capture, read_capture
+from ...settings import Settings
 from ..evaluation import Split
-
-HOLDOUT = 8
-"""Every so many views is held out, from the first on, as the field does."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +30,9 @@ class Subject:
     judged_split: Split
 
     @classmethod
-    def of(cls, capture: Capture, holdout: int = HOLDOUT) -> Subject:
+    def of(cls, capture: Capture, holdout: int = Settings.holdout) -> Subject:
         """The ordinary case: every `holdout`-th view of the capture is held out."""
-        views = range(len(capture.views))
-        split = Split([i for i in views if i % holdout], [i for i in views if i % holdout == 0])
+        split = Split.every(len(capture.views), holdout)
         return cls(capture, split, capture, split)
 
     @property

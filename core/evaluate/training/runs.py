@@ -15,9 +15,7 @@ from ...events import Reporter
 from ...splats.raster import Rasterizer
 from ...splats.targets import Background
 from ...splats.trainer import Trainer, TrainingPlan
-
-HOLDOUT = 8
-"""Every so many views is held out, from the first on, as the field does."""
+from ..evaluation import Split
 
 
 @dataclass(frozen=True)
@@ -62,14 +60,14 @@ def train_once(
         ValueError: too few views to hold one out.
     """
     views = capture.views
-    training = [view for i, view in enumerate(views) if i % HOLDOUT]
-    if len(training) < 2:
+    split = Split.every(len(views))
+    if len(split.train) < 2:
         raise ValueError(f"{len(views)} views are too few to hold some out")
     started = time.process_time()
     trainer = Trainer(
         Rasterizer("cpu", threads),
-        training,
-        list(views[::HOLDOUT]),
+        [views[i] for i in split.train],
+        [views[i] for i in split.test],
         capture.points,
         capture.point_colors,
         plan,

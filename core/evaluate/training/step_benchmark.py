@@ -13,7 +13,7 @@ from ...splats.gaussians import Gaussians
 from ...splats.raster import Adam, LearningRates, ParameterSet, RasterCamera, Rasterizer, load
 
 STAGES = ("render", "loss", "backward", "adam")
-_NO_MOVE = LearningRates(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # every repetition sees the same scene
+_NO_MOVE = LearningRates()  # every repetition sees the same scene
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from ...splats.raster import Rasterizer
 from ...splats.strategy import CloneSplitPrune, Schedule
 from ...splats.targets import Background
 from ...splats.trainer import Trainer, TrainingPlan
+from ..evaluation import Split
 
 _NEVER = CloneSplitPrune(schedule=Schedule(start=2.0, stop=3.0, rounds=1))  # beyond the end of the run
 
@@ -23,7 +24,7 @@ def training_step_milliseconds(capture: Capture, steps: int, threads: int) -> fl
     plan = TrainingPlan(steps=steps, limit=limit, coarse=(), poses=None, strategy=_NEVER, curve_points=1)
     trainer = Trainer(
         Rasterizer("cpu", threads),
-        [view for i, view in enumerate(capture.views) if i % 8],
+        [capture.views[i] for i in Split.every(len(capture.views)).train],
         [],
         capture.points,
         capture.point_colors,

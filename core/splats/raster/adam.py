@@ -17,14 +17,18 @@ _TABLE_STEPS = 20_000
 
 @dataclass(frozen=True)
 class LearningRates:
-    """Step sizes per parameter group; `sh0` for the degree-0 colour, `sh_rest` for the higher degrees."""
+    """Step sizes per parameter group; `sh0` for the degree-0 colour, `sh_rest` for the higher degrees. 0 keeps it."""
 
-    means: float
-    log_scales: float
-    quaternions: float
-    opacity_logits: float
-    sh0: float
+    means: float = 0.0
+    log_scales: float = 0.0
+    quaternions: float = 0.0
+    opacity_logits: float = 0.0
+    sh0: float = 0.0
     sh_rest: float = 0.0
+
+    def scaled(self, factor: float) -> LearningRates:
+        """All of them times `factor`."""
+        return LearningRates(**{group: rate * factor for group, rate in vars(self).items()})
 
 
 class Adam:

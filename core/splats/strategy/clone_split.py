@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..gaussians import Gaussians
-from .editing import finite, rotate, take
+from .editing import finite, rotate
 from .evidence import Evidence
 from .model import Refinement, Schedule
 
@@ -61,7 +61,7 @@ class CloneSplitPrune:
         stay_index = np.flatnonzero(stay)
         source = np.concatenate([stay_index, clone, split, split])
         fresh = np.arange(len(source)) >= len(stay_index)
-        new = take(gaussians, source)
+        new = gaussians.take(source)
         halves = slice(len(stay_index) + len(clone), None)
         spread = np.exp(new.log_scales[halves]) * rng.standard_normal((2 * len(split), 3)).astype(np.float32)
         new.means[halves] += rotate(new.quaternions[halves], spread)

@@ -14,17 +14,6 @@ DIVISION_OFFSET = 0.7
 DIVISION_SHRINK = float(np.sqrt(1.0 - DIVISION_OFFSET**2))
 
 
-def take(gaussians: Gaussians, index: NDArray[np.int64]) -> Gaussians:
-    """The Gaussians at `index`, as copies."""
-    return Gaussians(
-        gaussians.means[index],
-        gaussians.log_scales[index],
-        gaussians.quaternions[index],
-        gaussians.opacity_logits[index],
-        gaussians.sh[index],
-    )
-
-
 def finite(gaussians: Gaussians) -> NDArray[np.bool_]:
     """(N,) whether every parameter of the Gaussian is a finite number."""
     parts = (gaussians.means, gaussians.log_scales, gaussians.quaternions, gaussians.opacity_logits, gaussians.sh)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussians import Gaussians
-from .editing import concatenate, divide, finite, take
+from .editing import concatenate, divide, finite
 from .evidence import Evidence, ViewEvidence
 from .model import Refinement, Schedule
 from .pruning import floaters, unseen
@@ -66,8 +66,8 @@ class MultiViewConsistent:
         stay[divided] = False
         stays = np.flatnonzero(stay)
         source = np.concatenate([stays, divided, divided])
-        halves = divide(take(gaussians, divided))
-        return Refinement(concatenate(take(gaussians, stays), *halves), source, np.arange(len(source)) >= len(stays))
+        halves = divide(gaussians.take(divided))
+        return Refinement(concatenate(gaussians.take(stays), *halves), source, np.arange(len(source)) >= len(stays))
 
     def disturb(self, gaussians: Gaussians, steps: int, means_rate: float, rng: np.random.Generator) -> Gaussians:
         """The Gaussians as they are: between refinements they are left alone."""

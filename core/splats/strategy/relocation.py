@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..gaussians import Gaussians
-from .editing import concatenate, covariance_product, finite, rotate, take
+from .editing import concatenate, covariance_product, finite, rotate
 from .evidence import Evidence, Floats
 from .model import Refinement, Schedule
 from .pruning import floaters
@@ -80,19 +80,19 @@ class Relocation:
         alive = np.flatnonzero(living)
         if len(alive) == 0:
             kept = np.flatnonzero(finite(gaussians))
-            return Refinement(take(gaussians, kept), kept, np.zeros(len(kept), bool))
+            return Refinement(gaussians.take(kept), kept, np.zeros(len(kept), bool))
         dead = len(gaussians) - len(alive)
         room = max(budget - len(gaussians), 0)
         copies = dead + min(round(self.growth * len(gaussians)), room)
         chance = self._chances(opacity[alive], alive, evidence)
         chosen = rng.choice(alive, copies, p=chance / chance.sum())
         times = 1 + np.bincount(chosen, minlength=len(gaussians))
-        corrected = _shared_among(take(gaussians, alive), times[alive])
+        corrected = _shared_among(gaussians.take(alive), times[alive])
         place = np.empty(len(gaussians), np.int64)
         place[alive] = np.arange(len(alive))
         source = np.concatenate([alive, chosen])
         fresh = np.concatenate([times[alive] > 1, np.ones(copies, bool)])
-        copied = take(corrected, place[chosen])
+        copied = corrected.take(place[chosen])
         offset = self.spread * np.exp(copied.log_scales) * rng.standard_normal((copies, 3))
         copied.means[:] += rotate(copied.quaternions, offset)
         return Refinement(concatenate(corrected, copied), source, fresh)
