@@ -170,7 +170,7 @@ def _page(folder: Path, report: dict[str, Any]) -> str:
 
 def _quad(folder: Path, layer: str, key: str) -> str:
     """Photograph and result, as normal and as simulated vision see them."""
-    cvd, renders = html.escape(layer.rsplit("-", 1)[0]), folder / RENDERS_FOLDER / layer
+    cvd, renders = html.escape(layer.partition("-")[0]), folder / RENDERS_FOLDER / layer
     pictures = (
         (folder / CAPTURE_FOLDER / IMAGES_FOLDER, "photograph"),
         (renders, "enhanced, rendered"),

@@ -51,6 +51,16 @@ class Layer:
         text = f"{self.severity:g}"
         return f"{self.cvd}-{text if '.' in text or 'e' in text else text + '.0'}"
 
+    @classmethod
+    def from_name(cls, name: str) -> Layer:
+        """The layer that is called `name`, with the severity as it is written there.
+
+        Raises:
+            ValueError: the severity is no number.
+        """
+        cvd, _, severity = name.partition("-")  # the first one: the exponent of 1e-05 has another
+        return cls(cvd, float(severity))
+
 
 @dataclass(frozen=True)
 class Settings:

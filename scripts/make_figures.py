@@ -26,6 +26,7 @@ from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.evaluate.charts import Theme, plot_series, write_charts  # noqa: E402
 from cvdgs.core.images import read_png  # noqa: E402
 from cvdgs.core.run_files import CAPTURE_FOLDER, ENHANCED_FOLDER, IMAGES_FOLDER, REPORT_FILE  # noqa: E402
+from cvdgs.core.settings import Layer  # noqa: E402
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -75,15 +76,15 @@ def make_figures(run: Path, out: Path) -> None:
     try:
         report = json.loads((run / REPORT_FILE).read_text(encoding="utf-8"))
         layer, view = next(iter(report["layers"])), report["views_shown"][0]
+        observer = Layer.from_name(layer)
         before = read_png(run / CAPTURE_FOLDER / IMAGES_FOLDER / f"{view}.png").reshape(-1, 3)
         after = read_png(run / ENHANCED_FOLDER / layer / f"{view}.png").reshape(-1, 3)
     except (OSError, KeyError, ValueError, StopIteration) as error:
         raise InputError(f"is not a finished run ({error})", where=run, remedy="run 'make demo' first") from None
     chosen = np.random.default_rng(SEED).choice(len(before), COLORS, replace=False)
-    cvd, _, severity = layer.rpartition("-")
 
     def colors(figure: Figure, theme: Theme) -> None:
-        draw_colors(before[chosen], after[chosen], (cvd, float(severity)), figure, theme)
+        draw_colors(before[chosen], after[chosen], (observer.cvd, observer.severity), figure, theme)
 
     write_charts(out, "colours", (8.0, 3.6), colors, formats=("svg",))
     write_charts(out, "training", (8.0, 2.8), lambda *to: draw_training(report["curve"], *to), formats=("svg",))

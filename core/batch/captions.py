@@ -7,7 +7,7 @@ from ..run_files import ORIGINAL
 
 def vision(observer: str) -> str:
     """An observer, by a layer's name, in words: ``deutan vision``, ``protan vision of severity 0.6``."""
-    cvd, _, severity = observer.rpartition("-")
+    cvd, _, severity = observer.partition("-")
     return f"{cvd} vision" if severity == "1.0" else f"{cvd} vision of severity {severity}"
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from ..capture import Capture, CaptureWarning
 from ..images import read_png
 from ..run_files import ORIGINAL, RENDERS_FOLDER
+from ..settings import Layer
 from .evaluation import Split, spread
 from .photograph_quality import PhotographQuality, image_shift
 
@@ -146,7 +147,7 @@ def _of_geometry(
 
 def _of_layer(name: str, layer: Mapping[str, Any], limits: AdviceThresholds) -> Iterator[CaptureWarning]:
     ccpr, rwe = layer["ccpr"], layer["rwe"]
-    severity = float(name.partition("-")[2])
+    severity = Layer.from_name(name).severity
     if severity < limits.least_severity:
         yield CaptureWarning(
             "nothing-to-enhance",

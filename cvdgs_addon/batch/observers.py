@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from ...core.color.matrices import check_simulation
 from ...core.errors import InputError
+from ...core.settings import Layer
 
 
 @dataclass(frozen=True)
@@ -23,10 +24,10 @@ class Observer:
         Raises:
             InputError: there is no such observer.
         """
-        cvd, _, severity = name.rpartition("-")
         try:
-            observer = cls(cvd, float(severity), "brettel" if (cvd, model) == ("tritan", "vienot") else model)
+            layer = Layer.from_name(name)
         except ValueError:
             raise InputError(f"'{name}' is no observer", remedy="name a type and a severity, e.g. deutan-1.0") from None
-        check_simulation(observer.cvd, observer.severity, observer.model)
-        return observer
+        model = "brettel" if (layer.cvd, model) == ("tritan", "vienot") else model
+        check_simulation(layer.cvd, layer.severity, model)
+        return cls(layer.cvd, layer.severity, model)

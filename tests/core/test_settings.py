@@ -1,9 +1,11 @@
 """Settings: what is unusable is refused in one line, and they survive the way to the worker."""
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from cvdgs.core.errors import InputError
-from cvdgs.core.settings import Layer, Settings
+from cvdgs.core.settings import CVD_TYPES, Layer, Settings
 
 
 def settings(**changes) -> Settings:
@@ -62,6 +64,14 @@ def test_an_unknown_enhancer_is_refused():
 )
 def test_a_layer_is_named_after_type_and_severity(severity, name):
     assert Layer("deutan", severity).name == name
+
+
+@given(severity=st.floats(0.0, 1.0), cvd=st.sampled_from(CVD_TYPES))
+@example(severity=1e-5, cvd="tritan")
+def test_a_layer_is_known_by_its_name(severity, cvd):
+    name = Layer(cvd, severity).name
+    assert Layer.from_name(name).name == name
+    assert Layer.from_name(name).cvd == cvd
 
 
 @pytest.mark.parametrize(
