@@ -1,6 +1,7 @@
 """Captures: photographs with known cameras, read from COLMAP, transforms.json or photographs alone."""
 
-from .model import Capture, CaptureSummary, CaptureWarning, PinholeCamera, View
+from ..pinhole import PinholeCamera
+from .model import Capture, CaptureSummary, CaptureWarning, View
 from .normalised import write_cameras, write_capture
 from .reader import inspect_capture, read_capture
 

@@ -14,8 +14,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.model import PinholeCamera
 from ..events import Reporter
+from ..pinhole import PinholeCamera
 
 SHORT_RANGE_STEP = 1
 """Adjacent views, in file order."""

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from .intrinsics import Intrinsics
+from ...core.pinhole import PinholeCamera
 
 SENSOR_WIDTH = 36.0  # mm, of the full-frame format that artists' lens numbers refer to
 
@@ -39,7 +39,7 @@ class Clip:
 
 
 def add_camera(
-    name: str, camera: Intrinsics, camera_to_world: NDArray[np.float64], clip: Clip, collection: bpy.types.Collection
+    name: str, camera: PinholeCamera, camera_to_world: NDArray[np.float64], clip: Clip, collection: bpy.types.Collection
 ) -> bpy.types.Object:
     """Add a camera object.
 
@@ -74,13 +74,13 @@ def add_camera(
     return camera_object
 
 
-def camera_intrinsics(camera_object: bpy.types.Object) -> Intrinsics:
+def camera_intrinsics(camera_object: bpy.types.Object) -> PinholeCamera:
     """The intrinsics of a camera made by `add_camera`, from its current lens, sensor and shift."""
     data = camera_object.data
     width, height = data[_WIDTH], data[_HEIGHT]
     aspect = data[_ASPECT_X] / data[_ASPECT_Y]
     fx = data.lens / data.sensor_width * width
-    return Intrinsics(
+    return PinholeCamera(
         width, height, fx, fx * aspect, width / 2.0 - data.shift_x * width, height / 2.0 + data.shift_y * width * aspect
     )
 

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.pinhole import PinholeCamera
 from ...core.ply_table import VertexTable
 from ...core.run_files import CAMERAS_FILE, POINTS_FILE
 from ...core.untrusted import explained, opened, read_json
-from .intrinsics import Intrinsics
 
 _RUN_AGAIN = "choose the output folder of a finished run"
 _IMPORT_AGAIN = "import the capture again"
@@ -49,7 +49,7 @@ class CaptureView:
     """
 
     key: str
-    camera: Intrinsics
+    camera: PinholeCamera
     camera_to_world: NDArray[np.float64]
     image: Path | None = None
 
@@ -133,7 +133,7 @@ def read_points(folder: Path) -> tuple[NDArray[np.float32], NDArray[np.float32]]
 def _read_view(frame: Mapping[str, Any], path: Path) -> CaptureView:
     key = PurePosixPath(frame["file_path"]).stem
     intrinsics = [float(frame[name]) for name in ("fl_x", "fl_y", "cx", "cy")]
-    camera = Intrinsics(int(frame["w"]), int(frame["h"]), *intrinsics)
+    camera = PinholeCamera(int(frame["w"]), int(frame["h"]), *intrinsics)
     pose = np.array(frame["transform_matrix"], np.float64)
     sizes = (camera.width, camera.height, camera.fx, camera.fy)
     if not np.isfinite(intrinsics).all() or min(sizes) <= 0:

@@ -7,8 +7,8 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
+from cvdgs.core.pinhole import PinholeCamera
 from cvdgs.core.splats.gaussians import Gaussians
-from cvdgs.cvdgs_addon.scene.intrinsics import Intrinsics
 
 DILATION = 0.3
 ALPHA_MIN = 1.0 / 255.0
@@ -30,7 +30,7 @@ def rotation_matrices(quaternions: NDArray) -> NDArray[np.float64]:
 def render(
     gaussians: Gaussians,
     colors: NDArray,
-    camera: Intrinsics,
+    camera: PinholeCamera,
     world_to_camera: NDArray,
     background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     dilation: float = DILATION,

@@ -10,13 +10,13 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from cvdgs.core.pinhole import PinholeCamera
 from cvdgs.core.splats.gaussians import SH_C0, Gaussians
 from cvdgs.core.splats.ply import write_ply
 from cvdgs.cvdgs_addon.scene.cameras import Clip, add_camera, use_camera
-from cvdgs.cvdgs_addon.scene.intrinsics import Intrinsics
 from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute
 
-CAMERA = Intrinsics(64, 48, 56.0, 70.0, 30.0, 26.0)
+CAMERA = PinholeCamera(64, 48, 56.0, 70.0, 30.0, 26.0)
 """With fx != fy and an off-centre principal point."""
 
 CLIP = Clip(0.05, 100.0)
@@ -72,7 +72,9 @@ def opencv(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.linalg.inv(camera_to_world @ np.diag([1.0, -1.0, -1.0, 1.0]))
 
 
-def look_through(scene: bpy.types.Scene, camera: Intrinsics, camera_to_world: NDArray[np.float64]) -> bpy.types.Object:
+def look_through(
+    scene: bpy.types.Scene, camera: PinholeCamera, camera_to_world: NDArray[np.float64]
+) -> bpy.types.Object:
     """Add a camera and make it the scene's."""
     added = add_camera("view", camera, camera_to_world, CLIP, scene.collection)
     use_camera(scene, added)

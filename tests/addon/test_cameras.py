@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cvdgs.core.errors import InputError
+from cvdgs.core.pinhole import PinholeCamera
 from cvdgs.cvdgs_addon.scene import cameras
-from cvdgs.cvdgs_addon.scene.intrinsics import Intrinsics
 
 from .ewa import rotation_matrices
 from .scenes import CLIP, opencv, ring_view
@@ -19,10 +19,10 @@ TOLERANCE = 1e-4  # pixels
 
 
 @st.composite
-def intrinsics(draw) -> Intrinsics:
+def intrinsics(draw) -> PinholeCamera:
     width, height = draw(st.integers(16, 1600)), draw(st.integers(16, 1600))
     fx = draw(st.floats(0.4, 3.0)) * max(width, height)
-    return Intrinsics(
+    return PinholeCamera(
         width,
         height,
         fx,
@@ -41,17 +41,17 @@ def poses(draw) -> np.ndarray:
     return pose
 
 
-def add(camera: Intrinsics, pose: np.ndarray) -> bpy.types.Object:
+def add(camera: PinholeCamera, pose: np.ndarray) -> bpy.types.Object:
     return cameras.add_camera("camera", camera, pose, CLIP, bpy.context.scene.collection)
 
 
-def project(camera: Intrinsics, world_to_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
+def project(camera: PinholeCamera, world_to_camera: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(P, 2) pixels of (P, 3) world points."""
     x, y, z = (points @ world_to_camera[:3, :3].T + world_to_camera[:3, 3]).T
     return np.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], axis=1)
 
 
-def points_in_view(camera: Intrinsics, pose: np.ndarray) -> np.ndarray:
+def points_in_view(camera: PinholeCamera, pose: np.ndarray) -> np.ndarray:
     """(P, 3) world points on the pixels of a grid, at two depths."""
     columns, rows = np.meshgrid(np.linspace(0, camera.width, 5), np.linspace(0, camera.height, 5))
     rays = np.stack([(columns - camera.cx) / camera.fx, -(rows - camera.cy) / camera.fy, -np.ones_like(rows)], -1)
@@ -99,8 +99,8 @@ def test_blender_projects_as_the_pinhole_camera_does(camera):
 
 def test_using_a_camera_puts_its_image_size_in_force():
     scene = bpy.context.scene
-    portrait = add(Intrinsics(360, 640, 500.0, 500.0, 180.0, 320.0), np.eye(4))
-    landscape = add(Intrinsics(640, 360, 500.0, 400.0, 320.0, 180.0), np.eye(4))
+    portrait = add(PinholeCamera(360, 640, 500.0, 500.0, 180.0, 320.0), np.eye(4))
+    landscape = add(PinholeCamera(640, 360, 500.0, 400.0, 320.0, 180.0), np.eye(4))
     cameras.use_camera(scene, portrait)
     assert (scene.render.resolution_x, scene.render.resolution_y) == (360, 640)
     assert scene.render.pixel_aspect_x == scene.render.pixel_aspect_y == 1.0
@@ -111,7 +111,7 @@ def test_using_a_camera_puts_its_image_size_in_force():
 
 
 def test_moving_the_lens_moves_the_intrinsics():
-    added = add(Intrinsics(640, 480, 500.0, 500.0, 320.0, 240.0), ring_view(0.3))
+    added = add(PinholeCamera(640, 480, 500.0, 500.0, 320.0, 240.0), ring_view(0.3))
     added.data.lens *= 2.0
     assert cameras.camera_intrinsics(added).fx == pytest.approx(1000.0, rel=1e-6)
     assert cameras.is_capture_camera(added)
@@ -119,4 +119,4 @@ def test_moving_the_lens_moves_the_intrinsics():
 
 def test_focal_lengths_that_blender_cannot_express_are_refused():
     with pytest.raises(InputError, match="differ too much"):
-        add(Intrinsics(640, 480, 1.0, 500.0, 320.0, 240.0), np.eye(4))
+        add(PinholeCamera(640, 480, 1.0, 500.0, 320.0, 240.0), np.eye(4))

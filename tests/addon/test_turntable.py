@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
+from cvdgs.core.pinhole import PinholeCamera
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.cameras import SENSOR_WIDTH, add_camera, is_capture_camera
-from cvdgs.cvdgs_addon.scene.intrinsics import Intrinsics
 from cvdgs.cvdgs_addon.scene.render_settings import Display, Engine, set_display
 from cvdgs.cvdgs_addon.scene.splats import add_gaussians, show_layer
 from cvdgs.cvdgs_addon.scene.turntable import (
@@ -151,7 +151,7 @@ def test_the_pictures_are_the_rasterisers_from_all_around(scene, splats, tmp_pat
     paths = sorted((tmp_path / "turn").iterdir())
     assert [path.name for path in paths] == ["0001.png", "0002.png", "0003.png", "0004.png"]
     focal = LENS / SENSOR_WIDTH * 64
-    intrinsics = Intrinsics(64, 48, focal, focal, 32.0, 24.0)
+    intrinsics = PinholeCamera(64, 48, focal, focal, 32.0, 24.0)
     for path, pose in zip(paths, camera_poses(scene, camera, 4), strict=True):
         expected = ewa.render(gaussians, gaussians.base_colors, intrinsics, opencv(pose))
         assert ewa.psnr(read_png(path), expected) > 45.0

@@ -53,6 +53,7 @@ STANDARD_LIBRARY_ONLY = [
     "job_console",
     "licences",
     "parent",
+    "pinhole",
     "priority",
     "processors",
     "progress",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cvdgs.core.capture.model import PinholeCamera
+from cvdgs.core.pinhole import PinholeCamera
 
 
 @dataclass(frozen=True)

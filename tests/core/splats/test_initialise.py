@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cvdgs.core.capture.model import PinholeCamera, View
+from cvdgs.core.capture.model import View
+from cvdgs.core.pinhole import PinholeCamera
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.core.splats.initialise import InitialGaussians
 from cvdgs.core.splats.scene_frame import SceneFrame

@@ -9,7 +9,8 @@ import torch
 import warp as wp
 from scipy.spatial.transform import Rotation
 
-from cvdgs.core.capture.model import PinholeCamera, View
+from cvdgs.core.capture.model import View
+from cvdgs.core.pinhole import PinholeCamera
 from cvdgs.core.splats.gaussians import SH_C0, Gaussians
 from cvdgs.core.splats.poses import PosePlan, PoseRefinement, pose_gradient
 from cvdgs.core.splats.raster import Adam, LearningRates, ParameterSet, Rasterizer

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cvdgs.core.capture.model import PinholeCamera, View
+from cvdgs.core.capture.model import View
 from cvdgs.core.events import Reporter
+from cvdgs.core.pinhole import PinholeCamera
 from cvdgs.core.splats.decisions import HarmonicsRule
 from cvdgs.core.splats.fitting import Fit
 from cvdgs.core.splats.gaussians import SH_C0, Gaussians
