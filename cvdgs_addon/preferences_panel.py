@@ -1,4 +1,4 @@
-"""How the add-on's preferences look: the worker, the device, the cache."""
+"""The add-on's preferences in Blender, and how they look: the worker, the device, the cache."""
 
 from __future__ import annotations
 
@@ -8,10 +8,61 @@ from ..core.errors import InputError
 from . import environment
 from .activity import ACTIVITY
 from .messages import lines_of
-from .preferences import get_cache, known_machine
+from .package import PACKAGE
+from .preferences import Preferences, get_cache, known_machine
+from .registration import register_classes, unregister_classes
 
 _WIDTH = 90  # characters; the preferences' window is wide
 _VERSIONS = ("python", "torch", "warp-lang", "numpy")
+
+
+class CVDGS_Preferences(bpy.types.AddonPreferences):
+    """What belongs to the machine and not to a file."""
+
+    bl_idname = PACKAGE
+
+    python: bpy.props.StringProperty(
+        name="Python",
+        description="An interpreter of your own that has torch and Warp; empty: the one made here, or one found",
+        subtype="FILE_PATH",
+    )
+    base_python: bpy.props.StringProperty(
+        name="Made From",
+        description="The Python 3.11 or later from which the environment is made; empty: the first that is found",
+        subtype="FILE_PATH",
+    )
+    device: bpy.props.EnumProperty(
+        name="Device",
+        description="Where the worker computes",
+        items=(
+            ("auto", "Automatic", "The best that is known to work"),
+            ("cpu", "Processor", "Works everywhere"),
+            ("cuda", "NVIDIA GPU", "Not measured yet"),
+        ),
+        default=Preferences.device,
+    )
+    cache: bpy.props.StringProperty(
+        name="Cache",
+        description="Folder for thumbnails and compiled kernels; empty: the extension's own folder",
+        subtype="DIR_PATH",
+    )
+    cache_limit: bpy.props.IntProperty(
+        name="Cache Size",
+        description="Beyond this, what was used longest ago is deleted, in MB",
+        min=50,
+        soft_max=10_000,
+        default=Preferences.cache_limit,
+    )
+    machine: bpy.props.StringProperty(
+        name="Machine", description="What the last check of the worker found, as JSON", options={"HIDDEN"}
+    )
+    speed: bpy.props.FloatProperty(
+        name="Speed", description="Of this machine relative to the reference one; 0: not measured", options={"HIDDEN"}
+    )
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        """Called by Blender."""
+        draw_preferences(self, self.layout)
 
 
 def draw_preferences(preferences: bpy.types.AddonPreferences, layout: bpy.types.UILayout) -> None:
@@ -66,3 +117,16 @@ def _draw_found(box: bpy.types.UILayout, python: str) -> None:
     versions = machine.get("versions", {})
     box.label(text=", ".join(f"{name} {versions[name]}" for name in _VERSIONS if name in versions), icon="BLANK1")
     box.label(text=f"{machine.get('device', '')}", icon="BLANK1")
+
+
+CLASSES: tuple[type, ...] = (CVDGS_Preferences,)
+
+
+def register() -> None:
+    """Register the preferences."""
+    register_classes(CLASSES)
+
+
+def unregister() -> None:
+    """Undo `register`."""
+    unregister_classes(CLASSES)
