@@ -51,13 +51,9 @@ def _clean_up(options: argparse.Namespace) -> None:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    from cvdgs.core.errors import InputError
+    from cvdgs.core.arguments import OneLineParser
 
-    class Parser(argparse.ArgumentParser):
-        def error(self, message: str) -> NoReturn:
-            raise InputError(message, where="worker.py", remedy="see the head of the file")
-
-    parser = Parser(prog="worker.py", description="Turn a finished run into scene.blend and stills.")
+    parser = OneLineParser(prog="worker.py", description="Turn a finished run into scene.blend and stills.")
     parser.add_argument("run_folder", metavar="RUN_FOLDER", help="the output folder of a run")
     parser.add_argument("--view", help="key of the view that stills show (default: the first)")
     parser.add_argument(
