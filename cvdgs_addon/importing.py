@@ -26,6 +26,7 @@ from .making import remember_for_undo
 from .messages import show_information, show_problem
 from .scene.capture_folder import is_normalised
 from .scene.import_capture import CaptureObjects, ImportOptions, import_capture
+from .scene.lookup import scene_by_uid
 
 JOB = "import"
 
@@ -94,7 +95,7 @@ def _take_over(scene_uid: int, request: ImportRequest, job: BackgroundJob) -> No
         show_problem(job.title, job.problem)
     if job.state is not State.DONE:
         return
-    scene = next((scene for scene in bpy.data.scenes if scene.session_uid == scene_uid), None)
+    scene = scene_by_uid(scene_uid)
     if scene is None:
         show_information(job.title, f"The scene is gone; the photographs are in {job.result}")
         return

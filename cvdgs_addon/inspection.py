@@ -15,6 +15,7 @@ from .background import BackgroundJob, State
 from .environment import make_workers
 from .pictures import PICTURES
 from .preferences import get_cache
+from .scene.lookup import scene_by_uid
 
 JOB = "inspect"
 _THUMBNAILS, _THUMBNAIL_SIZE = 4, 192  # pixels of the longer side; a side bar of usual width shows them at about this
@@ -105,7 +106,7 @@ def thumbnails_of(capture: bpy.types.PropertyGroup) -> list[str]:
 
 
 def _take_over(scene_uid: int, folder: str, job: BackgroundJob) -> None:
-    scene = next((scene for scene in bpy.data.scenes if scene.session_uid == scene_uid), None)
+    scene = scene_by_uid(scene_uid)
     if scene is None or job.state is State.CANCELLED:
         return
     if job.state is State.FAILED:

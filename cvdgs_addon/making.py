@@ -23,6 +23,7 @@ from .pictures import PICTURES
 from .preferences import get_preferences, machine_speed, shrink_cache
 from .quality import TIME_MODEL, Quality, in_words, learned_speed, quality_called
 from .results import is_finished_run, read_report, show_run
+from .scene.lookup import scene_by_uid
 
 JOB = "run"
 PREVIEW = "run preview"
@@ -144,11 +145,15 @@ def _run(settings: Settings, workers: Workers, listen: Listener) -> dict[str, An
 
 def has_layer(scene: bpy.types.Scene) -> bool:
     """Whether the run that is there has the viewer's layer already."""
-    return viewer_layer(scene).name in read_report(output_folder(scene)).get("layers", {})
+    return _has_layer(output_folder(scene), viewer_layer(scene))
+
+
+def _has_layer(folder: str, layer: Layer) -> bool:
+    return layer.name in read_report(folder).get("layers", {})
 
 
 def _refuse_repetition(folder: str, layer: Layer) -> None:
-    if layer.name in read_report(folder).get("layers", {}):
+    if _has_layer(folder, layer):
         remedy = "load the run, choose another viewer, or tick Start Over"
         raise InputError(f"the run has the layer {layer.name} already", where=folder, remedy=remedy)
 
@@ -177,7 +182,7 @@ def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: 
         preferences = get_preferences()
         preferences.speed = learned_speed(preferences.speed, expected, seconds)
     shrink_cache()
-    scene = next((scene for scene in bpy.data.scenes if scene.session_uid == scene_uid), None)
+    scene = scene_by_uid(scene_uid)
     if scene is None:
         show_information(job.title, f"The scene is gone; the result is in {settings.out}")
         return

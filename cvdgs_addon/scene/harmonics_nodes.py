@@ -34,15 +34,10 @@ def view_dependent_part(write: NodeWriter, direction: Value, degree: int) -> Val
 def _basis(write: NodeWriter, direction: Value, degree: int) -> list[Value]:
     """Real spherical harmonics with the Condon-Shortley phase, in the order and with the signs of the standard PLY."""
 
-    def times(*factors: Value) -> Value:
-        product = factors[0]
-        for factor in factors[1:]:
-            product = write.math("MULTIPLY", product, factor)
-        return product
-
     def weighted(*terms: tuple[float, Value]) -> Value:
         return write.sum(*(write.math("MULTIPLY", value, weight) for weight, value in terms))
 
+    times = write.product
     x, y, z = write.separate(direction)
     basis = [times(-0.4886025119029199, y), times(0.4886025119029199, z), times(-0.4886025119029199, x)]
     if degree >= 2:

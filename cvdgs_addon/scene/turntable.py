@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from .cameras import SENSOR_WIDTH, is_capture_camera
 from .display import match_display
+from .lookup import scene_by_uid
 from .native_splats import native_splats_of
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import Engine, engine_settings, png_settings
@@ -206,7 +207,7 @@ def _restore_when_rendered(scene: bpy.types.Scene) -> None:
     def look() -> float | None:
         if bpy.app.is_job_running("RENDER"):
             return _POLL_SECONDS
-        found = next((scene for scene in bpy.data.scenes if scene.session_uid == uid), None)
+        found = scene_by_uid(uid)
         if found is not None:
             _restore(found)
         return None
