@@ -1,8 +1,9 @@
 """The discs of Gaussians that face the camera: their hull, and many of them as one mesh instead of instances.
 
 A ray meets hundreds of discs, one after the other. To meet an instance Cycles changes into its space and back; faces of
-one mesh it meets without, and a picture takes about two thirds of the time. But a mesh takes memory for each corner of
-each disc, where instances share one hull: so only up to so many discs.
+one mesh it meets without. A picture was measured to take 0.6 of the processor's time, and 0.9 where the scene is turned
+to the camera's axes (see `stills`). But a mesh takes memory for each corner of each disc, where instances share one
+hull: so only up to so many discs.
 """
 
 from __future__ import annotations

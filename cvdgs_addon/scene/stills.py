@@ -49,7 +49,8 @@ def turned_to(camera: bpy.types.Object, *roots: bpy.types.Object) -> Iterator[No
     """Within the block, `roots` and all below them stand so that `camera`, one of them, looks down -Z from the origin.
 
     The picture is the same, but the discs of Gaussians that face the camera then have flat bounding boxes, and Cycles
-    finds the next one on a ray in half the time. Only for scenes that have nothing outside of `roots`.
+    finds the next one on a ray sooner: a still takes half the time with discs as instances, and four fifths with discs
+    as one mesh (see `disc_nodes`). Only for scenes that have nothing outside of `roots`.
     """
     turn = bpy.data.objects.new("Turn", None)
     bpy.context.view_layer.update()
