@@ -37,8 +37,7 @@ def cloud(count: int, seed: int = 0, size: float = 0.12) -> Gaussians:
 
 def take(gaussians: Gaussians, indices: Iterable[int]) -> Gaussians:
     """Some of the Gaussians."""
-    chosen = np.array(list(indices), int)
-    return Gaussians(*(getattr(gaussians, name)[chosen] for name in gaussians.__dataclass_fields__))
+    return gaussians.take(np.array(list(indices), int))
 
 
 def drawn_points(target: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:

@@ -11,19 +11,11 @@ from cvdgs.core.batch.task import Kind, Plan, Task, write_plan
 from cvdgs.core.errors import InputError
 
 from .dask_farm import DaskFarm, can_unshare, is_running
+from .outcomes import contents, ends
 
 TURNTABLE = "[turntable]\nframes = 2\nchunk = 2\nsize = [32, 24]\n"
 ONE = TURNTABLE + '[[items]]\ncapture = "chair"\n'
 TWO = ONE + '[[items]]\ncapture = "sofa"\n'
-
-
-def ends(events):
-    """State by task."""
-    return {event["task"]: event["state"] for event in events if event["event"] == "task"}
-
-
-def contents(folder):
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.png")}
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from ...patience import SOON
+from .outcomes import contents, ends
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -17,15 +18,6 @@ TURNTABLE = "[turntable]\nframes = 4\nchunk = 4\nsize = [32, 24]\n"
 ONE = TURNTABLE + '[[items]]\ncapture = "chair"\n'
 CHAIR_FRAMES = "chair.deutan-1.0.cycles-turn.frames.0001-0004"
 TWO = ONE + '[[items]]\ncapture = "sofa"\n'
-
-
-def ends(events: list[dict]) -> dict[str, str]:
-    """State by task."""
-    return {event["task"]: event["state"] for event in events if event["event"] == "task"}
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.png")}
 
 
 def is_alive(process: int) -> bool:

@@ -14,6 +14,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pycolmap
 
+from cvdgs.core.capture import Capture
+
 PLANE_DEPTH = 4.0
 WIDTH, HEIGHT = 96, 72
 _SUPERSAMPLES = 3
@@ -212,3 +214,8 @@ def write_transforms(
     if images:
         save_images(root / "images", photographs)
     return root
+
+
+def warnings_of(capture: Capture) -> list[str]:
+    """The names of its warnings, in order."""
+    return [warning.name for warning in capture.warnings]

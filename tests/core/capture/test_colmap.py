@@ -11,16 +11,22 @@ import numpy as np
 import pycolmap
 import pytest
 
-from cvdgs.core.capture import Capture, inspect_capture, read_capture
+from cvdgs.core.capture import inspect_capture, read_capture
 from cvdgs.core.capture.colmap_model import read_model
 from cvdgs.core.errors import InputError
 from cvdgs.core.events import Reporter
 
-from .make_captures import PlanePoints, pinhole, reconstruction, save, save_images, shots, turned, write_colmap
-
-
-def warnings_of(capture: Capture) -> list[str]:
-    return [warning.name for warning in capture.warnings]
+from .make_captures import (
+    PlanePoints,
+    pinhole,
+    reconstruction,
+    save,
+    save_images,
+    shots,
+    turned,
+    warnings_of,
+    write_colmap,
+)
 
 
 @pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])

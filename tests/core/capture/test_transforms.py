@@ -23,14 +23,11 @@ from .make_captures import (
     pinhole,
     save_images,
     shots,
+    warnings_of,
     with_model,
     write_colmap,
     write_transforms,
 )
-
-
-def warnings_of(capture: Capture) -> list[str]:
-    return [warning.name for warning in capture.warnings]
 
 
 def assert_same_views(capture: Capture, photographs: list[Shot]) -> None:
