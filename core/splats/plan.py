@@ -31,8 +31,7 @@ class TrainingPlan:
         means_decay, rates_decay: what is left of the step sizes at the end, reached exponentially.
         coarse: (fraction of the run, factor) pairs: until then the photographs are reduced by the factor.
         initial: how the first Gaussians are made.
-        strategy: how their set changes; None takes `MultiViewConsistent`, or `Relocation` for a capture with too few
-            points to grow from.
+        strategy: how their set changes; None takes `MultiViewConsistent`.
         growth: when there are enough Gaussians.
         stopping: when there were enough steps; None runs them all.
         harmonics: when a higher SH degree pays.

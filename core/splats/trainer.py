@@ -23,7 +23,7 @@ from .plan import TrainingPlan, TrainingResult
 from .poses import AlignedViews
 from .raster import LearningRates, Rasterizer
 from .scene_frame import SceneFrame
-from .strategy import Evidence, MultiViewConsistent, Relocation, Strategy, ViewEvidence, floaters, unseen
+from .strategy import Evidence, MultiViewConsistent, ViewEvidence, floaters, unseen
 from .strategy.ordering import in_order, morton_order
 from .targets import Background, ViewOrder, prepare_targets
 
@@ -72,7 +72,7 @@ class Trainer:
         fitted = [views[i] for i in self._roles.fitted]
         self._fitted = len(fitted)
         self._limit = plan.limit or plan.growth.ceiling(sum(v.camera.width * v.camera.height for v in fitted))
-        self._strategy = plan.strategy or _strategy_for(len(points), plan)
+        self._strategy = plan.strategy or MultiViewConsistent()
         self._course = Course(plan, self._strategy.schedule)
         initial = plan.initial.make(fitted, points, colors, self._frame, self._rng, self._limit)
         initial = initial.take(morton_order(initial.means))
@@ -331,11 +331,6 @@ class Trainer:
 
 def _due(every: int, step: int) -> bool:
     return every > 0 and step % every == 0
-
-
-def _strategy_for(points: int, plan: TrainingPlan) -> Strategy:
-    """Division refines what points have placed; without them, Gaussians have to find their places first."""
-    return MultiViewConsistent() if points >= plan.initial.minimum else Relocation()
 
 
 def with_sh_degree(gaussians: Gaussians, degree: int) -> Gaussians:

@@ -41,7 +41,7 @@ def test_points_become_gaussians_of_their_colour_and_spacing():
     views = ring_of_views(radius=100.0)
     frame = SceneFrame.around(views, grid)
     colors = np.full((len(grid), 3), 51, np.uint8)
-    made = InitialGaussians().make(views, grid, colors, frame, np.random.default_rng(0), 10_000)
+    made = InitialGaussians().make(views, grid, colors, frame, np.random.default_rng(0), 3 * len(grid))
     world = frame.to_world(made)
     np.testing.assert_allclose(world.means, grid, atol=1e-4)
     np.testing.assert_allclose(np.exp(world.log_scales), 1.0, rtol=1e-3)
@@ -49,17 +49,15 @@ def test_points_become_gaussians_of_their_colour_and_spacing():
     np.testing.assert_allclose(made.opacities, 0.1, atol=1e-6)
 
 
-def test_without_points_the_frustums_around_the_focus_are_sampled():
-    views = ring_of_views(radius=3.0, centre=(5.0, -2.0, 1.0))
-    frame = SceneFrame.around(views, NO_POINTS[0])
-    made = InitialGaussians().make(views, *NO_POINTS, frame, np.random.default_rng(0), 5000)
-    world = frame.to_world(made)
-    assert len(world) == 5000
-    distance = np.linalg.norm(world.means - [5.0, -2.0, 1.0], axis=1)
-    assert np.median(distance) < 3.0
-    for view in views:
-        depth = world.means @ view.world_to_camera[2, :3] + view.world_to_camera[2, 3]
-        assert (depth > 0).mean() > 0.5
+@pytest.mark.parametrize(("points", "expected"), [(0, 500), (300, 500), (700, 700)])
+def test_where_there_are_few_points_a_third_of_the_limit_is_made_up(points, expected):
+    views = ring_of_views()
+    given = np.random.default_rng(1).standard_normal((points, 3)).astype(np.float32)
+    frame = SceneFrame.around(views, given)
+    colors = np.zeros((points, 3), np.uint8)
+    made = InitialGaussians().make(views, given, colors, frame, np.random.default_rng(0), 1500)
+    assert len(made) == expected
+    np.testing.assert_allclose(made.means[:points], frame.points(given))
 
 
 def test_more_points_than_allowed_are_thinned():

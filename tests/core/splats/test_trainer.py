@@ -84,9 +84,10 @@ def test_training_recovers_a_known_scene_on_views_that_it_has_not_seen(scene, vi
     assert result.curve[-1]["step"] == 300
 
 
-def test_a_scene_without_points_is_trained_from_the_frustums(views):
-    result = train(views[:4] + views[5:], np.zeros((0, 3), np.float32), TrainingPlan(steps=200, limit=1500), [views[4]])
-    assert result.curve[-1]["psnr"] > result.curve[0]["psnr"] + 5
+def test_a_scene_without_points_is_nearly_as_good_as_with_them(scene, views):
+    plan, training, held_out = TrainingPlan(steps=200, limit=1500), views[:4] + views[5:], [views[4]]
+    with_points, without = (train(training, points, plan, held_out) for points in (scene.means, scene.means[:0]))
+    assert without.curve[-1]["psnr"] > with_points.curve[-1]["psnr"] - 2.0
 
 
 def test_the_same_seed_gives_the_same_bits(scene, views):
@@ -172,7 +173,7 @@ def test_without_a_limit_a_run_decides_by_views_that_it_does_not_fit_and_says_wh
     result = train(views[:4] + views[5:], scene.means, plan, held_out=[views[4]])
     assert set(result.decision) >= {"strategy", "views", "gaussians", "steps", "sh_degree"}
     assert "held-out views decided" in result.decision["views"]
-    assert result.decision["sh_degree"].startswith("0: degree 1 gained")
+    assert "in a trial" in result.decision["sh_degree"]
     assert result.gaussians.sh_degree == 0
     assert result.curve[-1]["psnr"] > 24
     assert result.curve[-1]["gaussians"] == len(result.gaussians)
@@ -204,13 +205,6 @@ def test_a_run_that_gains_nothing_more_ends_early_and_returns_its_best(scene, vi
     result = train(blind[:4] + blind[5:], scene.means, TrainingPlan(steps=400, limit=600), held_out=[blind[4]])
     assert result.curve[-1]["step"] < 400
     assert result.curve[-1]["psnr"] >= max(entry["psnr"] for entry in result.curve[1:]) - 0.2
-
-
-def test_a_capture_without_points_is_grown_by_relocation_and_one_with_points_where_views_agree(views):
-    plan = TrainingPlan(steps=10, limit=1500)
-    points = np.random.default_rng(0).uniform([-10, 99, -10], [10, 101, 10], (1200, 3)).astype(np.float32)
-    assert train(views, points[:0], plan).decision["strategy"] == "Relocation"
-    assert train(views, points, plan).decision["strategy"] == "MultiViewConsistent"
 
 
 @pytest.mark.parametrize("strategy", [CloneSplitPrune(), MultiViewConsistent(), Relocation()])

@@ -1,0 +1,200 @@
+"""Where the surfaces are that photographs show: pixels at the depths at which other views show the same colour.
+
+A plane sweep (Collins 1996), of single pixels instead of planes: a pixel's ray is tried at many depths, and each is
+judged by how much the nearest views, which look at the same place from elsewhere, differ from it in colour.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+from scipy.spatial import cKDTree
+
+from ..capture.model import View
+from .scene_frame import SceneFrame
+
+_WRONG = 255.0  # difference of a place that another view shows as not covered
+
+
+@dataclass(frozen=True)
+class DepthSweep:
+    """How depths are found.
+
+    Attributes:
+        depths: that are tried for each pixel, evenly spaced in their logarithm.
+        views: nearest ones, which are asked. The half of them that agrees best counts: others may see something else
+            in front.
+        side: longer side in pixels to which photographs are reduced before colours are compared.
+        width: of the square, in pixels of that size, over which they are averaged.
+        guides: known points nearest to a pixel in the image; their depth is tried as well.
+        guidance: colour difference, of 255, that is worth leaving the guides' depth by a factor of e. It decides where
+            colours do not: on surfaces without texture.
+    """
+
+    depths: int = 32
+    views: int = 10
+    side: int = 320
+    width: int = 3
+    guides: int = 4
+    guidance: float = 8.0
+
+    def sample(
+        self,
+        views: Sequence[View],
+        known: NDArray[np.float32],
+        frame: SceneFrame,
+        count: int,
+        rng: np.random.Generator,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(N, 3) positions in `frame` and their (N, 3) colours in [0, 1]: about `count` pixels, taken at random.
+
+        Fewer where photographs are cut out. A pixel of which no other view shows anything gets any depth in the range.
+
+        Args:
+            known: (P, 3) points on surfaces, in `frame`; P may be 0.
+        """
+        poses = np.stack([frame.world_to_camera(view.world_to_camera) for view in views])
+        near, far = _depth_range(poses, known)
+        grid = np.linspace(np.log(near), np.log(far), self.depths)
+        asked = [_AskedView(view, pose, self.side, self.width) for view, pose in zip(views, poses, strict=True)]
+        centers = np.stack([view.center for view in asked])
+        nearest = cKDTree(centers).query(centers, k=min(self.views + 1, len(views)))[1].reshape(len(views), -1)
+        shares = np.bincount(rng.integers(0, len(views), count), minlength=len(views))
+        means, shades = [np.zeros((0, 3))], [np.zeros((0, 3))]
+        for index, share in enumerate(shares):
+            view = asked[index]
+            pixels = view.random_pixels(share, rng)
+            guide = _guide(view, known, pixels, self.guides)
+            # The first depth is taken where nothing tells the depths apart.
+            first = rng.uniform(grid[0], grid[-1], len(pixels)) if guide is None else guide
+            log_depths = np.concatenate([first[:, None], np.tile(grid, (len(pixels), 1))], axis=1)
+            places = view.unproject(pixels, np.exp(log_depths))
+            difference = _difference(places, view.colors(pixels), [asked[i] for i in nearest[index] if i != index])
+            if guide is not None:
+                difference += self.guidance * np.abs(log_depths - guide[:, None])
+            best = difference.argmin(axis=1)
+            means.append(places[np.arange(len(pixels)), best])
+            shades.append(view.exact_colors(pixels))
+        return np.concatenate(means).astype(np.float32), np.concatenate(shades).astype(np.float32) / 255.0
+
+
+class _AskedView:
+    """A view in the frame, made ready for looking colours up; see `DepthSweep` for `side` and `width`."""
+
+    def __init__(self, view: View, pose: NDArray[np.float64], side: int, width: int) -> None:
+        self._view = view
+        self._rotation, self._translation = pose[:3, :3], pose[:3, 3]
+        self._every = -(-max(view.camera.width, view.camera.height) // side)
+        smooth = uniform_filter(view.image, (width * self._every, width * self._every, 0))
+        self._smooth = smooth[self._every // 2 :: self._every, self._every // 2 :: self._every].copy()
+
+    @property
+    def center(self) -> NDArray[np.float64]:
+        """(3,) of the camera."""
+        return -self._rotation.T @ self._translation
+
+    def random_pixels(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """(N, 2) x and y of places in the image, N at most `count`: those that are covered."""
+        camera = self._view.camera
+        pixels = rng.uniform(0.0, 1.0, (count, 2)) * (camera.width, camera.height)
+        return pixels[self._covered(pixels)]
+
+    def unproject(self, pixels: NDArray[np.float64], depths: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, D, 3) positions of (N, 2) pixels at (N, D) depths."""
+        camera = self._view.camera
+        rays = np.ones((len(pixels), 1, 3))
+        rays[:, 0, :2] = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+        return (rays * depths[:, :, None] - self._translation) @ self._rotation
+
+    def project(self, positions: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray]:
+        """(..., 2) pixels and (...) depths of (..., 3) positions, and whether each is in the image."""
+        camera = self._view.camera
+        local = positions @ self._rotation.T + self._translation
+        depths = local[..., 2]
+        in_front = np.where(depths > 1e-6, depths, np.inf)
+        pixels = local[..., :2] / in_front[..., None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+        inside = (depths > 1e-6) & (pixels >= 0.0).all(axis=-1) & (pixels < (camera.width, camera.height)).all(axis=-1)
+        return pixels, depths, inside
+
+    def colors(self, pixels: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(..., 3) averaged colours at (..., 2) pixels in the image, 0 to 255; NaN where nothing is covered."""
+        height, width = self._smooth.shape[:2]
+        x = np.minimum((pixels[..., 0] / self._every).astype(int), width - 1)
+        y = np.minimum((pixels[..., 1] / self._every).astype(int), height - 1)
+        return np.where(self._covered(pixels)[..., None], self._smooth[y, x], np.float32(np.nan))
+
+    def exact_colors(self, pixels: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """(N, 3) colours of the photograph at (N, 2) pixels in the image."""
+        x, y = pixels.astype(int).T
+        return self._view.image[y, x]
+
+    def _covered(self, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
+        x, y = pixels.astype(int)[..., 0], pixels.astype(int)[..., 1]
+        if self._view.alpha is None:
+            return np.ones(x.shape, bool)
+        return self._view.alpha[y, x] >= 128
+
+
+def _difference(
+    places: NDArray[np.float64], colors: NDArray[np.float32], others: Sequence[_AskedView]
+) -> NDArray[np.float64]:
+    """(N, D) mean colour difference between (N, 3) colours and the half of `others` that agrees best at (N, D, 3).
+
+    Infinite where fewer than two others have the place in the image, or one where there is one.
+    """
+    found = np.full((len(others), *places.shape[:2]), np.inf)
+    for difference, other in zip(found, others, strict=True):
+        pixels, _, inside = other.project(places)
+        expected = np.broadcast_to(colors[:, None], places.shape)[inside]
+        seen = np.abs(other.colors(pixels[inside]) - expected).mean(axis=-1)
+        difference[inside] = np.where(np.isnan(seen), _WRONG, seen)
+    counts = np.isfinite(found).sum(axis=0)
+    found.sort(axis=0)
+    halves = np.maximum((counts + 1) // 2, 1)
+    sums = np.cumsum(np.where(np.isfinite(found), found, 0.0), axis=0)
+    if not len(others):
+        return np.zeros(places.shape[:2])
+    mean = np.take_along_axis(sums, halves[None] - 1, axis=0)[0] / halves
+    return np.where(counts < min(2, len(others)), 2.0 * _WRONG, mean)
+
+
+def _guide(
+    view: _AskedView, known: NDArray[np.float32], pixels: NDArray[np.float64], count: int
+) -> NDArray[np.float64] | None:
+    """(N,) log depth at (N, 2) pixels, from the known points that are nearest to them in the image; None without."""
+    positions, depths, inside = view.project(known)
+    if inside.sum() < count or not len(pixels):
+        return None
+    distances, neighbours = cKDTree(positions[inside]).query(pixels, k=count)
+    weights = 1.0 / (distances + 1e-3)
+    return (weights * np.log(depths[inside])[neighbours]).sum(axis=1) / weights.sum(axis=1)
+
+
+def _depth_range(poses: NDArray[np.float64], known: NDArray[np.float32]) -> tuple[float, float]:
+    """Nearest and farthest depth worth trying, in frame units.
+
+    From the known points where there are some; else from the point that all optical axes pass nearest to; else, for
+    cameras that look the same way, from the baseline.
+    """
+    if len(known) >= 8:
+        depths = np.einsum("vj,pj->vp", poses[:, 2, :3], known) + poses[:, 2, 3:]
+        seen = depths[depths > 0.0]
+        if len(seen):
+            low, high = np.percentile(seen, [2, 98])
+            return float(low) * 0.8, float(high) * 1.25
+    centers = -np.einsum("vji,vj->vi", poses[:, :3, :3], poses[:, :3, 3])
+    axes = poses[:, 2, :3]
+    # Nearest point to all axes: sum over (I - a aᵀ)(x - c) = 0.
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    system = across.sum(axis=0)
+    if np.linalg.cond(system) < 1e4:
+        focus = np.linalg.solve(system, np.einsum("vij,vj->i", across, centers))
+        depths = np.einsum("vj,vj->v", focus - centers, axes)
+        if (depths > 0.0).mean() > 0.8:
+            distance = float(np.median(depths[depths > 0.0]))
+            return 0.4 * distance, 2.5 * distance
+    return 0.5, 20.0
