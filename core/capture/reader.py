@@ -112,7 +112,7 @@ def warnings_of_cameras(where: Path, views: int, points: int) -> tuple[CaptureWa
         found.append(CaptureWarning("few-views", f"{where}: {views} views only; expect gaps, thirty or more work well"))
     if not points:
         found.append(
-            CaptureWarning("no-points", f"{where}: no sparse points; the scene starts from what the photographs agree on")
+            CaptureWarning("no-points", f"{where}: no sparse points; the scene starts from where photographs agree")
         )
     return tuple(found)
 
