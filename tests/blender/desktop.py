@@ -99,6 +99,13 @@ class Desktop:
             assert time.monotonic() < deadline, "Blender does not answer"
             time.sleep(0.02)
 
+    def tell(self, expression: str) -> Any:
+        """The value of a Python expression in Blender, as JSON has it."""
+        answer = self.share / "answer.json"
+        answer.unlink(missing_ok=True)
+        self.ask(f"import json\nopen('/share/answer.json', 'w').write(json.dumps({expression}))")
+        return json.loads(answer.read_text())
+
     def click(self, x: float, y: float, *, settle: bool = True) -> None:
         """Click with the left button; pixels from the upper left corner of the screen; wait for its effect."""
         position = (str(round(x)), str(round(y)))
@@ -106,6 +113,11 @@ class Desktop:
         self._exec("xdotool", "mousemove", *position, "sleep", "0.4", "mousedown", "1", "sleep", "0.15", "mouseup", "1")
         if settle:
             self.settle()
+
+    def hover(self, x: float, y: float) -> None:
+        """Move the mouse to a place; what is there hears the keys."""
+        self._exec("xdotool", "mousemove", str(round(x)), str(round(y)))
+        self.settle()
 
     def scroll(self, x: float, y: float, steps: int) -> None:
         """Turn the wheel over a place; positive is down."""

@@ -10,6 +10,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+from PIL import Image
+
 from .desktop import Desktop
 
 Place = tuple[float, float]
@@ -19,7 +22,8 @@ Condition = Callable[[dict[str, Any]], bool]
 MAKE, VIEWER, CAPTURE = (50.0, 358.0), (50.0, 172.0), (50.0, 16.0)
 HEADER_STEP = 28  # pixels from one closed sub-panel's header to the next one's
 _CLICKS, _CLICK_MAY_TAKE = 4, 12.0  # seconds
-_PATH, _CANCEL, _ACCEPT = (620, 48), (1071, 757), (1207, 757)
+_LEAST_CHANGE = 0.5  # grey levels in the mean; a sub-panel that opens changes several
+_PATH, _NAME, _CANCEL, _ACCEPT = (620, 48), (600, 757), (1071, 757), (1207, 757)
 _BROWSER = "FILE_BROWSER WINDOW"
 
 
@@ -29,9 +33,25 @@ def header(number: int) -> Place:
 
 
 def toggle(desktop: Desktop, *headers: Place) -> None:
-    """Close or open sub-panels."""
+    """Close or open sub-panels; what is below their headers then looks different."""
     for place in headers:
-        press(desktop, place)
+        x, y, _, _ = desktop.state()["places"]["VIEW_3D UI"]
+        desktop.hover(x + place[0], y + place[1])  # before the first look: the mouse highlights what is below it
+        before = _below(desktop, place)
+        for _ in range(_CLICKS):
+            press(desktop, place)
+            if np.abs(_below(desktop, place) - before).mean() > _LEAST_CHANGE:
+                break
+        else:
+            raise AssertionError(f"the sub-panel at {place} neither opens nor closes")
+
+
+def _below(desktop: Desktop, place: Place) -> np.ndarray:
+    """(H, W, 3) picture of the side bar below a header."""
+    x, y, width, height = desktop.state()["places"]["VIEW_3D UI"]
+    top = y + round(place[1]) + HEADER_STEP // 2
+    picture = Image.open(desktop.picture("side-bar")).convert("RGB")
+    return np.asarray(picture.crop((x, top, x + width, y + height)), float)
 
 
 def press(desktop: Desktop, place: Place, **options: bool) -> None:
@@ -45,10 +65,38 @@ def press_until(desktop: Desktop, place: Place, condition: Condition) -> float:
     return _until(desktop, lambda: press(desktop, place, settle=False), condition)
 
 
+def type_into(desktop: Desktop, place: Place, number: float, value: str) -> None:
+    """Replace the number in a field of the side bar, until `value`, an expression in Blender, is that number."""
+    for _ in range(_CLICKS):
+        press(desktop, place)
+        desktop.keys("ctrl+a")
+        desktop.type(f"{number:g}")
+        desktop.keys("Return")
+        if desktop.tell(f"abs({value} - {number:g}) < 1e-6"):
+            return
+    raise AssertionError(f"the field keeps {desktop.tell(value)}; see {desktop.picture('field-kept')}")
+
+
 def choose_folder(desktop: Desktop, button: Place, folder: str) -> None:
     """Press a button that opens the file browser, and choose a folder there."""
     _open_browser(desktop, button)
     _enter(desktop, _PATH, folder)
+    _accept(desktop)
+
+
+def save(desktop: Desktop) -> None:
+    """Press Ctrl-S over the 3D view."""
+    x, y, width, height = desktop.state()["places"]["VIEW_3D WINDOW"]
+    desktop.hover(x + width / 3, y + height / 3)
+    desktop.keys("ctrl+s")
+
+
+def save_as(desktop: Desktop, path: str) -> None:
+    """Save a file that has no name yet."""
+    save(desktop)
+    desktop.wait(lambda state: _BROWSER in state["places"], _CLICK_MAY_TAKE)
+    _enter(desktop, _PATH, path.rpartition("/")[0])
+    _enter(desktop, _NAME, path.rpartition("/")[2])
     _accept(desktop)
 
 

@@ -141,6 +141,7 @@ def look() -> float:
 (SHARE / "blender.pid").write_text(str(os.getpid()))
 bpy.context.preferences.view.show_splash = False
 bpy.context.preferences.use_preferences_save = False  # the next Blender is as new
-# Windows of their own come to lie anywhere where nothing manages windows.
+# Windows of their own come to lie anywhere, and keep the keys to themselves, where nothing manages windows.
 bpy.context.preferences.view.filebrowser_display_type = "SCREEN"
+bpy.context.preferences.view.render_display_type = "NONE"
 bpy.app.timers.register(look, first_interval=0.5, persistent=True)

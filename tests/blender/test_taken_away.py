@@ -1,0 +1,85 @@
+"""What an artist takes away from a finished scene, by mouse: the file, and a turntable's pictures beside it.
+
+Every click is followed by a look at what it did; for its place see `side_bar`.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from .desktop import Desktop
+from .side_bar import (
+    CAPTURE,
+    MAKE,
+    VIEWER,
+    choose_folder,
+    header,
+    press,
+    press_until,
+    save_as,
+    toggle,
+    type_into,
+)
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
+
+LOAD_RUN = (142, 427)  # in an empty scene
+# Places below the header of their sub-panel, while all above it are closed.
+DISPLAY, TURNTABLE = header(3), header(5)
+FRAMES, ADD_TURNTABLE, WIDTH, HEIGHT, RENDER = (142, 31), (142, 141), (75, 193), (195, 193), (142, 245)
+
+FRAME_COUNT, SIZE = 3, (160, 120)
+RENDER_MAY_TAKE = 600.0  # seconds; a few on an idle machine
+SETTINGS_MAY_TAKE = 30.0  # seconds to come back; half of one on an idle machine
+
+
+def below(panel: tuple[float, float], place: tuple[float, float]) -> tuple[float, float]:
+    return place[0], panel[1] + place[1]
+
+
+@pytest.fixture(scope="module")
+def loaded(installed: Desktop, finished_run: str) -> Desktop:
+    """The finished run, loaded with the file browser; the panels are closed."""
+    desktop = installed
+    shutil.rmtree(desktop.share / "turntable", ignore_errors=True)
+    (desktop.share / "shop.blend").unlink(missing_ok=True)
+    desktop.quit()
+    desktop.start(python=sys.executable, sidebar=True)
+    choose_folder(desktop, LOAD_RUN, finished_run)
+    desktop.wait(lambda state: "Gaussians" in state["objects"], 60.0)
+    desktop.ask("bpy.data.objects.remove(bpy.data.objects['Cube'])")
+    desktop.settle()
+    toggle(desktop, MAKE, VIEWER, CAPTURE, DISPLAY)
+    desktop.picture("loaded")
+    return desktop
+
+
+def test_the_turntable_is_set_and_rendered_beside_the_file_that_was_saved(loaded: Desktop):
+    desktop, folder = loaded, loaded.share / "turntable"
+    toggle(desktop, TURNTABLE)
+    fields = ((FRAMES, FRAME_COUNT, "frames"), (WIDTH, SIZE[0], "width"), (HEIGHT, SIZE[1], "height_pixels"))
+    for place, number, name in fields:
+        type_into(desktop, below(TURNTABLE, place), number, f"bpy.context.scene.cvdgs.turntable.{name}")
+    press_until(desktop, below(TURNTABLE, ADD_TURNTABLE), lambda state: "Turntable Camera" in state["objects"])
+    desktop.picture("turntable-settings")
+
+    press(desktop, below(TURNTABLE, RENDER))
+    desktop.picture("turntable-where")
+    desktop.keys("Escape")  # the popup that says where the pictures would go
+    assert not desktop.state()["is_rendering"]
+    save_as(desktop, "/share/shop.blend")
+    assert (desktop.share / "shop.blend").is_file()
+
+    before = desktop.state()["engine"]
+    press_until(desktop, below(TURNTABLE, RENDER), lambda state: state["is_rendering"] or folder.exists())
+    last = folder / f"{FRAME_COUNT:04}.png"
+    desktop.wait(lambda state: last.is_file() and not state["is_rendering"], RENDER_MAY_TAKE)
+    pictures = [np.asarray(Image.open(path), float) for path in sorted(folder.iterdir())]
+    assert [picture.shape for picture in pictures] == [(SIZE[1], SIZE[0], 3)] * FRAME_COUNT
+    desktop.wait(lambda state: state["engine"] == before, SETTINGS_MAY_TAKE)
+    toggle(desktop, TURNTABLE)
