@@ -66,7 +66,7 @@ class ViewCorrections:
             self._decide_exposure(self._exposure_plan, parameters)
         if self._poses_undecided and self._pose_plan is not None and progress >= self._pose_plan.decided:
             self._poses_undecided = False
-            motion = self.poses.image_motion(self._cameras)
+            motion = self.pose_motion
             self._words["poses"] = f"{CORRECTED}: they were off by about {motion:.1f} pixels"
             if motion < self._pose_plan.threshold:
                 self.poses.stop()
@@ -105,7 +105,12 @@ class ViewCorrections:
     def poses_seem_off(self) -> bool:
         """Whether that is undecided, and they have moved as far as poses that are off do."""
         plan = self._pose_plan
-        return plan is not None and self._poses_undecided and self.poses.image_motion(self._cameras) >= plan.threshold
+        return plan is not None and self._poses_undecided and self.pose_motion >= plan.threshold
+
+    @property
+    def pose_motion(self) -> float:
+        """How far the corrections of the poses have moved the images so far, in pixels."""
+        return self.poses.image_motion(self._cameras)
 
     @property
     def moved_poses(self) -> NDArray[np.float64] | None:

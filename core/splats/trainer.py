@@ -127,6 +127,12 @@ class Trainer:
                 f"{self.fit.skipped} of {step} steps met numbers that are not finite and were left out, in whole or "
                 "for the Gaussians concerned",
             )
+        if self._corrections.poses_were_off:
+            reporter.warning(
+                "cameras-corrected",
+                f"the cameras were not exact, about {self._corrections.pose_motion:.1f} pixels off, and were corrected "
+                "along with the scene; with a better calibration it may become sharper",
+            )
         decision = self._decided.in_words(plan, step, self._initial, self.fit) | self._corrections.in_words()
         if self._aligned:
             decision["poses"] += "; held-out views were then aligned with the finished scene"

@@ -42,6 +42,8 @@ def test_a_run_on_cameras_that_are_off_corrects_them_and_keeps_the_corrected_one
         run(tmp_path / "given", tmp_path / name, *options, *more)
         results[name] = json.loads((tmp_path / name / "report.json").read_text())
     assert results["refined"]["decision"]["poses"].startswith("corrected")
+    warned = {name: {warning["name"] for warning in report["warnings"]} for name, report in results.items()}
+    assert "cameras-corrected" in warned["refined"] - warned["plain"]
     kept = read_capture(tmp_path / "refined" / "capture", max_size=None)
     given = read_capture(tmp_path / "given", max_size=None)
     assert degrees_off(kept, truth) < 0.6 * degrees_off(given, truth)
