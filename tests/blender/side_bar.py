@@ -84,6 +84,13 @@ def choose_folder(desktop: Desktop, button: Place, folder: str) -> None:
     _accept(desktop)
 
 
+def take_proposal(desktop: Desktop, button: Place, picture: str) -> None:
+    """Press a button that opens the file browser, look at the name that it proposes, and accept that."""
+    _open_browser(desktop, button)
+    desktop.picture(picture)
+    _accept(desktop)
+
+
 def save(desktop: Desktop) -> None:
     """Press Ctrl-S over the 3D view."""
     x, y, width, height = desktop.state()["places"]["VIEW_3D WINDOW"]

@@ -1,4 +1,4 @@
-"""What an artist takes away from a finished scene, by mouse: the file, and a turntable's pictures beside it.
+"""What an artist takes away from a finished scene, by mouse: the file, a turntable's pictures, splats, a LUT.
 
 Every click is followed by a look at what it did; for its place see `side_bar`.
 """
@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cvdgs.core.splats.ply import read_ply
+
 from .desktop import Desktop
 from .side_bar import (
     CAPTURE,
@@ -22,6 +24,7 @@ from .side_bar import (
     press,
     press_until,
     save_as,
+    take_proposal,
     toggle,
     type_into,
 )
@@ -30,12 +33,20 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 LOAD_RUN = (142, 427)  # in an empty scene
 # Places below the header of their sub-panel, while all above it are closed.
-DISPLAY, TURNTABLE = header(3), header(5)
+DISPLAY, TURNTABLE, EXPORT = header(3), header(5), header(7)
 FRAMES, ADD_TURNTABLE, WIDTH, HEIGHT, RENDER = (142, 31), (142, 141), (75, 193), (195, 193), (142, 245)
+GAUSSIANS, CUBE = (142, 52), (142, 72)
+ENHANCED = (142, 156)
 
 FRAME_COUNT, SIZE = 3, (160, 120)
 RENDER_MAY_TAKE = 600.0  # seconds; a few on an idle machine
 SETTINGS_MAY_TAKE = 30.0  # seconds to come back; half of one on an idle machine
+RUN = "finished"  # folder of `finished_run`
+# How far the layer is shown, in Blender's Python.
+SLIDER = (
+    "__import__('bl_ext.user_default.cvdgs.cvdgs_addon.shown', fromlist=['x'])"
+    ".shown_layer(bpy.data.objects['Gaussians'])[1]"
+)
 
 
 def below(panel: tuple[float, float], place: tuple[float, float]) -> tuple[float, float]:
@@ -47,7 +58,8 @@ def loaded(installed: Desktop, finished_run: str) -> Desktop:
     """The finished run, loaded with the file browser; the panels are closed."""
     desktop = installed
     shutil.rmtree(desktop.share / "turntable", ignore_errors=True)
-    (desktop.share / "shop.blend").unlink(missing_ok=True)
+    for file in (desktop.share / "shop.blend", *desktop.share.glob(f"{RUN} *")):
+        file.unlink(missing_ok=True)
     desktop.quit()
     desktop.start(python=sys.executable, sidebar=True)
     choose_folder(desktop, LOAD_RUN, finished_run)
@@ -83,3 +95,26 @@ def test_the_turntable_is_set_and_rendered_beside_the_file_that_was_saved(loaded
     assert [picture.shape for picture in pictures] == [(SIZE[1], SIZE[0], 3)] * FRAME_COUNT
     desktop.wait(lambda state: state["engine"] == before, SETTINGS_MAY_TAKE)
     toggle(desktop, TURNTABLE)
+
+
+def test_splats_and_lut_are_named_after_the_run_and_what_is_shown(loaded: Desktop):
+    desktop, run = loaded, loaded.share / RUN
+    toggle(desktop, EXPORT)
+    take_proposal(desktop, below(EXPORT, GAUSSIANS), "export-gaussians")
+    exported = read_ply(desktop.share / f"{RUN} deutan-1.0.ply")
+    expected = read_ply(run / "splats.deutan-1.0.ply")
+    np.testing.assert_allclose(exported.base_colors, expected.base_colors, atol=1e-5)
+
+    toggle(desktop, EXPORT, DISPLAY)
+    type_into(desktop, below(DISPLAY, ENHANCED), 0.25, SLIDER)
+    desktop.picture("display-quarter")
+    toggle(desktop, DISPLAY, EXPORT)
+    take_proposal(desktop, below(EXPORT, GAUSSIANS), "export-gaussians-again")
+    original = read_ply(run / "splats.ply").base_colors
+    blended = read_ply(desktop.share / f"{RUN} deutan-1.0 at 25 percent.ply").base_colors
+    np.testing.assert_allclose(blended, 0.75 * original + 0.25 * expected.base_colors, atol=1e-4)
+
+    take_proposal(desktop, below(EXPORT, CUBE), "export-cube")
+    cube = desktop.share / f"{RUN} deutan-1.0.cube"
+    assert cube.read_bytes() == (run / "layer.deutan-1.0.cube").read_bytes()
+    toggle(desktop, EXPORT)
