@@ -78,8 +78,8 @@ class DepthSweep:
                 difference += self.guidance * np.abs(log_depths - guide[:, None])
             best = difference.argmin(axis=1)
             means.append(places[np.arange(len(pixels)), best])
-            shades.append(view.exact_colors(pixels))
-        return np.concatenate(means).astype(np.float32), np.concatenate(shades).astype(np.float32) / 255.0
+            shades.append(view.exact_colors(pixels) / 255.0)
+        return np.concatenate(means).astype(np.float32), np.concatenate(shades).astype(np.float32)
 
 
 class _AskedView:
