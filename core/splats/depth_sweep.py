@@ -18,6 +18,7 @@ from ..capture.model import View
 from .scene_frame import SceneFrame
 
 _WRONG = 255.0  # difference of a place that another view shows as not covered
+_COVERED = 128  # alpha from which a pixel is
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,9 @@ class DepthSweep:
         count: int,
         rng: np.random.Generator,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(N, 3) positions in `frame` and their (N, 3) colours in [0, 1]: about `count` pixels, taken at random.
+        """(N, 3) positions in `frame` and their (N, 3) colours in [0, 1], of covered pixels that are taken at random.
 
-        Fewer where photographs are cut out. A pixel of which no other view shows anything gets any depth in the range.
+        N is `count` unless photographs are empty. A pixel whose place no other view shows gets any depth in the range.
 
         Args:
             known: (P, 3) points on surfaces, in `frame`; P may be 0.
@@ -98,10 +99,14 @@ class _AskedView:
         return -self._rotation.T @ self._translation
 
     def random_pixels(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """(N, 2) x and y of places in the image, N at most `count`: those that are covered."""
-        camera = self._view.camera
-        pixels = rng.uniform(0.0, 1.0, (count, 2)) * (camera.width, camera.height)
-        return pixels[self._covered(pixels)]
+        """(count, 2) x and y of places in the image that are covered; none where nothing is."""
+        camera, alpha = self._view.camera, self._view.alpha
+        if alpha is None:
+            return rng.uniform(0.0, 1.0, (count, 2)) * (camera.width, camera.height)
+        covered = np.argwhere(alpha >= _COVERED)[:, ::-1]
+        if not len(covered):
+            return np.zeros((0, 2))
+        return covered[rng.integers(0, len(covered), count)] + rng.uniform(0.0, 1.0, (count, 2))
 
     def unproject(self, pixels: NDArray[np.float64], depths: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, D, 3) positions of (N, 2) pixels at (N, D) depths."""
@@ -136,7 +141,7 @@ class _AskedView:
         x, y = pixels.astype(int)[..., 0], pixels.astype(int)[..., 1]
         if self._view.alpha is None:
             return np.ones(x.shape, bool)
-        return self._view.alpha[y, x] >= 128
+        return self._view.alpha[y, x] >= _COVERED
 
 
 def _difference(
@@ -144,8 +149,10 @@ def _difference(
 ) -> NDArray[np.float64]:
     """(N, D) mean colour difference between (N, 3) colours and the half of `others` that agrees best at (N, D, 3).
 
-    Infinite where fewer than two others have the place in the image, or one where there is one.
+    More than any difference where fewer than two of them have the place in the image, and 0 where there are none.
     """
+    if not others:
+        return np.zeros(places.shape[:2])
     found = np.full((len(others), *places.shape[:2]), np.inf)
     for difference, other in zip(found, others, strict=True):
         pixels, _, inside = other.project(places)
@@ -156,8 +163,6 @@ def _difference(
     found.sort(axis=0)
     halves = np.maximum((counts + 1) // 2, 1)
     sums = np.cumsum(np.where(np.isfinite(found), found, 0.0), axis=0)
-    if not len(others):
-        return np.zeros(places.shape[:2])
     mean = np.take_along_axis(sums, halves[None] - 1, axis=0)[0] / halves
     return np.where(counts < min(2, len(others)), 2.0 * _WRONG, mean)
 

@@ -60,9 +60,14 @@ def test_pixels_are_put_where_the_surface_is(views, known):
     assert 0.5 < colors.max() <= 1.0
 
 
-def test_cut_outs_are_left_out(views):
-    distances, _ = swept(views)
-    assert 0.1 * COUNT < len(distances) < COUNT  # the others fell beside the ball
+def test_only_what_is_covered_is_taken(views):
+    distances, colors = swept(views)
+    assert len(distances) == COUNT
+    assert colors.max(axis=1).min() > 0.0  # black is beside the ball
+
+
+def test_empty_photographs_give_nothing(views):
+    assert len(swept([replace(view, alpha=np.zeros_like(view.image[..., 0])) for view in views])[0]) == 0
 
 
 def test_where_colours_say_nothing_known_points_do():
