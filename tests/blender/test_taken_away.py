@@ -1,4 +1,4 @@
-"""What an artist takes away from a finished scene, by mouse: the file, a turntable's pictures, splats, a LUT.
+"""What an artist takes away from a finished scene, by mouse: a turntable's pictures, splats, a LUT, and the file.
 
 Every click is followed by a look at what it did; for its place see `side_bar`.
 """
@@ -23,6 +23,7 @@ from .side_bar import (
     header,
     press,
     press_until,
+    save,
     save_as,
     take_proposal,
     toggle,
@@ -33,10 +34,11 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 LOAD_RUN = (142, 427)  # in an empty scene
 # Places below the header of their sub-panel, while all above it are closed.
-DISPLAY, TURNTABLE, EXPORT = header(3), header(5), header(7)
+DISPLAY, SIMULATE, TURNTABLE, EXPORT = header(3), header(4), header(5), header(7)
 FRAMES, ADD_TURNTABLE, WIDTH, HEIGHT, RENDER = (142, 31), (142, 141), (75, 193), (195, 193), (142, 245)
 GAUSSIANS, CUBE = (142, 52), (142, 72)
 ENHANCED = (142, 156)
+IN_VIEWPORT = (193, 31)
 
 FRAME_COUNT, SIZE = 3, (160, 120)
 RENDER_MAY_TAKE = 600.0  # seconds; a few on an idle machine
@@ -51,6 +53,15 @@ SLIDER = (
 
 def below(panel: tuple[float, float], place: tuple[float, float]) -> tuple[float, float]:
     return place[0], panel[1] + place[1]
+
+
+def settings(desktop: Desktop) -> dict:
+    """What the panels keep with the scene, as far as the test changes it."""
+    group = "bpy.context.scene.cvdgs"
+    return desktop.tell(
+        f"dict(frames={group}.turntable.frames, width={group}.turntable.width, height={group}.turntable.height_pixels,"
+        f" in_viewport={group}.simulate.in_viewport, node=bool(bpy.context.scene.compositing_node_group))"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -118,3 +129,33 @@ def test_splats_and_lut_are_named_after_the_run_and_what_is_shown(loaded: Deskto
     cube = desktop.share / f"{RUN} deutan-1.0.cube"
     assert cube.read_bytes() == (run / "layer.deutan-1.0.cube").read_bytes()
     toggle(desktop, EXPORT)
+
+
+def test_the_file_opens_again_as_it_was_left(loaded: Desktop):
+    desktop, file = loaded, loaded.share / "shop.blend"
+    toggle(desktop, SIMULATE)
+    press(desktop, below(SIMULATE, IN_VIEWPORT))
+    toggle(desktop, SIMULATE)
+    left = settings(desktop)
+    assert left["in_viewport"]
+    assert left["node"]
+    saved = file.stat().st_mtime_ns
+    save(desktop)
+    desktop.wait(lambda _: file.stat().st_mtime_ns > saved, 60.0)
+    objects = set(desktop.state()["objects"])
+    desktop.quit()
+
+    state = desktop.start("/share/shop.blend", python=sys.executable, sidebar=True)
+    assert set(state["objects"]) == objects
+    assert {"color_original", "color_deutan-1.0"} <= set(state["layers"])
+    assert state["scene"]["run"] == f"/share/{RUN}"
+    assert settings(desktop) == left
+    assert desktop.tell(SLIDER) == pytest.approx(0.25)
+    desktop.picture("opened-again")
+
+    toggle(desktop, DISPLAY)  # it works as well
+    type_into(desktop, below(DISPLAY, ENHANCED), 1.0, SLIDER)
+    toggle(desktop, DISPLAY, EXPORT)
+    (desktop.share / f"{RUN} deutan-1.0.ply").unlink()
+    take_proposal(desktop, below(EXPORT, GAUSSIANS), "export-opened-again")
+    assert (desktop.share / f"{RUN} deutan-1.0.ply").is_file()
