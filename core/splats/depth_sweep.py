@@ -31,9 +31,8 @@ class DepthSweep:
             in front.
         side: longer side in pixels to which photographs are reduced before colours are compared.
         width: of the square, in pixels of that size, over which they are averaged.
-        guides: known points nearest to a pixel in the image; their depth is tried as well.
-        guidance: colour difference, of 255, that is worth leaving the guides' depth by a factor of e. It decides where
-            colours do not: on surfaces without texture.
+        guides: known points nearest to a pixel in the image; their depth is tried as well, and taken where no colour
+            tells depths apart. More weight than that draws plain walls to what stands in front of them.
     """
 
     depths: int = 32
@@ -41,7 +40,6 @@ class DepthSweep:
     side: int = 320
     width: int = 3
     guides: int = 4
-    guidance: float = 8.0
 
     def sample(
         self,
@@ -75,8 +73,6 @@ class DepthSweep:
             log_depths = np.concatenate([first[:, None], np.tile(grid, (len(pixels), 1))], axis=1)
             places = view.unproject(pixels, np.exp(log_depths))
             difference = _difference(places, view.colors(pixels), [asked[i] for i in nearest[index] if i != index])
-            if guide is not None:
-                difference += self.guidance * np.abs(log_depths - guide[:, None])
             best = difference.argmin(axis=1)
             means.append(places[np.arange(len(pixels)), best])
             shades.append(view.exact_colors(pixels) / 255.0)

@@ -22,13 +22,15 @@ class InitialGaussians:
     Attributes:
         opacity: of every one; low, so that a wrong one does not hide what lies behind.
         neighbours: an isotropic Gaussian is as large as the mean distance to so many neighbours.
-        share: of the most Gaussians that there may be, to start with; where points are fewer, `sweep` adds to them.
+        minimum: with fewer points than this, `sweep` adds to them.
+        share: of the most Gaussians that there may be, to start with then.
         most: but no more than so many, since growth finds out by itself how many a scene needs.
         sweep: how further points are found.
     """
 
     opacity: float = 0.1
     neighbours: int = 3
+    minimum: int = 1000
     share: float = 1.0 / 3.0
     most: int = 10_000
     sweep: DepthSweep = field(default_factory=DepthSweep)
@@ -51,7 +53,7 @@ class InitialGaussians:
         """
         means, shades = frame.points(points), colors.astype(np.float32) / 255.0
         missing = min(round(self.share * limit), self.most) - len(means)
-        if missing > 0:
+        if len(means) < self.minimum and missing > 0:
             added, added_shades = self.sweep.sample(views, means, frame, missing, rng)
             means, shades = np.concatenate([means, added]), np.concatenate([shades, added_shades])
         if len(means) > limit:

@@ -49,13 +49,13 @@ def test_points_become_gaussians_of_their_colour_and_spacing():
     np.testing.assert_allclose(made.opacities, 0.1, atol=1e-6)
 
 
-@pytest.mark.parametrize(("points", "expected"), [(0, 500), (300, 500), (700, 700)])
+@pytest.mark.parametrize(("points", "expected"), [(0, 1200), (300, 1200), (1100, 1100)])
 def test_where_there_are_few_points_a_third_of_the_limit_is_made_up(points, expected):
     views = ring_of_views()
     given = np.random.default_rng(1).standard_normal((points, 3)).astype(np.float32)
     frame = SceneFrame.around(views, given)
     colors = np.zeros((points, 3), np.uint8)
-    made = InitialGaussians().make(views, given, colors, frame, np.random.default_rng(0), 1500)
+    made = InitialGaussians().make(views, given, colors, frame, np.random.default_rng(0), 3600)
     assert len(made) == expected
     np.testing.assert_allclose(made.means[:points], frame.points(given))
 
