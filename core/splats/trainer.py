@@ -248,8 +248,7 @@ class Trainer:
         """Bring the deciding views' poses, off as the others were, to where the scene is now."""
         if self._aligned_deciding is None:
             assert self._plan.poses is not None, "poses that are not refined are never off"
-            views = (self._rasterizer, self._deciding, self._background)
-            self._aligned_deciding = AlignedViews(*views, self._plan.poses)
+            self._aligned_deciding = AlignedViews(self._rasterizer, self._deciding, self._background, self._plan.poses)
             self._decided.rounds.clear()
         self._aligned_deciding.align(self.fit.parameters)
         self._deciding = self._aligned_deciding.views
