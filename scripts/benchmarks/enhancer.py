@@ -8,7 +8,6 @@ from typing import Any
 
 from ...core.console import ConsoleReporter
 from ...core.evaluate.enhancers.benchmark import EnhancerBenchmark
-from .data import photo_folders
 from .options import named_path, names, numbers
 from .part import Part
 
@@ -39,8 +38,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--images",
         type=named_path,
         action="append",
+        default=[],
         metavar="NAME=FOLDER",
-        help="photographs; may be given again (the folders of the evaluation data's photographs)",
+        help="photographs, beside plates and textiles; may be given again",
     )
     add("--cvd", type=names, dest="types", metavar="A,B", help=f"types ({','.join(usual.types)})")
     add("--severity", type=numbers, dest="severities", metavar="A,B", help="severities (0.4,0.7,1)")
@@ -53,11 +53,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _measure(options: argparse.Namespace) -> str:
     """Compare enhancers; writes enhancer.csv, enhancer.md, the trade-off and contact sheets."""
-    folders = options.images if options.images is not None else photo_folders()
     asked = {name: getattr(options, name) for name in ("types", "severities", "size", "plates", "textiles")}
     asked = {name: value for name, value in asked.items() if value is not None}
     usual = QUICK if options.quick else {}
-    benchmark = EnhancerBenchmark(options.enhancers, dict(folders), processes=options.processes, **{**usual, **asked})
+    benchmark = EnhancerBenchmark(
+        options.enhancers, dict(options.images), processes=options.processes, **{**usual, **asked}
+    )
     return benchmark.run(options.out, ConsoleReporter(sys.stderr))
 
 

@@ -12,14 +12,12 @@ from ...core.console import ConsoleReporter
 from ...core.evaluate.evidence.scenes import DEMO, SHOWROOMS, capture_sources
 from ...core.evaluate.evidence.subject import CaptureFolder
 from ...core.processors import available_processors
-from .data import FOX, KERMIT
 from .options import names
 
-KNOWN = {folder.name: folder for folder in (FOX, KERMIT) if folder.is_dir()}
-"""Captures of the evaluation data, where it is."""
 QUICK: Mapping[str, Any] = {"captures": (DEMO,), "max_size": 120, "iterations": 200, "seeds": 1}
 """What `--quick` changes of the defaults; what is asked for stays."""
 _PLACES = ("--out", "--work")  # whose values are this machine's affair
+_PLACE = "PATH"  # in their stead
 
 
 def add_evidence_arguments(
@@ -38,7 +36,7 @@ def add_evidence_arguments(
         type=names,
         default=tuple(captures),
         metavar="A,B",
-        help=f"{', '.join((*SHOWROOMS, *KNOWN))}, folders or NAME=FOLDER ({','.join(captures)})",
+        help=f"{', '.join(SHOWROOMS)}, folders or NAME=FOLDER ({','.join(captures)})",
     )
     add_trial_arguments(parser, max_size=max_size, iterations=iterations, seeds=seeds, processes=processes)
     add("--quick", action="store_true", help="the demo alone, small and short: whether it works at all")
@@ -78,7 +76,7 @@ def chosen_sources(options: argparse.Namespace) -> list[CaptureFolder]:
         InputError: there is no such capture, or it could not be rendered.
     """
     reporter = ConsoleReporter(sys.stderr)
-    return capture_sources(options.captures, options.max_size, work_folder(options) / "scenes", reporter, KNOWN)
+    return capture_sources(options.captures, options.max_size, work_folder(options) / "scenes", reporter)
 
 
 def shown_command(options: argparse.Namespace, arguments: Sequence[str] | None = None) -> str:
@@ -89,7 +87,7 @@ def shown_command(options: argparse.Namespace, arguments: Sequence[str] | None =
     """
     words = [part for word in (sys.argv[1:] if arguments is None else arguments) for part in _option_and_value(word)]
     shown = [
-        "DIR" if before in _PLACES else ",".join(_without_folder(part) for part in word.split(","))
+        "DIR" if before in _PLACES else ",".join(_without_place(part) for part in word.split(","))
         for before, word in zip(["", *words], words, strict=False)
     ]
     return " ".join(["python scripts/benchmark.py", *(shown or [options.part])])
@@ -121,7 +119,9 @@ def _option_and_value(word: str) -> list[str]:
     return [option, value] if word.startswith("-") and separator else [word]
 
 
-def _without_folder(word: str) -> str:
-    """NAME for NAME=FOLDER, and the last part of a path."""
+def _without_place(word: str) -> str:
+    """NAME=PATH for a named folder or file, and PATH/NAME for one without a name of its own."""
     name, separator, _ = word.partition("=")
-    return name if separator else (Path(word).name if "/" in word else word)
+    if separator:
+        return f"{name}={_PLACE}"
+    return f"{_PLACE}/{Path(word).name}" if "/" in word else word

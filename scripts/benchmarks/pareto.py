@@ -22,11 +22,8 @@ from ...core.evaluate.evidence.pareto import (
 from ...core.evaluate.evidence.pareto_page import write_pareto
 from ...core.evaluate.evidence.scenes import DEMO
 from ...core.evaluate.evidence.subject import CaptureFolder
-from ...core.evaluate.training.prototype_loop import PrototypeLoop
-from ...core.processors import available_processors
 from ...core.settings import Settings
 from ...cvdgs_addon.quality import QUALITIES
-from .data import PROTOTYPE
 from .evidence import add_evidence_arguments, chosen_sources, settled, shown_command, work_folder
 from .options import names
 from .part import Part
@@ -51,7 +48,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="A,B",
         help=f"of {', '.join(DEFAULTS)}, none ({','.join(usual)})",
     )
-    add("--prototype", type=Path, default=PROTOTYPE, metavar="DIR", help="the project's first training loop, a peer")
     add("--opensplat", type=Path, metavar="FILE", help="OpenSplat's executable, a peer; minutes for each capture")
 
 
@@ -84,18 +80,10 @@ def _defaults(chosen: Sequence[str]) -> list[Default]:
 
 
 def _measure_peers(source: CaptureFolder, options: argparse.Namespace, reporter: ConsoleReporter) -> list[ParetoPoint]:
-    """Of the programs that are here; not when it has to be quick."""
-    found: list[peers.PeerFigures] = []
-    if not options.quick and (options.opensplat or PrototypeLoop.is_there(options.prototype)):
-        subject = source.load()
-        if PrototypeLoop.is_there(options.prototype):
-            reporter.status(peers.STAGE, peers.PROTOTYPE)
-            try:
-                found += peers.train_prototype(options.prototype, subject.judged, available_processors())
-            except RuntimeError as error:
-                reporter.warning("no-prototype", f"{error}: left out")
-        if options.opensplat:
-            found += peers.train_opensplat(options.opensplat, subject, reporter)
+    """Of the programs that were named; not when it has to be quick."""
+    if options.quick or not options.opensplat:
+        return []
+    found = peers.train_opensplat(options.opensplat, source.load(), reporter)
     return [ParetoPoint.of_peer(source.name, options.max_size, peer) for peer in found]
 
 

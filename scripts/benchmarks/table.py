@@ -21,7 +21,7 @@ from ...core.evaluate.evidence.scenes import SHOWROOMS
 from ...core.evaluate.evidence.severities import OBSERVERS, severity_jobs, write_severities
 from ...core.evaluate.evidence.table import QUICK_ROWS, ROWS, table_jobs, write_table
 from ...core.settings import Layer
-from .evidence import KNOWN, add_evidence_arguments, chosen_sources, made_by, settled, work_folder, write_text
+from .evidence import add_evidence_arguments, chosen_sources, made_by, settled, work_folder, write_text
 from .part import Part
 
 SIZE, ITERATIONS, SEEDS = 240, 800, 3
@@ -29,8 +29,7 @@ QUICK_OBSERVERS = (Layer("deutan", 1.0), Layer("deutan", 0.4))
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    captures = (*SHOWROOMS, *KNOWN)
-    add_evidence_arguments(parser, captures=captures, max_size=SIZE, iterations=ITERATIONS, seeds=SEEDS)
+    add_evidence_arguments(parser, max_size=SIZE, iterations=ITERATIONS, seeds=SEEDS)
     parser.add_argument(
         "--mipnerf360",
         type=Path,

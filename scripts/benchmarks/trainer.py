@@ -11,23 +11,21 @@ from ...core.console import ConsoleReporter
 from ...core.demo import SHOWROOM
 from ...core.errors import InputError
 from ...core.evaluate.training import comparisons
-from .data import FOX, KERMIT, PROTOTYPE
 from .options import names
 from .part import Part
 
 TABLES = ("time", "auto", "strategies", "seeds")
-SIZE = 480  # pixels of the longer side: fox at 270x480
+SIZE = 480  # pixels of the longer side
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--of", type=names, default=TABLES, metavar="A,B", help=f"tables ({','.join(TABLES)})")
-    add("--capture", type=Path, action="append", help="may be given again (the demo and the evaluation data's)")
-    add("--prototype", type=Path, default=PROTOTYPE, metavar="DIR")
+    add("--capture", type=Path, action="append", help="may be given again (the demo)")
     add("--max-size", type=int, default=SIZE, metavar="PIXELS", help=f"longer side of the views ({SIZE})")
     add("--iterations", type=int, default=5000, metavar="N", help="of automatic runs, beside a third of it (5000)")
     add("--strategy-iterations", type=int, default=2000, metavar="N", help="of the strategies and seeds (2000)")
-    add("--rounds", type=int, default=3, help="interleaved repetitions of the time to a quality (3)")
+    add("--rounds", type=int, default=3, help="repetitions of the time to a quality (3)")
     add("--seeds", type=int, default=5)
     add("--threads", type=int, default=2)
 
@@ -38,14 +36,12 @@ def _measure(options: argparse.Namespace) -> str:
     if unknown:
         raise InputError(f"no table '{min(unknown)}'", where="--of", remedy=f"use {', '.join(TABLES)}")
     reporter, out = ConsoleReporter(sys.stderr), options.out
-    folders = options.capture or [folder for folder in (FOX, SHOWROOM, KERMIT) if folder.is_dir()]
+    folders = options.capture or [SHOWROOM]
     captures = [read_capture(folder, max_size=options.max_size, reporter=reporter) for folder in folders]
     comparisons.warm_up()
     texts = []
     if "time" in options.of:
-        found = comparisons.compare_time_to_quality(
-            captures[0], options.prototype, options.rounds, options.threads, reporter
-        )
+        found = comparisons.time_to_quality(captures[0], options.rounds, options.threads, reporter)
         texts.append(comparisons.write_time_to_quality(out, captures[0], found))
     if "auto" in options.of:
         steps = (options.iterations, options.iterations // 3)

@@ -59,7 +59,7 @@ def test_what_fails_for_want_of_memory_says_so(error):
     "error",
     [
         unloadable("warp.so: no such file"),
-        RuntimeError("the prototype failed"),
+        RuntimeError("the program failed"),
         ValueError("out of memory"),
         KeyError("a"),
     ],

@@ -138,8 +138,8 @@ def _of_peers(points: Sequence[ParetoPoint]) -> list[str]:
     if not programs:
         return ["No other program was here to be measured beside.", ""]
     return [
-        f"Measured in the same call: {', '.join(programs)}. They enhance nothing and are in the first chart alone. "
-        "Programs that need a GPU, such as gsplat, were not run.",
+        f"Measured in the same call: {', '.join(programs)}. Other programs enhance nothing and are in the first chart "
+        "alone. Those that need a GPU, such as gsplat, were not run.",
         "",
     ]
 

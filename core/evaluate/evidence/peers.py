@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 import os
 import subprocess
 import tempfile
@@ -14,24 +12,22 @@ from pathlib import Path
 
 import numpy as np
 
-from ...capture import Capture, write_capture
+from ...capture import write_capture
 from ...errors import InputError
 from ...events import Reporter
 from ...splats import raster
 from ...splats.ply import read_ply
 from ...splats.renderer import SceneRenderer
 from ...splats.targets import Background
-from ..training.prototype_loop import PrototypeLoop
 from .subject import Subject
 
 STAGE = "peers"
-OPENSPLAT, PROTOTYPE = "OpenSplat", "prototype"
-_PROTOTYPE_STEPS, _PROTOTYPE_EVERY = 1000, 100
+OPENSPLAT = "OpenSplat"
 
 
 @dataclass(frozen=True)
 class PeerFigures:
-    """What a peer's training gave; NaN and 0 where it does not say.
+    """What a peer's training gave.
 
     Attributes:
         label: the program, and how it was asked.
@@ -71,20 +67,6 @@ OPENSPLAT_RUNS = (
     OpenSplatRun("coarse to fine, as it is by itself", 2000, downscales=2, schedule=3000),
     OpenSplatRun("full resolution", 500, downscales=0, schedule=3000),
 )
-
-
-def train_prototype(
-    folder: Path, capture: Capture, threads: int, *, steps: int = _PROTOTYPE_STEPS, every: int = _PROTOTYPE_EVERY
-) -> list[PeerFigures]:
-    """The project's first prototype of a training loop in the course of a run; it holds out every eighth view too."""
-    with tempfile.TemporaryDirectory() as scratch:
-        prototype = PrototypeLoop(folder, capture, Path(scratch))
-        prototype.curve(every, every, threads)  # compiles
-        curve = prototype.curve(steps, every, threads)
-    return [
-        PeerFigures(f"{PROTOTYPE}, {done:,} steps", done, len(capture.points), 0, psnr, seconds, math.nan)
-        for done, (seconds, psnr) in zip(itertools.count(every, every), curve, strict=False)
-    ]
 
 
 def train_opensplat(

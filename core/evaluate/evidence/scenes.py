@@ -39,36 +39,31 @@ def showrooms(folder: Path, reporter: Reporter, wanted: Sequence[str] = SHOWROOM
     return found
 
 
-def capture_sources(
-    asked: Sequence[str], max_size: int, folder: Path, reporter: Reporter, known: Mapping[str, Path] | None = None
-) -> list[CaptureFolder]:
+def capture_sources(asked: Sequence[str], max_size: int, folder: Path, reporter: Reporter) -> list[CaptureFolder]:
     """The captures that a command line names.
 
     Args:
-        asked: names of showrooms, names in `known`, folders, or NAME=FOLDER.
+        asked: names of showrooms, folders, or NAME=FOLDER.
         max_size: longer side of the views in pixels.
         folder: for showrooms that have to be rendered.
-        known: further captures by name.
 
     Raises:
         InputError: there is no such capture, two have one name, or a showroom could not be rendered.
     """
-    places = dict(_place(text, known or {}) for text in asked)
+    places = dict(_place(text) for text in asked)
     if len(places) < len(asked):
         raise InputError("two captures have one name", where="--captures", remedy="use NAME=FOLDER for one of them")
     rendered = showrooms(folder, reporter, [name for name, place in places.items() if place is None])
     return [CaptureFolder(name, place or rendered[name], max_size) for name, place in places.items()]
 
 
-def _place(text: str, known: Mapping[str, Path]) -> tuple[str, Path | None]:
+def _place(text: str) -> tuple[str, Path | None]:
     """A capture's name and folder; None for a showroom that may have to be rendered."""
     if text in SHOWROOMS:
         return text, None
-    if text in known:
-        return text, known[text]
     name, separator, folder = text.partition("=")
     path = Path(folder if separator else text)
     if not path.is_dir():
-        names = ", ".join((*SHOWROOMS, *known))
+        names = ", ".join(SHOWROOMS)
         raise InputError(f"no capture '{text}'", where="--captures", remedy=f"use {names}, a folder or NAME=FOLDER")
     return (name if separator else path.resolve().name), path

@@ -1,10 +1,8 @@
-"""The trainer's figures: time to a quality against the prototype, automatic runs, strategies at equal PSNR, seeds."""
+"""The trainer's figures: time to a quality, automatic runs, strategies at equal PSNR, seeds."""
 
 from __future__ import annotations
 
-import math
 import statistics
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,16 +13,13 @@ from ...splats import raster
 from ...splats.strategy import CloneSplitPrune, MultiViewConsistent, Strategy
 from ...splats.trainer import TrainingPlan
 from ..tables import markdown_table, number, write_csv
-from .prototype_loop import PrototypeLoop
-from .runs import TrainedRun, at_quality, first_reaching, train_once
+from .runs import TrainedRun, at_quality, train_once
 
 STAGE = "trainings"
 QUALITY = 26.06
 """dB on fox at 270x480: where OpenSplat's CPU build ends after 2,000 steps (docs/trainer.md)."""
 QUICK_PLAN = TrainingPlan(steps=1000, limit=20_000, sh_degree=0, stopping=None, poses=None, curve_points=40)
 """What `--iterations 1000 --gaussians 20000 --sh-degree 0 --no-refine-poses` trains, measured more often."""
-_PROTOTYPE_STEPS = 2000
-_PROTOTYPE_EVERY = 50  # steps between its measurements, which do not count as time
 REFERENCE, OURS = "clone-split", "multi-view"
 STRATEGIES: dict[str, Strategy] = {REFERENCE: CloneSplitPrune(), OURS: MultiViewConsistent()}
 LIMITS = (10_000, 20_000, 40_000)
@@ -33,32 +28,19 @@ LIMITS = (10_000, 20_000, 40_000)
 
 @dataclass(frozen=True)
 class Reached:
-    """One turn of both programs: seconds of training until `QUALITY` was first measured; NaN where it never was."""
+    """Seconds of training until `QUALITY` was first measured; NaN where it never was."""
 
     round: int
-    ours: float
-    prototype: float
+    seconds: float
 
 
-def compare_time_to_quality(
-    capture: Capture, prototype_folder: Path, rounds: int, threads: int, reporter: Reporter
-) -> list[Reached]:
-    """Train both programs by turns; ours alone where the prototype is missing."""
+def time_to_quality(capture: Capture, rounds: int, threads: int, reporter: Reporter) -> list[Reached]:
+    """Train several times."""
     found = []
-    with tempfile.TemporaryDirectory() as scratch:
-        prototype = None
-        if PrototypeLoop.is_there(prototype_folder):
-            prototype = PrototypeLoop(prototype_folder, capture, Path(scratch))
-            prototype.curve(_PROTOTYPE_EVERY, _PROTOTYPE_EVERY, threads)  # compiles
-        else:
-            reporter.warning("no-prototype", f"no prototype at {prototype_folder}: ours alone")
-        for turn in range(1, rounds + 1):
-            ours = train_once(capture, "quick", QUICK_PLAN, threads=threads).seconds_to(QUALITY)
-            theirs = math.nan
-            if prototype is not None:
-                theirs = first_reaching(prototype.curve(_PROTOTYPE_STEPS, _PROTOTYPE_EVERY, threads), QUALITY)
-            found.append(Reached(turn, ours, theirs))
-            reporter.progress(STAGE, turn / rounds, f"ours {ours:.1f} s, prototype {theirs:.1f} s")
+    for turn in range(1, rounds + 1):
+        run = train_once(capture, "quick", QUICK_PLAN, threads=threads)
+        found.append(Reached(turn, run.seconds_to(QUALITY)))
+        reporter.progress(STAGE, turn / rounds, f"{found[-1].seconds:.1f} s")
     return found
 
 
@@ -109,18 +91,14 @@ def write_time_to_quality(folder: Path, capture: Capture, found: Sequence[Reache
     """Write ``time_to_quality.csv`` and ``.md``; returns the text of the latter."""
     write_csv(folder / "time_to_quality.csv", Reached, found)
     camera = capture.views[0].camera
-    rows = [[str(turn.round), number(turn.ours, 1), number(turn.prototype, 1)] for turn in found]
-    ours = statistics.median(turn.ours for turn in found)
+    rows = [[str(turn.round), number(turn.seconds, 1)] for turn in found]
     lines = [
         f"# Seconds of training to {QUALITY} dB, {capture.source.name} at {camera.width}x{camera.height}",
         "",
-        *markdown_table(["round", "ours", "prototype"], rows),
+        *markdown_table(["round", "seconds"], rows),
         "",
-        f"Median of ours {ours:.1f} s.",
+        f"Median {number(statistics.median(turn.seconds for turn in found), 1)} s.",
     ]
-    ratios = [turn.ours / turn.prototype for turn in found if turn.prototype > 0.0]
-    if ratios:
-        lines[-1] += f" Ours relative to the prototype, median: {statistics.median(ratios):.2f}."
     return _write(folder / "time_to_quality.md", lines)
 
 

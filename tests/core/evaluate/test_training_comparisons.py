@@ -1,4 +1,4 @@
-"""Trainings are compared at equal quality, and what the prototype prints is read as it is meant."""
+"""Trainings are timed to a quality and compared at equal quality."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import pytest
 
 from cvdgs.core.capture import Capture
 from cvdgs.core.evaluate.training import comparisons
-from cvdgs.core.evaluate.training.prototype_loop import PrototypeLoop, centred
 from cvdgs.core.evaluate.training.runs import TrainedRun, at_quality, first_reaching, train_once
+from cvdgs.core.evaluate.training.training_step import measure_steps, write_steps
 from cvdgs.core.events import Reporter
 from cvdgs.core.splats.trainer import TrainingPlan
 
@@ -79,25 +79,14 @@ def test_seeds_spread_by_the_difference_of_the_extremes(capture, tmp_path):
     assert f"smallest PSNR: {abs(first.psnr - second.psnr):.2f} dB" in text
 
 
-def test_without_a_prototype_ours_is_measured_alone_and_the_table_says_so(capture, tmp_path):
-    found = comparisons.compare_time_to_quality(capture, tmp_path / "nowhere", 1, 1, Reporter())
-    assert math.isnan(found[0].prototype)
-    assert "| 1 |" in comparisons.write_time_to_quality(tmp_path, capture, found)
+def test_a_quality_that_is_never_reached_has_a_dash_for_its_time(capture, tmp_path):
+    found = comparisons.time_to_quality(capture, 1, 1, Reporter())  # 300 Gaussians do not get as far
+    assert "| 1 | – |" in comparisons.write_time_to_quality(tmp_path, capture, found)
 
 
-def test_the_prototypes_curve_is_what_it_prints(capture, tmp_path):
-    (tmp_path / "train_loop.py").write_text(
-        "import sys\n"
-        "steps = [int(s) for s in sys.argv[-1].removeprefix('ev=').split(',')]\n"
-        "for s in steps: print(f'EVAL step {s} train_s {s / 50:.2f} N 9 psnr {20 + s / 100:.3f} per 1.0 2.0')\n"
-    )
-    scratch = tmp_path / "scratch"
-    scratch.mkdir()
-    assert PrototypeLoop(tmp_path, capture, scratch).curve(100, 50, 1) == [(1.0, 20.5), (2.0, 21.0)]
-
-
-@pytest.mark.parametrize("principal", [50.0, 53.7, 46.2, 49.6])
-def test_the_prototype_gets_images_around_the_principal_point(principal):
-    kept = centred(principal, 100)
-    assert abs((kept.start + kept.stop) / 2 - principal) <= 0.25
-    assert 0 <= kept.start < kept.stop <= 100
+def test_a_step_is_timed_round_by_round_and_beside_a_busy_process(capture, tmp_path):
+    figures = measure_steps(capture, 2, 1, steps=12)
+    assert [turn.round for turn in figures.rounds] == [1, 2]
+    assert min(figures.disturbed_ms, *(turn.step_ms for turn in figures.rounds)) > 0.0
+    assert "300 Gaussians; medians of 2 runs of 12 steps" in write_steps(tmp_path, capture, figures)
+    assert (tmp_path / "step.csv").read_text().startswith("round,step_ms")

@@ -14,8 +14,8 @@ from cvdgs.core.events import Reporter
 from cvdgs.scripts.benchmarks.evidence import QUICK, add_evidence_arguments, settled, shown_command, work_folder
 
 
-def sources(tmp_path: Path, *asked: str, **known: Path):
-    return capture_sources(asked, 96, tmp_path / "scenes", Reporter(), known)
+def sources(tmp_path: Path, *asked: str):
+    return capture_sources(asked, 96, tmp_path / "scenes", Reporter())
 
 
 def rendered(folder: Path, name: str) -> Path:
@@ -38,8 +38,8 @@ def test_a_showroom_that_is_there_is_not_rendered_again(tmp_path):
 def test_folders_are_taken_by_their_names_or_by_given_ones(tmp_path):
     place = tmp_path / "room"
     place.mkdir()
-    found = sources(tmp_path, str(place), f"other={place}", "fox", fox=place)
-    assert [(source.name, source.folder) for source in found] == [("room", place), ("other", place), ("fox", place)]
+    found = sources(tmp_path, str(place), f"other={place}")
+    assert [(source.name, source.folder) for source in found] == [("room", place), ("other", place)]
 
 
 def test_a_folder_can_stand_in_for_a_showroom(tmp_path):
@@ -48,8 +48,8 @@ def test_a_folder_can_stand_in_for_a_showroom(tmp_path):
 
 
 def test_a_capture_that_is_not_there_is_refused_with_those_that_are(tmp_path):
-    with pytest.raises(InputError, match=r"no capture 'nowhere'.*demo, showroom-protan, showroom-tritan, fox"):
-        sources(tmp_path, "nowhere", fox=tmp_path)
+    with pytest.raises(InputError, match=r"no capture 'nowhere'.*demo, showroom-protan, showroom-tritan"):
+        sources(tmp_path, "nowhere")
 
 
 def test_two_captures_of_one_name_are_refused(tmp_path):
@@ -82,9 +82,9 @@ def test_what_is_no_result_goes_beside_the_results_or_elsewhere():
     [
         ("table --out /home/me/out --seeds 2", "table --out DIR --seeds 2"),
         ("table --out=/home/me/out --work=/tmp/w", "table --out DIR --work DIR"),
-        ("table --captures demo,room=/home/me/room,/data/fox", "table --captures demo,room,fox"),
-        ("table --captures=room=/home/me/room", "table --captures room"),
-        ("ablation --weights instance=/home/me/w.safetensors", "ablation --weights instance"),
+        ("table --captures demo,room=/home/me/room,/data/fox", "table --captures demo,room=PATH,PATH/fox"),
+        ("table --captures=room=/home/me/room", "table --captures room=PATH"),
+        ("ablation --weights instance=/home/me/w.safetensors", "ablation --weights instance=PATH"),
     ],
 )
 def test_texts_show_no_place_of_this_machine(arguments, shown):
