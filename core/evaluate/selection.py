@@ -1,4 +1,4 @@
-"""The seed's frame filter: which frames of a sequence are hard for an observer, and whether easy ones stay as they are.
+"""The frame filter of Hu and Xiao (2026): which frames are hard for an observer, and whether easy ones stay as they are.
 
 A frame is hard where its CCPR is below 0.8, and a maximal run of more than 60 hard frames is a sequence to enhance.
 Enhancement must not harm what needs none: easy frames are compared with their originals.
@@ -38,8 +38,8 @@ class SelectionRule:
     """What is hard, what is easy, and what is a sequence.
 
     Attributes:
-        hard_below: CCPR under which a frame is hard; the seed's.
-        longer_than: consecutive hard frames beyond which a run is a sequence; the seed's.
+        hard_below: CCPR under which a frame is hard.
+        longer_than: consecutive hard frames beyond which a run is a sequence.
         easy_above: CCPR over which a frame is easy.
     """
 

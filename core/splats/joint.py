@@ -1,4 +1,4 @@
-"""Geometry and colours fitted together to enhanced views, the seed's own way (its Eq. 7-9).
+"""Geometry and colours fitted together to enhanced views, as Hu and Xiao (2026) do (Eq. 7-9).
 
 The first part of the run is the ordinary training, on enhanced instead of original photographs. Its geometry tells
 which pixels of the views show the same point; in the last part the multi-view loss on those pixels is added, and shape

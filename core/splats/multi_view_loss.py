@@ -1,4 +1,4 @@
-"""The multi-view consistency loss L_mv (Eq. 9 of the seed) as a gradient image for the rasteriser.
+"""The multi-view consistency loss L_mv (Hu and Xiao 2026, Eq. 9) as a gradient image for the rasteriser.
 
     L_mv = Σ_p w(p) ρ(render(p) - consensus(p)) / (3 Σ_p w(p)),    ρ(d) = sqrt(d² + ε²)
 

@@ -1,4 +1,4 @@
-"""`benchmark.py select`: the seed's frame filter on a folder."""
+"""`benchmark.py select`: the frame filter of Hu and Xiao (2026) on a folder."""
 
 from __future__ import annotations
 

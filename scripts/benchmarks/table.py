@@ -1,4 +1,4 @@
-"""`benchmark.py table`: the main table, types and severities, and the seed's protocol."""
+"""`benchmark.py table`: the main table, types and severities, and the frames of Hu and Xiao (2026)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The seed's own way and its baseline through the command line, and layers that are added to finished runs."""
+"""`--mode joint` and its baseline `post` through the command line, and layers that are added to finished runs."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""The losses of the seed's Eq. 5: adversarial, contrast under the simulation, and distance to the teacher."""
+"""The losses of Hu and Xiao (2026), Eq. 5: adversarial, contrast under the simulation, and distance to the teacher."""
 
 from __future__ import annotations
 

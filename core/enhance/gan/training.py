@@ -1,8 +1,8 @@
 """Trains the conditional GAN on a paired dataset, on CPU or CUDA, resumable from a checkpoint.
 
-The generator minimises L_GAN + λ_cd L_cd + λ_1 L1 (the seed's Eq. 5), the discriminator its halved cross entropy; both
-by Adam, whose rate falls linearly to zero after half of the steps. Step k draws its batch from (seed, k) alone, so a
-resumed training sees what an uninterrupted one would have seen.
+The generator minimises L_GAN + λ_cd L_cd + λ_1 L1 (Hu and Xiao 2026, Eq. 5), the discriminator its halved cross
+entropy; both by Adam, whose rate falls linearly to zero after half of the steps. Step k draws its batch from (seed, k)
+alone, so a resumed training sees what an uninterrupted one would have seen.
 """
 
 from __future__ import annotations

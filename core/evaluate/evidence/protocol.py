@@ -1,4 +1,4 @@
-"""The seed's protocol on photographs in the order of recording, such as the scenes of Mip-NeRF 360.
+"""The protocol of Hu and Xiao (2026) on photographs in the order of recording, such as the scenes of Mip-NeRF 360.
 
 Frames that are hard for the observer make up sequences, and these are what is reconstructed and compared; frames that
 are easy are measured apart, because enhancement must not harm what needs none.
@@ -23,11 +23,11 @@ from ..tables import markdown_table, number, write_csv
 from .subject import CaptureFolder, Subject
 
 ENHANCERS = (NETWORK, LUT)
-SEED_RULE = SelectionRule()
+PAPERS_RULE = SelectionRule()
 SSIM_TO_REACH = 0.975
-"""Of easy frames; the seed reports 0.962."""
+"""Of easy frames; Hu and Xiao report 0.962."""
 PSNR_TO_REACH = 34.0
-"""dB, of easy frames; the seed reports 31.8."""
+"""dB, of easy frames; Hu and Xiao report 31.8."""
 _MODELS = "sparse"  # folder of a Mip-NeRF 360 scene that holds its cameras
 
 
@@ -114,7 +114,7 @@ def filter_frames(
     return found
 
 
-def sequences_of(source: CaptureFolder, frames: Sequence[Frame], rule: SelectionRule = SEED_RULE) -> list[FrameRun]:
+def sequences_of(source: CaptureFolder, frames: Sequence[Frame], rule: SelectionRule = PAPERS_RULE) -> list[FrameRun]:
     """The runs of hard frames that are long enough."""
     runs = select_frames([frame.ccpr for frame in frames], rule).sequences
     return [
@@ -144,7 +144,7 @@ def summarise(scene: str, enhancer: str, frames: Sequence[Frame]) -> SceneFrames
 
 
 def write_frames(
-    folder: Path, scenes: Sequence[SceneFrames], heading: Sequence[str], rule: SelectionRule = SEED_RULE
+    folder: Path, scenes: Sequence[SceneFrames], heading: Sequence[str], rule: SelectionRule = PAPERS_RULE
 ) -> list[str]:
     """Write ``frames.csv``; returns the lines of the text."""
     write_csv(folder / "frames.csv", SceneFrames, scenes)

@@ -20,9 +20,9 @@ BASELINE = "post"
 DRIFT = 15.0
 """Degrees by which hues turn from view to view, as a standard deviation, where an enhancer drifts in a known amount."""
 RWE_TO_REACH = 0.25
-"""Of `layers`, relative to `post`; the seed reports 0.38."""
+"""Of `layers`, relative to `post`; Hu and Xiao (2026) report 0.38."""
 CCPR_TO_KEEP = 0.003
-"""How far `layers` may be below `post`; the seed reports the same."""
+"""How far `layers` may be below `post`; Hu and Xiao report the same."""
 
 
 @dataclass(frozen=True)

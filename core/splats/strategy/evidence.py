@@ -23,7 +23,8 @@ class ViewEvidence:
         complete: whether these are all training views, so that what none of them shows is not needed.
         seen: (N,) views that show the Gaussian.
         votes: (N,) views whose fit is bad where they show it.
-        blame: (N,) sum over those views and their pixels of w_jk |I_j - Î_j|: the seed's Eq. 8, of views that complain.
+        blame: (N,) sum over those views and their pixels of w_jk |I_j - Î_j|: Eq. 8 of Hu and Xiao (2026), of views
+            that complain.
         weight: (N,) the largest sum of blend weights w_jk over the pixels of a view: as many pixels show it at best.
         nearness: (N,) distance from the camera of that view, relative to the median of what the view shows.
     """

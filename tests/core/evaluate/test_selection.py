@@ -1,4 +1,4 @@
-"""Frames are selected as the seed says: hard below 0.8, sequences of more than sixty."""
+"""Frames are selected as Hu and Xiao (2026) do: hard below 0.8, sequences of more than sixty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The seed's protocol on a made folder in the layout of Mip-NeRF 360."""
+"""The protocol of Hu and Xiao (2026) on a made folder in the layout of Mip-NeRF 360."""
 
 from __future__ import annotations
 
