@@ -6,17 +6,17 @@ import argparse
 import sys
 
 from ...core.console import ConsoleReporter
-from ...core.evaluate.evidence.ablation import ablation_jobs, write_ablation
-from ...core.evaluate.evidence.jobs import run_jobs
-from .evidence import add_evidence_arguments, chosen_sources, made_by, settled, work_folder, write_text
+from ...core.evaluate.studies.ablation import ablation_jobs, write_ablation
+from ...core.evaluate.studies.jobs import run_jobs
 from .options import named_path
 from .part import Part
+from .study_options import add_study_arguments, chosen_sources, made_by, settled, work_folder, write_text
 
 SIZE, ITERATIONS = 240, 600
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_evidence_arguments(parser, max_size=SIZE, iterations=ITERATIONS)
+    add_study_arguments(parser, max_size=SIZE, iterations=ITERATIONS)
     parser.add_argument(
         "--weights",
         type=named_path,

@@ -7,16 +7,16 @@ import sys
 
 from ...core.console import ConsoleReporter
 from ...core.errors import InputError
-from ...core.evaluate.evidence.budget import FEW_HALF_DOUBLINGS, HALF_DOUBLINGS, measure_budgets
-from ...core.evaluate.evidence.budget_page import write_budget
-from .evidence import add_evidence_arguments, chosen_sources, made_by, settled, work_folder
+from ...core.evaluate.studies.budget import FEW_HALF_DOUBLINGS, HALF_DOUBLINGS, measure_budgets
+from ...core.evaluate.studies.budget_page import write_budget
 from .part import Part
+from .study_options import add_study_arguments, chosen_sources, made_by, settled, work_folder
 
 SIZE, ITERATIONS = 240, 1000
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_evidence_arguments(parser, max_size=SIZE, iterations=ITERATIONS)
+    add_study_arguments(parser, max_size=SIZE, iterations=ITERATIONS)
 
 
 def _measure(options: argparse.Namespace) -> str:

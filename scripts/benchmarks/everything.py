@@ -1,4 +1,4 @@
-"""`benchmark.py all`: every part of the evidence with its own defaults, and what has to hold in any case."""
+"""`benchmark.py all`: every study with its own defaults, and what has to hold in any case."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from pathlib import Path
 
 from ...core.console import ConsoleReporter
 from ...core.demo import SHOWROOM
-from ...core.evaluate.evidence.claims import measure_claims, write_claims
-from ...core.evaluate.evidence.scenes import DEMO
-from ...core.evaluate.evidence.subject import CaptureFolder
+from ...core.evaluate.studies.claims import measure_claims, write_claims
+from ...core.evaluate.studies.scenes import DEMO
+from ...core.evaluate.studies.subject import CaptureFolder
 from . import ablation, budget, figure, pareto, stress, table
-from .evidence import QUICK
 from .part import Part
+from .study_options import QUICK
 
-EVIDENCE = tuple(module.PART for module in (table, pareto, budget, stress, ablation, figure))
+STUDIES = tuple(module.PART for module in (table, pareto, budget, stress, ablation, figure))
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +27,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _measure(options: argparse.Namespace) -> str:
     """Measure everything; writes what the parts write, claims.csv and claims.md. Ends with 1 where a claim fails."""
     work = options.work or options.out / "work"
-    texts = [part.measure(options_of(part, options, work)) for part in EVIDENCE]
+    texts = [part.measure(options_of(part, options, work)) for part in STUDIES]
     source = CaptureFolder(DEMO, SHOWROOM, QUICK["max_size"])
     claims = measure_claims(source, QUICK["iterations"], work, ConsoleReporter(sys.stderr))
     texts.append(write_claims(options.out, claims, ["By `python scripts/benchmark.py all`."]))
@@ -45,4 +45,4 @@ def options_of(part: Part, options: argparse.Namespace, work: Path) -> argparse.
     return argparse.Namespace(**vars(parser.parse_args(arguments)), out=options.out, part=part.name)
 
 
-PART = Part("all", "every part of the evidence, and what has to hold of it", _add_arguments, _measure)
+PART = Part("all", "every study, and what has to hold of it", _add_arguments, _measure)

@@ -10,15 +10,15 @@ from pathlib import Path
 
 from ...core.console import ConsoleReporter
 from ...core.evaluate.enhancers.methods import NETWORK, method_label
-from ...core.evaluate.evidence.enhancers import PER_VIEW_LUT
-from ...core.evaluate.evidence.figure import write_figure
-from ...core.evaluate.evidence.novel_views import NovelViews, cached_novel_views, novel_views
-from ...core.evaluate.evidence.recipe import Recipe
-from ...core.evaluate.evidence.scenes import DEMO
+from ...core.evaluate.studies.enhancers import PER_VIEW_LUT
+from ...core.evaluate.studies.figure import write_figure
+from ...core.evaluate.studies.novel_views import NovelViews, cached_novel_views, novel_views
+from ...core.evaluate.studies.recipe import Recipe
+from ...core.evaluate.studies.scenes import DEMO
 from ...core.run_files import ORIGINAL
-from .evidence import add_evidence_arguments, chosen_sources, made_by, settled, work_folder, write_text
 from .options import names
 from .part import Part
+from .study_options import add_study_arguments, chosen_sources, made_by, settled, work_folder, write_text
 
 SIZE, ITERATIONS, VIEWS = 320, 1000, 48
 QUICK_VIEWS = 6
@@ -29,7 +29,7 @@ TITLES = {
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_evidence_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS)
+    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS)
     enhancers = (PER_VIEW_LUT, NETWORK)
     parser.add_argument(
         "--enhancers",

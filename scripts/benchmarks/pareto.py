@@ -9,8 +9,8 @@ from pathlib import Path
 
 from ...core.console import ConsoleReporter
 from ...core.errors import InputError
-from ...core.evaluate.evidence import peers
-from ...core.evaluate.evidence.pareto import (
+from ...core.evaluate.studies import peers
+from ...core.evaluate.studies.pareto import (
     Default,
     ParetoPoint,
     Variant,
@@ -19,14 +19,14 @@ from ...core.evaluate.evidence.pareto import (
     variants,
     with_fronts,
 )
-from ...core.evaluate.evidence.pareto_page import write_pareto
-from ...core.evaluate.evidence.scenes import DEMO
-from ...core.evaluate.evidence.subject import CaptureFolder
+from ...core.evaluate.studies.pareto_page import write_pareto
+from ...core.evaluate.studies.scenes import DEMO
+from ...core.evaluate.studies.subject import CaptureFolder
 from ...core.settings import Settings
 from ...cvdgs_addon.quality import QUALITIES
-from .evidence import add_evidence_arguments, chosen_sources, settled, shown_command, work_folder
 from .options import names
 from .part import Part
+from .study_options import add_study_arguments, chosen_sources, settled, shown_command, work_folder
 
 SIZE, BASE_STEPS = 480, 600
 _UNLIMITED = 640  # of a run whose size is automatic, on the processor
@@ -39,7 +39,7 @@ _NO_DEFAULTS = ("none",)
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     # Times are those of runs that have the machine to themselves.
-    add_evidence_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=BASE_STEPS, processes=1)
+    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=BASE_STEPS, processes=1)
     add, usual = parser.add_argument, tuple(quality.label.lower() for quality in QUALITIES)
     add(
         "--defaults",

@@ -8,14 +8,14 @@ import sys
 from ...core.console import ConsoleReporter
 from ...core.demo import SHOWROOM
 from ...core.errors import InputError
-from ...core.evaluate.evidence.scenes import DEMO
-from ...core.evaluate.evidence.stress.axes import AXES, HARMLESS, LEVELS, Axis
-from ...core.evaluate.evidence.stress.page import write_stress
-from ...core.evaluate.evidence.stress.plan import StressPlan, run_stress
-from ...core.evaluate.evidence.subject import CaptureFolder
-from .evidence import add_trial_arguments, shown_command, work_folder
+from ...core.evaluate.studies.scenes import DEMO
+from ...core.evaluate.studies.stress.axes import AXES, HARMLESS, LEVELS, Axis
+from ...core.evaluate.studies.stress.page import write_stress
+from ...core.evaluate.studies.stress.plan import StressPlan, run_stress
+from ...core.evaluate.studies.subject import CaptureFolder
 from .options import names
 from .part import Part
+from .study_options import add_trial_arguments, shown_command, work_folder
 
 QUICK_AXES = ("views", "drift")
 _SIZE, _ITERATIONS, _SEEDS = 128, 300, 3

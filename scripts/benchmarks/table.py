@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 
 from ...core.console import ConsoleReporter
-from ...core.evaluate.evidence.jobs import run_jobs
-from ...core.evaluate.evidence.protocol import (
+from ...core.evaluate.studies.jobs import run_jobs
+from ...core.evaluate.studies.protocol import (
     ENHANCERS,
     filter_frames,
     scenes_of,
@@ -16,20 +16,20 @@ from ...core.evaluate.evidence.protocol import (
     summarise,
     write_frames,
 )
-from ...core.evaluate.evidence.recipe import DEUTAN
-from ...core.evaluate.evidence.scenes import SHOWROOMS
-from ...core.evaluate.evidence.severities import OBSERVERS, severity_jobs, write_severities
-from ...core.evaluate.evidence.table import QUICK_ROWS, ROWS, table_jobs, write_table
+from ...core.evaluate.studies.recipe import DEUTAN
+from ...core.evaluate.studies.scenes import SHOWROOMS
+from ...core.evaluate.studies.severities import OBSERVERS, severity_jobs, write_severities
+from ...core.evaluate.studies.table import QUICK_ROWS, ROWS, table_jobs, write_table
 from ...core.settings import Layer
-from .evidence import add_evidence_arguments, chosen_sources, made_by, settled, work_folder, write_text
 from .part import Part
+from .study_options import add_study_arguments, chosen_sources, made_by, settled, work_folder, write_text
 
 SIZE, ITERATIONS, SEEDS = 240, 800, 3
 QUICK_OBSERVERS = (Layer("deutan", 1.0), Layer("deutan", 0.4))
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_evidence_arguments(parser, max_size=SIZE, iterations=ITERATIONS, seeds=SEEDS)
+    add_study_arguments(parser, max_size=SIZE, iterations=ITERATIONS, seeds=SEEDS)
     parser.add_argument(
         "--mipnerf360",
         type=Path,

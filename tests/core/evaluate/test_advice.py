@@ -17,7 +17,7 @@ from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.evaluate import advice
 from cvdgs.core.evaluate.advice import advise
 from cvdgs.core.evaluate.evaluation import Split
-from cvdgs.core.evaluate.evidence.stress.disturbances import compressed, dimly_lit, motion_blurred
+from cvdgs.core.evaluate.studies.stress.disturbances import compressed, dimly_lit, motion_blurred
 from cvdgs.core.images import write_png
 
 GOOD_LAYER = {

@@ -2,8 +2,8 @@
 
 import math
 
-from cvdgs.core.evaluate.evidence.claims import claims_of, write_claims
-from cvdgs.core.evaluate.evidence.recipe import Recipe, Trial, described
+from cvdgs.core.evaluate.studies.claims import claims_of, write_claims
+from cvdgs.core.evaluate.studies.recipe import Recipe, Trial, described
 
 
 def trial(**figures) -> Trial:

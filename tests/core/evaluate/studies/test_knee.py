@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.core.evaluate.evidence.knee import TOLERANCE, find_knee, quality_at
+from cvdgs.core.evaluate.studies.knee import TOLERANCE, find_knee, quality_at
 
 
 @dataclass(frozen=True)

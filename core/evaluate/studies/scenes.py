@@ -1,4 +1,4 @@
-"""The captures that evidence is taken from: the demo, further synthetic showrooms, and any folder."""
+"""The captures that are studied: the demo, further synthetic showrooms, and any folder."""
 
 from __future__ import annotations
 

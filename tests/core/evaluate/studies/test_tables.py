@@ -1,4 +1,4 @@
-"""The texts of the evidence say what the trials gave, and nothing else."""
+"""The texts of studies say what the trials gave, and nothing else."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.core.evaluate.evidence.ablation import SETTINGS, ablation_jobs, write_ablation
-from cvdgs.core.evaluate.evidence.recipe import Recipe, Trial
-from cvdgs.core.evaluate.evidence.severities import OBSERVERS, severity_jobs, write_severities
-from cvdgs.core.evaluate.evidence.subject import CaptureFolder
-from cvdgs.core.evaluate.evidence.summary import Summary
-from cvdgs.core.evaluate.evidence.table import ROWS, compare, table_jobs, write_table
+from cvdgs.core.evaluate.studies.ablation import SETTINGS, ablation_jobs, write_ablation
+from cvdgs.core.evaluate.studies.recipe import Recipe, Trial
+from cvdgs.core.evaluate.studies.severities import OBSERVERS, severity_jobs, write_severities
+from cvdgs.core.evaluate.studies.subject import CaptureFolder
+from cvdgs.core.evaluate.studies.summary import Summary
+from cvdgs.core.evaluate.studies.table import ROWS, compare, table_jobs, write_table
 
 DEMO = CaptureFolder("demo", Path("nowhere"), 96)
 HEADING = ["By `a command`."]

@@ -4,8 +4,8 @@ import csv
 
 import pytest
 
-from cvdgs.core.evaluate.evidence.budget import BudgetRun, judge
-from cvdgs.core.evaluate.evidence.budget_page import write_budget
+from cvdgs.core.evaluate.studies.budget import BudgetRun, judge
+from cvdgs.core.evaluate.studies.budget_page import write_budget
 
 # 1 dB a doubling up to 4000 Gaussians, nothing beyond: the knee is a tenth of a doubling before.
 FIXED = {1000: 28.0, 2000: 29.0, 4000: 30.0, 8000: 30.0, 16000: 30.0}

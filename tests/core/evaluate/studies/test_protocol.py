@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
-from cvdgs.core.evaluate.evidence.protocol import (
+from cvdgs.core.evaluate.selection import Frame, SelectionRule
+from cvdgs.core.evaluate.studies.protocol import (
     FrameRun,
     SceneFrames,
     filter_frames,
@@ -19,7 +20,6 @@ from cvdgs.core.evaluate.evidence.protocol import (
     summarise,
     write_frames,
 )
-from cvdgs.core.evaluate.selection import Frame, SelectionRule
 from cvdgs.core.events import Reporter
 from cvdgs.core.settings import Layer
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.core.evaluate.evidence.front import pareto_front
+from cvdgs.core.evaluate.studies.front import pareto_front
 
 # Few different values, so that equal costs and values come up often.
 figures = st.lists(st.tuples(st.integers(0, 6).map(float), st.integers(0, 6).map(float)), max_size=30)

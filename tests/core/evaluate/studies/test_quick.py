@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from cvdgs.core.demo import SHOWROOM
-from cvdgs.core.evaluate.evidence.claims import measure_claims
-from cvdgs.core.evaluate.evidence.scenes import DEMO
-from cvdgs.core.evaluate.evidence.subject import CaptureFolder
+from cvdgs.core.evaluate.studies.claims import measure_claims
+from cvdgs.core.evaluate.studies.scenes import DEMO
+from cvdgs.core.evaluate.studies.subject import CaptureFolder
 from cvdgs.core.events import Reporter
-from cvdgs.scripts.benchmarks.everything import EVIDENCE, options_of
+from cvdgs.scripts.benchmarks.everything import STUDIES, options_of
 
 ROOT = Path(__file__).resolve().parents[4]
 SIZE, STEPS = 64, 60
@@ -25,7 +25,7 @@ def test_the_shape_of_the_result_holds_in_a_run_of_seconds(tmp_path):
     assert all(claim.holds for claim in claims), claims
 
 
-@pytest.mark.parametrize("part", EVIDENCE, ids=lambda part: part.name)
+@pytest.mark.parametrize("part", STUDIES, ids=lambda part: part.name)
 def test_the_command_for_everything_asks_each_part_in_the_same_places(part, tmp_path):
     asked = argparse.Namespace(quick=True, out=tmp_path)
     options = options_of(part, asked, tmp_path / "work")

@@ -10,11 +10,11 @@ import pytest
 
 from cvdgs.core.capture import Capture
 from cvdgs.core.evaluate.drift import reconstruct_matches
-from cvdgs.core.evaluate.evidence.enhancers import PerViewLut
-from cvdgs.core.evaluate.evidence.recipe import Recipe, Trial
-from cvdgs.core.evaluate.evidence.subject import Subject
-from cvdgs.core.evaluate.evidence.table import compare
-from cvdgs.core.evaluate.evidence.trials import CaptureTrials
+from cvdgs.core.evaluate.studies.enhancers import PerViewLut
+from cvdgs.core.evaluate.studies.recipe import Recipe, Trial
+from cvdgs.core.evaluate.studies.subject import Subject
+from cvdgs.core.evaluate.studies.table import compare
+from cvdgs.core.evaluate.studies.trials import CaptureTrials
 from cvdgs.core.settings import Layer
 
 from ...splats.test_trainer import photographs, wall

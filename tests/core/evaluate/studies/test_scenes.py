@@ -9,9 +9,9 @@ import pytest
 
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import InputError
-from cvdgs.core.evaluate.evidence.scenes import DEMO, SHOWROOMS, capture_sources, showrooms
+from cvdgs.core.evaluate.studies.scenes import DEMO, SHOWROOMS, capture_sources, showrooms
 from cvdgs.core.events import Reporter
-from cvdgs.scripts.benchmarks.evidence import QUICK, add_evidence_arguments, settled, shown_command, work_folder
+from cvdgs.scripts.benchmarks.study_options import QUICK, add_study_arguments, settled, shown_command, work_folder
 
 
 def sources(tmp_path: Path, *asked: str):
@@ -60,7 +60,7 @@ def test_two_captures_of_one_name_are_refused(tmp_path):
 def options(*arguments: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     parser.add_argument("--out", type=Path)
-    add_evidence_arguments(parser, max_size=240, iterations=800, seeds=3)
+    add_study_arguments(parser, max_size=240, iterations=800, seeds=3)
     return parser.parse_args(arguments)
 
 

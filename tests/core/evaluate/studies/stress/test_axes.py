@@ -14,10 +14,10 @@ from colour import XYZ_to_Lab, sRGB_to_XYZ
 
 from cvdgs.core.capture import Capture, PinholeCamera, View
 from cvdgs.core.color.srgb import decode
-from cvdgs.core.evaluate.evidence.recipe import Recipe
-from cvdgs.core.evaluate.evidence.stress.axes import AXES, HARMLESS, LEVELS, Axis
-from cvdgs.core.evaluate.evidence.stress.subject import StressedCapture
-from cvdgs.core.evaluate.evidence.subject import CaptureFolder, Subject
+from cvdgs.core.evaluate.studies.recipe import Recipe
+from cvdgs.core.evaluate.studies.stress.axes import AXES, HARMLESS, LEVELS, Axis
+from cvdgs.core.evaluate.studies.stress.subject import StressedCapture
+from cvdgs.core.evaluate.studies.subject import CaptureFolder, Subject
 
 BY_NAME = {axis.name: axis for axis in AXES}
 BROKEN = range(HARMLESS + 1, LEVELS)
@@ -25,9 +25,9 @@ WIDTH, HEIGHT = 48, 32
 KEY = """
 import sys
 from pathlib import Path
-from cvdgs.core.evaluate.evidence.stress.axes import AXES
-from cvdgs.core.evaluate.evidence.stress.subject import StressedCapture
-from cvdgs.core.evaluate.evidence.subject import CaptureFolder
+from cvdgs.core.evaluate.studies.stress.axes import AXES
+from cvdgs.core.evaluate.studies.stress.subject import StressedCapture
+from cvdgs.core.evaluate.studies.subject import CaptureFolder
 (axis,) = (axis for axis in AXES if axis.name == "poses")
 sys.stdout.write(StressedCapture(CaptureFolder("empty", Path(sys.argv[1]), 100), axis, 2, 0).key)
 """

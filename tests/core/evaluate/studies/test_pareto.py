@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.core.evaluate.evidence.pareto import (
+from cvdgs.core.evaluate.studies.pareto import (
     DEFAULT,
     PEER,
     SERIES,
@@ -20,9 +20,9 @@ from cvdgs.core.evaluate.evidence.pareto import (
     variants,
     with_fronts,
 )
-from cvdgs.core.evaluate.evidence.pareto_page import write_pareto
-from cvdgs.core.evaluate.evidence.peers import PeerFigures
-from cvdgs.core.evaluate.evidence.recipe import Recipe, Trial, described
+from cvdgs.core.evaluate.studies.pareto_page import write_pareto
+from cvdgs.core.evaluate.studies.peers import PeerFigures
+from cvdgs.core.evaluate.studies.recipe import Recipe, Trial, described
 
 DRAFT, FINE = Default("draft", 450, 320), Default("fine", 7000, 960)
 

@@ -1,4 +1,4 @@
-"""One way to make an enhanced scene, as the comparisons of `evidence` vary it, and what one of them gave."""
+"""One way to make an enhanced scene, as `studies` vary it, and what one of them gave."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Recipe:
     Attributes:
         label: what tables call it.
         mode: see `core.settings.MODES`.
-        enhancer: one that `evidence.enhancers` can make.
+        enhancer: one that `studies.enhancers` can make.
         layer: the observer.
         simulation: model behind the CVD simulation.
         iterations, gaussians, sh_degree: of the geometry, as in `Settings`.

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ...core.console import ConsoleReporter
-from ...core.evaluate.evidence.scenes import DEMO, SHOWROOMS, capture_sources
-from ...core.evaluate.evidence.subject import CaptureFolder
+from ...core.evaluate.studies.scenes import DEMO, SHOWROOMS, capture_sources
+from ...core.evaluate.studies.subject import CaptureFolder
 from ...core.processors import available_processors
 from .options import names
 
@@ -20,7 +20,7 @@ _PLACES = ("--out", "--work")  # whose values are this machine's affair
 _PLACE = "PATH"  # in their stead
 
 
-def add_evidence_arguments(
+def add_study_arguments(
     parser: argparse.ArgumentParser,
     *,
     captures: Sequence[str] = SHOWROOMS,
@@ -46,7 +46,7 @@ def add_evidence_arguments(
 def add_trial_arguments(
     parser: argparse.ArgumentParser, *, max_size: int, iterations: int, seeds: int, processes: int | None = None
 ) -> None:
-    """Declare the options of all parts that train scenes; arguments as for `add_evidence_arguments`."""
+    """Declare the options of all parts that train scenes; arguments as for `add_study_arguments`."""
     add, processes = parser.add_argument, processes or available_processors()
     add("--max-size", type=int, default=max_size, metavar="PIXELS", help=f"longer side of the views ({max_size})")
     add("--iterations", type=int, default=iterations, metavar="N", help=f"of a geometry ({iterations})")

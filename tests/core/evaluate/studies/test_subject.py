@@ -3,7 +3,7 @@
 import pytest
 
 from cvdgs.core.demo import SHOWROOM
-from cvdgs.core.evaluate.evidence.subject import CaptureFolder
+from cvdgs.core.evaluate.studies.subject import CaptureFolder
 
 
 def test_recipes_can_be_given_smaller_photographs_than_they_are_judged_by():

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.evaluate.evidence.recipe import Recipe, Trial
-from cvdgs.core.evaluate.evidence.stress.axes import AXES, HARMLESS
-from cvdgs.core.evaluate.evidence.stress.failure import UNTOUCHED, Standing, first_failure, standings
-from cvdgs.core.evaluate.evidence.stress.page import write_stress
-from cvdgs.core.evaluate.evidence.stress.plan import Attempt, StressPlan, StressResult
-from cvdgs.core.evaluate.evidence.subject import CaptureFolder
+from cvdgs.core.evaluate.studies.recipe import Recipe, Trial
+from cvdgs.core.evaluate.studies.stress.axes import AXES, HARMLESS
+from cvdgs.core.evaluate.studies.stress.failure import UNTOUCHED, Standing, first_failure, standings
+from cvdgs.core.evaluate.studies.stress.page import write_stress
+from cvdgs.core.evaluate.studies.stress.plan import Attempt, StressPlan, StressResult
+from cvdgs.core.evaluate.studies.subject import CaptureFolder
 
 BASE = CaptureFolder("made", Path("made"), 160)
 POSES = next(axis for axis in AXES if axis.name == "poses")

@@ -10,8 +10,8 @@ import pytest
 
 from cvdgs.core.capture import Capture
 from cvdgs.core.errors import InputError
-from cvdgs.core.evaluate.evidence.peers import OPENSPLAT_RUNS, train_opensplat
-from cvdgs.core.evaluate.evidence.subject import Subject
+from cvdgs.core.evaluate.studies.peers import OPENSPLAT_RUNS, train_opensplat
+from cvdgs.core.evaluate.studies.subject import Subject
 from cvdgs.core.events import Reporter
 from cvdgs.core.splats.ply import write_ply
 

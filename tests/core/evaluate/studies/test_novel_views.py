@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from cvdgs.core.evaluate.evidence.figure import Choice, strip, write_figure
-from cvdgs.core.evaluate.evidence.novel_views import (
+from cvdgs.core.evaluate.studies.figure import Choice, strip, write_figure
+from cvdgs.core.evaluate.studies.novel_views import (
     COMPARED,
     ORIGINAL,
     NovelViews,
@@ -18,8 +18,8 @@ from cvdgs.core.evaluate.evidence.novel_views import (
     novel_views,
     window_of_disagreement,
 )
-from cvdgs.core.evaluate.evidence.recipe import DEUTAN, Recipe
-from cvdgs.core.evaluate.evidence.subject import Subject
+from cvdgs.core.evaluate.studies.recipe import DEUTAN, Recipe
+from cvdgs.core.evaluate.studies.subject import Subject
 from cvdgs.core.events import Reporter
 from cvdgs.core.images import read_png
 

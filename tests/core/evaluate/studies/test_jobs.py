@@ -11,9 +11,9 @@ import pytest
 
 from cvdgs.core.capture.normalised import write_capture
 from cvdgs.core.errors import InputError
-from cvdgs.core.evaluate.evidence.jobs import TRIALS_FILE, Job, TrialStore, pictures_of, run_jobs
-from cvdgs.core.evaluate.evidence.recipe import Recipe, Trial
-from cvdgs.core.evaluate.evidence.subject import CaptureFolder
+from cvdgs.core.evaluate.studies.jobs import TRIALS_FILE, Job, TrialStore, pictures_of, run_jobs
+from cvdgs.core.evaluate.studies.recipe import Recipe, Trial
+from cvdgs.core.evaluate.studies.subject import CaptureFolder
 from cvdgs.core.events import Reporter
 
 from .test_trials import capture_of_a_wall
