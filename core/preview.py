@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +10,7 @@ from .events import Reporter
 from .images import write_png
 from .splats.gaussians import Gaussians
 from .splats.renderer import SceneRenderer
+from .whole_file import replacing
 
 _INTERVAL = 2.0  # seconds between two pictures of a training; one takes some 30 ms
 
@@ -27,12 +27,12 @@ class Preview:
 
     def __init__(self, scene: SceneRenderer, view: int, folder: Path, reporter: Reporter) -> None:
         self._scene, self._view, self._reporter = scene, view, reporter
-        self._file, self._partial = folder / ".preview.png", folder / ".preview.partial.png"
+        self._file = folder / ".preview.png"
 
     def show(self, gaussians: Gaussians) -> None:
         """Show Gaussians in world units."""
-        write_png(self._partial, self._scene.color(gaussians, self._view))
-        os.replace(self._partial, self._file)
+        with replacing(self._file) as temporary:
+            write_png(temporary, self._scene.color(gaussians, self._view))
         self._reporter.preview(self._file)
 
     def remove(self) -> None:

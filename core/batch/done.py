@@ -20,6 +20,7 @@ from typing import Any
 from ... import __version__
 from ..errors import InputError
 from ..untrusted import read_json
+from ..whole_file import replacing
 from .task import BATCH_FOLDER, Kind, Task
 
 DONE_FOLDER = "done"
@@ -108,12 +109,10 @@ def write_record(task: Task, out: Path, inputs: Signatures, seconds: float) -> N
     record = {"fingerprint": fingerprint(task), "seconds": round(seconds, 2), "inputs": inputs, "outputs": outputs}
     path = record_path(task, out)
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    with open(temporary, "w", encoding="utf-8") as file:
+    with replacing(path, contested=True) as temporary, open(temporary, "w", encoding="utf-8") as file:
         json.dump(record, file)
         file.flush()
         os.fsync(file.fileno())
-    os.replace(temporary, path)
 
 
 def forget(task: Task, out: Path) -> None:

@@ -5,13 +5,13 @@ Nothing is fetched from anywhere, so it opens from a disk. Standard library only
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from ..job_console import Listener
 from ..run_files import ORIGINAL
+from ..whole_file import replacing
 from .arguments import PageArguments, picture_name
 from .captions import vision
 from .finished import report_or_nothing
@@ -38,11 +38,8 @@ def run(task: Task, out: Path, listen: Listener) -> None:
     listen({"event": "status", "stage": "page", "message": f"writing {arguments.file}"})
     items = tuple(_shown_item(item, out, files) for item in arguments.items)
     page = ShownPage(arguments.title, items, out, MOST_EMBEDDED_BYTES)
-    path = out / arguments.file
-    temporary = path.with_name(f".{path.name}.partial")
-    with open(temporary, "w", encoding="utf-8") as file:
+    with replacing(out / arguments.file) as temporary, open(temporary, "w", encoding="utf-8") as file:
         file.writelines(page_text(page))
-    os.replace(temporary, path)
 
 
 def _turns(item: Mapping[str, Any], out: Path) -> Iterator[tuple[Mapping[str, Any], Preview]]:

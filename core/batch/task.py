@@ -31,6 +31,7 @@ from typing import Any
 from ..bootstrap import ROOT
 from ..errors import InputError
 from ..untrusted import explained, read_json
+from ..whole_file import replacing
 
 SCRIPT = ROOT / "scripts" / "turntable.py"
 BATCH_FOLDER = ".batch"
@@ -200,9 +201,8 @@ def write_plan(plan: Plan) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     tasks = ",\n".join(json.dumps(task.to_dict()) for task in plan.tasks)  # a line each, for people
     text = f'{{"format": {_FORMAT}, "retries": {plan.retries}, "tasks": [\n{tasks}\n]}}\n'
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)
+    with replacing(path, contested=True) as temporary:
+        temporary.write_text(text, encoding="utf-8")
     return path
 
 

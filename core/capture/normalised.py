@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 from ..images import write_png
 from ..run_files import CAMERAS_FILE, IMAGES_FOLDER, POINTS_FILE
+from ..whole_file import replacing
 from .model import Capture, View
 from .points import write_point_cloud
 from .poses import OPENGL_TO_OPENCV, invert_rigid
@@ -41,12 +41,8 @@ def write_cameras(capture: Capture, folder: Path) -> None:
     document: dict[str, Any] = {"camera_model": "PINHOLE", "frames": [_frame(view) for view in capture.views]}
     if len(capture.points):
         document["ply_file_path"] = POINTS_FILE
-    temporary = folder / f"{CAMERAS_FILE}.partial"
-    try:
+    with replacing(folder / CAMERAS_FILE) as temporary:
         temporary.write_text(json.dumps(document, indent=1, allow_nan=False), encoding="utf-8")
-        os.replace(temporary, folder / CAMERAS_FILE)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _image_name(view: View) -> str:

@@ -7,7 +7,6 @@ enhancer and can be kept in a file between runs.
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -29,6 +28,7 @@ from ..splats import raster
 from ..splats.renderer import SceneRenderer
 from ..splats.targets import Background
 from ..splats.trainer import Trainer, TrainingPlan
+from ..whole_file import replacing
 from .enhancers.methods import check_labels, method_factory, method_label
 from .enhancers.scores import ENHANCED_FOR
 from .evaluation import Split, spread
@@ -142,9 +142,8 @@ def save_matches(path: Path, matches: SceneMatches) -> None:
         for index, pair in enumerate(pairs):
             arrays |= {f"{range_name}.{index}.{field}": np.asarray(getattr(pair, field)) for field in _PAIR_FIELDS}
     path.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = path.with_suffix(f".{os.getpid()}.npz")  # another process may want the same file
-    np.savez_compressed(unfinished, **arrays)  # type: ignore[arg-type]
-    unfinished.replace(path)
+    with replacing(path, contested=True) as unfinished:
+        np.savez_compressed(unfinished, **arrays)  # type: ignore[arg-type]
 
 
 def load_matches(path: Path) -> SceneMatches:

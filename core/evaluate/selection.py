@@ -1,4 +1,4 @@
-"""The frame filter of Hu and Xiao (2026): which frames are hard to see, and do easy ones stay as they are?
+"""The frame filter of Hu and Xiao (2026): which frames are hard, and whether enhancement leaves easy ones alone.
 
 A frame is hard where its CCPR is below 0.8, and a maximal run of more than 60 hard frames is a sequence to enhance.
 Enhancement must not harm what needs none: easy frames are compared with their originals.

@@ -15,8 +15,8 @@ import numpy as np
 from ..errors import InputError
 from ..ply_table import VertexTable
 from ..untrusted import opened
+from ..whole_file import writing_whole
 from .gaussians import MOST_FILE_BYTES, Gaussians, require_room
-from .whole_file import writing_whole
 
 _POSITION = ("x", "y", "z")
 _BASE_COLOR = ("f_dc_0", "f_dc_1", "f_dc_2")

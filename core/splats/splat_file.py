@@ -14,9 +14,9 @@ import numpy as np
 
 from ..errors import InputError
 from ..untrusted import opened
+from ..whole_file import writing_whole
 from .gaussians import MOST_FILE_BYTES, SH_C0, Gaussians, require_room
 from .quantised import bytes_to_opacity_logits, normalised, opacities_to_bytes, to_bytes
-from .whole_file import writing_whole
 
 _RECORD = np.dtype(
     [("mean", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 3), ("opacity", "u1"), ("quaternion", "u1", 4)]

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..untrusted import read_bytes
+from ..whole_file import writing_whole
 from .gaussians import MOST_FILE_BYTES, Gaussians, require_room
 from .quantised import bytes_to_opacity_logits, normalised, opacities_to_bytes, to_bytes
-from .whole_file import writing_whole
 
 MAGIC = b"NGSP"
 GZIP_MAGIC = b"\x1f\x8b"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 
 from ...core.batch.arguments import SheetArguments, evenly_spread, picture_name
 from ...core.events import Reporter
-from ..scene.stills import partial_picture
+from ...core.whole_file import replacing
 from .lettering import Label, add_labels, text_width
 from .pixels import Pixels, read_picture, write_picture
 from .resampling import downscale
@@ -42,13 +41,9 @@ def make_sheet(arguments: SheetArguments, out: Path, *, reporter: Reporter) -> d
         rows.append([downscale(read_picture(path), _PICTURE_WIDTH) for path in paths])
     sheet, tops = _laid_out(rows, _widest_line(arguments))
     file = out / arguments.file
-    temporary = partial_picture(file)
-    try:
+    with replacing(file) as temporary:
         write_picture(temporary, sheet)
         add_labels(temporary, _labels(arguments, rows, tops))
-        os.replace(temporary, file)
-    finally:
-        temporary.unlink(missing_ok=True)
     reporter.progress(STAGE, 1.0, file.name)
     return {"pictures": sum(map(len, rows))}
 

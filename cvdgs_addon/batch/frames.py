@@ -12,13 +12,14 @@ import bpy
 from ...core.batch.arguments import FramesArguments, picture_name
 from ...core.color.simulated_bytes import simulate_bytes
 from ...core.events import Reporter
+from ...core.whole_file import partial_file
 from ..scene.convert import LoadedRun, load_run
 from ..scene.display import set_up_render
 from ..scene.finished_run import read_run
 from ..scene.remembered_settings import set_settings
 from ..scene.render_settings import Display, Engine
 from ..scene.splats import MODIFIER_NAME, show_layer
-from ..scene.stills import partial_picture, render_picture, turned_to
+from ..scene.stills import render_picture, turned_to
 from ..scene.turntable import Turntable, add_turntable, picture_settings
 from .observers import Observer
 from .pixels import read_picture, remove_texts, write_picture
@@ -94,7 +95,7 @@ def half_made(arguments: FramesArguments, out: Path) -> list[Path]:
     """What a render that was cut short may have left."""
     folders = [out / folder for folder in (arguments.folder, *arguments.simulated.values())]
     numbers = range(arguments.first, arguments.last + 1)
-    return [partial_picture(folder / picture_name(number)) for folder in folders for number in numbers]
+    return [partial_file(folder / picture_name(number)) for folder in folders for number in numbers]
 
 
 def _scene_of(run_folder: Path, layer: str) -> tuple[bpy.types.Scene, LoadedRun]:

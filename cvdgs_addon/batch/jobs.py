@@ -11,10 +11,11 @@ import bpy
 from ...core.batch.arguments import FramesArguments, SheetArguments, VideoArguments
 from ...core.errors import InputError
 from ...core.events import Reporter
+from ...core.whole_file import partial_file
 from ..scene.disk import is_full
 from ..scene.remembered_settings import set_settings
 from ..scene.render_settings import Engine, engine_settings, png_settings
-from ..scene.stills import partial_picture, render_picture
+from ..scene.stills import render_picture
 from . import contact_sheet, frames, previews, still_times, video
 
 _TRIAL_SIZE = 16  # pixels
@@ -48,8 +49,7 @@ def half_made(request: dict[str, Any]) -> list[Path]:
         return frames.half_made(FramesArguments.from_dict(arguments), out)
     if job == "previews":
         return previews.half_made(arguments, out)
-    file = out / arguments["file"]
-    return [video.partial_video(file) if job == "video" else partial_picture(file)]
+    return [partial_file(out / arguments["file"])]
 
 
 def _perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:

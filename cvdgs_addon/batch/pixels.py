@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ..scene.stills import partial_picture
+from ...core.whole_file import replacing
 
 Pixels = NDArray[np.uint8]
 
@@ -69,17 +68,15 @@ def write_picture(path: Path, pixels: Pixels) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     height, width, _ = pixels.shape
     image = bpy.data.images.new(path.stem, width, height, alpha=False)
-    temporary = partial_picture(path)
     try:
         image.colorspace_settings.name = "Non-Color"
         values = np.ones((height, width, 4), np.float32)
         values[..., :3] = pixels[::-1] / np.float32(_LEVELS)
         image.pixels.foreach_set(values.ravel())
-        image.filepath_raw, image.file_format = str(temporary), _FORMATS[path.suffix]
-        image.save(quality=_JPEG_QUALITY)
-        os.replace(temporary, path)
+        with replacing(path) as temporary:
+            image.filepath_raw, image.file_format = str(temporary), _FORMATS[path.suffix]
+            image.save(quality=_JPEG_QUALITY)
     finally:
-        temporary.unlink(missing_ok=True)
         bpy.data.images.remove(image)
 
 
@@ -90,9 +87,8 @@ def remove_texts(path: Path) -> None:
     """
     content = path.read_bytes()
     kept = [chunk for chunk in _chunks(content) if chunk[4:8] not in _TEXT_CHUNKS]
-    temporary = partial_picture(path)
-    temporary.write_bytes(content[:_SIGNATURE_BYTES] + b"".join(kept))
-    os.replace(temporary, path)
+    with replacing(path) as temporary:
+        temporary.write_bytes(content[:_SIGNATURE_BYTES] + b"".join(kept))
 
 
 def _chunks(content: bytes) -> Iterator[bytes]:

@@ -13,11 +13,11 @@ from ...core.batch.arguments import picture_name
 from ...core.batch.previews import Preview
 from ...core.color.simulated_bytes import simulate_bytes
 from ...core.events import Reporter, StageSpan
-from ..scene.stills import partial_picture
+from ...core.whole_file import partial_file
 from .observers import Observer
 from .pixels import Pixels, read_picture, write_picture
 from .resampling import downscale
-from .video import STAGE, Column, Quality, encode, partial_video
+from .video import STAGE, Column, Quality, encode
 
 _COMPOSING = 0.7  # of the time; the rest is encoding
 
@@ -46,8 +46,7 @@ def make_previews(arguments: Mapping[str, Any], out: Path, *, reporter: Reporter
 def half_made(arguments: Mapping[str, Any], out: Path) -> list[Path]:
     """What a job that was cut short may have left."""
     previews = arguments["previews"]
-    videos = [partial_video(out / values["video"]) for values in previews]
-    return videos + [partial_picture(out / values["poster"]) for values in previews]
+    return [partial_file(out / values[kind]) for kind in ("video", "poster") for values in previews]
 
 
 def _make(preview: Preview, out: Path, width: int, video: Path, poster: Path, reporter: Reporter) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ import bpy
 from ...core.batch.arguments import VideoArguments, picture_name
 from ...core.errors import InputError
 from ...core.events import Reporter
+from ...core.whole_file import replacing
 from ..scene.remembered_settings import Setting, set_settings
 from ..scene.render_settings import Display, display_settings
 from .lettering import Label, add_text_strip, fitting_size
@@ -76,21 +76,17 @@ def encode(columns: Sequence[Column], frames_per_second: int, file: Path, qualit
     layout = _Layout.of(columns)
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
-    temporary = partial_video(file)
     file.parent.mkdir(parents=True, exist_ok=True)
     frames = len(columns[0].pictures)
-    set_settings(scene, _settings(layout.size, frames_per_second, frames, quality, temporary))
-    scene.sequence_editor_create()
-    for channel, place in enumerate(layout.places, start=1):
-        _add_pictures(scene, place, channel, layout.size)
-    for channel, label in enumerate(layout.labels, start=1 + len(layout.places)):
-        add_text_strip(scene, label, channel, frames, layout.size)
-    try:
+    with replacing(file) as temporary:
+        set_settings(scene, _settings(layout.size, frames_per_second, frames, quality, temporary))
+        scene.sequence_editor_create()
+        for channel, place in enumerate(layout.places, start=1):
+            _add_pictures(scene, place, channel, layout.size)
+        for channel, label in enumerate(layout.labels, start=1 + len(layout.places)):
+            add_text_strip(scene, label, channel, frames, layout.size)
         with _progress(frames, reporter):
             bpy.ops.render.render(animation=True, scene=scene.name)
-        os.replace(temporary, file)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True)
@@ -144,11 +140,6 @@ def _add_pictures(scene: bpy.types.Scene, place: _Place, channel: int, size: tup
     # From the middle of the video to that of the picture; upwards is positive.
     strip.transform.offset_x = place.left + (place.size[0] - size[0]) / 2.0
     strip.transform.offset_y = (size[1] - place.size[1]) / 2.0 - place.top
-
-
-def partial_video(file: Path) -> Path:
-    """Where the video `file` is made before it gets its name."""
-    return file.with_name(f".{file.stem}.partial.mp4")
 
 
 def _settings(

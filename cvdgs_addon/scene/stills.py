@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import bpy
 import mathutils
 
+from ...core.whole_file import replacing
 from .cameras import use_camera
 from .render_settings import set_png
 
@@ -29,19 +29,12 @@ def render_still(scene: bpy.types.Scene, camera: bpy.types.Object, path: Path) -
 def render_picture(scene: bpy.types.Scene, path: Path) -> None:
     """Render `scene` as it is set up, to PNG, into `path`; raises as `render_still` does."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = partial_picture(path)
-    scene.render.filepath = str(temporary)
     try:
-        bpy.ops.render.render(write_still=True, scene=scene.name)
-        os.replace(temporary, path)
+        with replacing(path) as temporary:
+            scene.render.filepath = str(temporary)
+            bpy.ops.render.render(write_still=True, scene=scene.name)
     finally:
-        temporary.unlink(missing_ok=True)
         scene.render.filepath = "//renders/"
-
-
-def partial_picture(path: Path) -> Path:
-    """Where the picture `path` is made before it gets its name."""
-    return path.with_name(f".{path.stem}.partial{path.suffix}")
 
 
 @contextmanager

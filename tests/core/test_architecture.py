@@ -63,6 +63,7 @@ STANDARD_LIBRARY_ONLY = [
     "settings",
     "turntables",
     "untrusted",
+    "whole_file",
 ]
 NUMPY_ONLY = [
     "ply_table",
@@ -71,7 +72,6 @@ NUMPY_ONLY = [
     "splats/files",
     "splats/quantised",
     "splats/splat_file",
-    "splats/whole_file",
     "splats/scene_frame",
     "capture/model",
     "color/matrices",

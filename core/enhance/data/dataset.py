@@ -33,6 +33,7 @@ from ...errors import InputError
 from ...events import Reporter
 from ...images import to_bytes
 from ...untrusted import read_json
+from ...whole_file import replacing
 from ..gradient_teacher import GradientTeacher
 from ..teacher import TeacherSettings, fit_luts
 from .inputs import KIND_SHARES, PHOTOGRAPH, Photographs, draw_input, draw_observers
@@ -324,10 +325,8 @@ def _write_manifest(folder: Path, description: Mapping[str, Any], entries: Mappi
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write under a temporary name and rename, so that what bears the name is whole."""
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(content)
-    temporary.replace(path)
+    with replacing(path) as temporary:
+        temporary.write_bytes(content)
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from torch import Tensor, nn
 
 from ...errors import InputError
 from ...untrusted import explained, parse_json
+from ...whole_file import replacing
 from ..tensor_file import read_tensors
 
 _FORMAT = "cvdgs-enhancer-checkpoint"
@@ -36,9 +36,8 @@ def save_checkpoint(
         for index, state in optimizer.state_dict()["state"].items():
             tensors |= {f"optimizer/{name}/{index}/{key}": torch.as_tensor(value) for key, value in state.items()}
     metadata = {"format": _FORMAT, "step": str(step), "settings": json.dumps(settings)}
-    partial = path.with_suffix(".partial")
-    save_file({name: value.detach().cpu().contiguous() for name, value in tensors.items()}, partial, metadata)
-    os.replace(partial, path)
+    with replacing(path) as temporary:
+        save_file({name: value.detach().cpu().contiguous() for name, value in tensors.items()}, temporary, metadata)
 
 
 def load_checkpoint(
