@@ -28,16 +28,18 @@ def require_python(oldest: tuple[int, int] = OLDEST_PYTHON) -> None:
     sys.exit(2)
 
 
-def load(oldest: tuple[int, int] = OLDEST_PYTHON) -> None:
+def load(oldest: tuple[int, int] = OLDEST_PYTHON, *, script: str = "") -> None:
     """Put the package that this file belongs to into ``sys.modules`` as ``cvdgs``, and take ``core/`` off the path.
 
     On the path, the modules of ``core/`` would hide others of the same names.
 
     Args:
         oldest: Python for what the script imports; ends the process where this one is older.
+        script: file in a package of ours that Python was started with. Python puts its folder on the path: taken off.
     """
     require_python(oldest)
-    sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != ROOT / "core"]
+    hiding = {ROOT / "core", *([Path(script).resolve().parent] if script else [])}
+    sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() not in hiding]
     loaded = sys.modules.get("cvdgs")
     if loaded is not None and Path(loaded.__file__ or "").resolve().parent == ROOT:
         return

@@ -16,28 +16,13 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
-ROOT = Path(__file__).resolve().parents[2]
-
-
-def load_package() -> None:
-    """Load this very tree as the package ``cvdgs``, whatever its folder is called and whatever is installed."""
-    # Started as a file, Python puts this folder first on the path, where our module names would hide others'.
-    here = str(Path(__file__).resolve().parent)
-    sys.path[:] = [entry for entry in sys.path if os.path.abspath(entry or ".") != here]
-    sys.path.insert(0, str(ROOT / "core"))
-    import bootstrap
-
-    bootstrap.load()
-
 
 def main() -> NoReturn:
     """Do the job and end the process."""
-    load_package()
     from cvdgs.cvdgs_addon.worker_process import serve
 
     serve(lambda: json.loads(sys.stdin.readline()), _perform, _clean_up)
@@ -61,4 +46,8 @@ def _clean_up(request: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "core"))
+    import bootstrap
+
+    bootstrap.load(script=__file__)
     main()

@@ -9,30 +9,15 @@ Speaks the protocol of ``core/events.py``, with the exit codes of `worker_proces
 from __future__ import annotations
 
 import argparse
-import os
 import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-ROOT = Path(__file__).resolve().parents[2]
-
-
-def load_package() -> None:
-    """Load this very tree as the package ``cvdgs``, whatever its folder is called and whatever is installed."""
-    # Started as a file, Python puts this folder first on the path, where our module names would hide others'.
-    here = str(Path(__file__).resolve().parent)
-    sys.path[:] = [entry for entry in sys.path if os.path.abspath(entry or ".") != here]
-    sys.path.insert(0, str(ROOT / "core"))
-    import bootstrap
-
-    bootstrap.load()
-
 
 def main(arguments: Sequence[str]) -> NoReturn:
     """Do the job and end the process."""
-    load_package()
     from cvdgs.cvdgs_addon.worker_process import serve
 
     serve(lambda: _parse(arguments), _convert, _clean_up)
@@ -88,4 +73,8 @@ def _conversion_options(options: argparse.Namespace):
 
 
 if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "core"))
+    import bootstrap
+
+    bootstrap.load(script=__file__)
     main(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:])

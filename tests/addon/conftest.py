@@ -14,8 +14,8 @@ else:
     import bpy
 
     if importlib.util.find_spec("cvdgs") is None:  # an environment that has bpy and little else
-        worker = Path(__file__).resolve().parents[2] / "cvdgs_addon" / "scene" / "worker.py"
-        runpy.run_path(str(worker))["load_package"]()
+        bootstrap = Path(__file__).resolve().parents[2] / "core" / "bootstrap.py"
+        runpy.run_path(str(bootstrap))["load"]()
 
     import cvdgs
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 
 import bpy
 import pytest
 
-from cvdgs.cvdgs_addon.scene import display, splats, worker
+from cvdgs.core import bootstrap
+from cvdgs.cvdgs_addon.scene import display, splats
 from cvdgs.cvdgs_addon.scene.render_settings import Display, Engine
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 
@@ -21,7 +21,7 @@ COUNT = 300
 
 RENDER = """
 import os, runpy, sys
-runpy.run_path({worker!r})["load_package"]()
+runpy.run_path({bootstrap!r})["load"]()
 import bpy
 bpy.ops.wm.open_mainfile(filepath={scene!r})
 bpy.context.scene.render.filepath = {image!r}
@@ -44,7 +44,7 @@ def test_eevee_shows_the_rasterisers_image(scene, tmp_path, limit):
     display.set_up_render(scene, Engine.EEVEE, Display.PHOTO)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     image = tmp_path / "eevee.png"
-    code = RENDER.format(worker=str(Path(worker.__file__)), scene=str(tmp_path / "scene.blend"), image=str(image))
+    code = RENDER.format(bootstrap=bootstrap.__file__, scene=str(tmp_path / "scene.blend"), image=str(image))
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
     if result.returncode < 0 and not image.exists():
         pytest.skip("Blender aborts: no OpenGL")

@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 
 import cvdgs
-from cvdgs.cvdgs_addon.scene import worker
+from cvdgs.core import bootstrap
+from cvdgs.cvdgs_addon import scene
 
 from .interpreters import SLEEPING, interpreter
 
@@ -26,7 +27,7 @@ def test_a_process_that_forgets_to_unregister_ends(tmp_path):
     program = interpreter(tmp_path, SLEEPING)
     code = (
         f"import runpy\n"
-        f"runpy.run_path({worker.__file__!r})['load_package']()\n"
+        f"runpy.run_path({bootstrap.__file__!r})['load']()\n"
         f"import bpy, cvdgs; cvdgs.register()\n"
         f"bpy.context.scene.cvdgs.capture.folder = {str(tmp_path)!r}\n"
         f"from cvdgs.cvdgs_addon.making import start_run\n"
@@ -41,10 +42,10 @@ def test_a_process_that_forgets_to_unregister_ends(tmp_path):
 
 def test_blenders_side_needs_numpy_only():
     """Blender's own Python has none of the worker's libraries."""
-    modules = sorted(path.stem for path in Path(worker.__file__).parent.glob("*.py") if path.stem != "__init__")
+    modules = sorted(path.stem for path in Path(scene.__file__).parent.glob("*.py") if path.stem != "__init__")
     code = (
         f"import importlib, os, runpy, sys\n"
-        f"runpy.run_path({worker.__file__!r})['load_package']()\n"
+        f"runpy.run_path({bootstrap.__file__!r})['load']()\n"
         f"import cvdgs; cvdgs.register()\n"
         f"for name in {modules!r}: importlib.import_module('cvdgs.cvdgs_addon.scene.' + name)\n"
         f"print([name for name in {HEAVY!r} if name in sys.modules], flush=True)\n"
