@@ -1,0 +1,135 @@
+"""The binary form of a COLMAP model, record by record."""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+import pycolmap
+
+from ..errors import InputError
+from ..events import Reporter
+from ..untrusted import opened
+from .colmap_records import (
+    BLOCK,
+    MOST_BYTES,
+    MOST_POINT_BYTES,
+    PARAMETER_COUNTS,
+    STAGE,
+    ColmapImage,
+    Points,
+    make_camera,
+    require,
+)
+
+_MOST_NAME_BYTES = 4096  # Linux' own limit for a path
+_MODEL_NAMES = {int(pycolmap.CameraModelId.__members__[name]): name for name in PARAMETER_COUNTS}
+
+_U64 = struct.Struct("<Q")
+_CAMERA = struct.Struct("<IiQQ")  # id, model, width, height
+_IMAGE = struct.Struct("<I7dI")  # id, quaternion wxyz, translation, camera
+_POINT = np.dtype(
+    [("id", "<u8"), ("position", "<f8", 3), ("color", "u1", 3), ("error", "<f8"), ("track_length", "<u8")]
+)
+_TRACK_LENGTH = slice(_POINT.itemsize - _U64.size, None)
+_OBSERVATION_BYTES = 24
+_TRACK_ELEMENT_BYTES = 8
+
+
+class _Walker:
+    """A position in a binary file that never passes its end."""
+
+    def __init__(self, file: BinaryIO, path: Path) -> None:
+        self.path = path
+        self.size = file.seek(0, 2)
+        self.data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if self.size else b""
+        self.position = 0
+
+    @property
+    def fraction(self) -> float:
+        return self.position / self.size
+
+    def take(self, layout: struct.Struct) -> tuple:
+        return layout.unpack_from(self.data, self.skip(layout.size))
+
+    def skip(self, size: int) -> int:
+        start = self.position
+        require(size <= self.size - start, "the file is cut short or damaged", self.path)
+        self.position = start + size
+        return start
+
+    def take_name(self) -> str:
+        start = self.position
+        end = self.data.find(b"\0", start, start + _MOST_NAME_BYTES)
+        require(end >= 0, "the file is cut short or damaged", self.path)
+        self.position = end + 1
+        try:
+            return self.data[start:end].decode("utf-8")
+        except UnicodeDecodeError:
+            what = f"the image name {self.data[start:end]!r} is not UTF-8"
+            raise InputError(what, where=self.path, remedy="rename the image") from None
+
+    def records(self) -> Iterator[None]:
+        """Once for each record that the count at the start promises; afterwards the file must be at its end."""
+        (count,) = self.take(_U64)
+        for _ in range(count):
+            yield
+        self.require_end()
+
+    def require_end(self) -> None:
+        require(self.position == self.size, "the file is longer than its counts say", self.path)
+
+
+def binary_cameras(path: Path) -> Iterator[tuple[int, pycolmap.Camera]]:
+    with opened(path, most_bytes=MOST_BYTES) as file:
+        walker = _Walker(file, path)
+        for _ in walker.records():
+            number, model, *size = walker.take(_CAMERA)
+            require(model in _MODEL_NAMES, f"the camera model {model} is unknown", path)
+            name = _MODEL_NAMES[model]
+            params = walker.take(struct.Struct(f"<{PARAMETER_COUNTS[name]}d"))
+            yield number, make_camera(number, name, size, params, path)
+
+
+def binary_images(path: Path) -> Iterator[ColmapImage]:
+    with opened(path, most_bytes=MOST_BYTES) as file:
+        walker = _Walker(file, path)
+        for _ in walker.records():
+            _, *pose, camera_id = walker.take(_IMAGE)
+            name = walker.take_name()
+            (observations,) = walker.take(_U64)
+            walker.skip(_OBSERVATION_BYTES * observations)
+            yield ColmapImage(name, camera_id, tuple(pose[:4]), tuple(pose[4:]))
+
+
+def binary_points(path: Path, reporter: Reporter) -> Points:
+    points = Points()
+    with opened(path, most_bytes=MOST_POINT_BYTES) as file:
+        walker = _Walker(file, path)
+        (count,) = walker.take(_U64)
+        for start in range(0, count, BLOCK):
+            if start:
+                reporter.progress(STAGE, walker.fraction, f"{start:,} of {count:,} points")
+            block = np.frombuffer(b"".join(_point_records(walker, min(BLOCK, count - start))), _POINT)
+            points.add_block(block["position"], block["color"], block["track_length"])
+        walker.require_end()
+    return points
+
+
+def _point_records(walker: _Walker, count: int) -> list[bytes]:
+    """The next `count` records of `_POINT`, without the tracks that follow each one."""
+    # There may be tens of millions: no call for each that is not needed. Beyond the end of the file there are empty
+    # records, and after them the end of the block is refused.
+    data, size, position = walker.data, _POINT.itemsize, walker.position
+    records = []
+    for _ in range(count):
+        record = data[position : position + size]
+        track_length = int.from_bytes(record[_TRACK_LENGTH], "little")
+        position += size + _TRACK_ELEMENT_BYTES * track_length
+        records.append(record)
+    walker.skip(position - walker.position)
+    return records
