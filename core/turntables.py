@@ -8,7 +8,7 @@ from typing import Any
 
 from .batch import frames
 from .batch.arguments import FramesArguments
-from .batch.batch_file import CameraPath
+from .batch.model import CameraPath
 from .job import Event, Workers
 from .job_console import Listener, Log
 from .run_files import ORIGINAL, TURNTABLE_FOLDER

@@ -29,8 +29,7 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -40,12 +39,12 @@ from ..settings import CVD_TYPES, ENGINES, Layer, Settings
 from ..untrusted import is_file, is_folder, read_text
 from .arguments import DIGITS
 from .finished import check_finished_run
+from .model import Batch, CameraPath, Item, Needs, Output, TurntableSettings, layer_of
 from .table_reader import Problem, Problems, TableReader, UnusableFile
 from .train_options import read_train_options
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9_-]+")
-_LAYER = re.compile(rf"({'|'.join(CVD_TYPES)})(?:-([0-9.]+))?")
 _MAX_FRAMES = 10**DIGITS - 1
 _MAX_PIXELS = 16384  # of a side: Blender's own limit is 65536, and memory's is lower
 _MAX_RETRIES = 100
@@ -55,120 +54,6 @@ _MAX_BYTES = 1 << 20  # of a batch file: thousands of items
 # In one line. Python's reader of TOML takes the square of a key's parts in time; more dots are no key of ours.
 _MAX_DOTS = 32
 _REASONABLE_SYNTAX = "see the start of core/batch/batch_file.py, or scripts/turntable.py --example FILE"
-
-
-class Output(StrEnum):
-    """What is made of an item."""
-
-    FRAMES = "frames"
-    SIMULATED = "simulated"
-    """The same frames as the layer's observer sees them."""
-    VIDEO = "video"
-    SIDE_BY_SIDE = "side-by-side"
-    """A video of the frames beside the simulated ones."""
-    CONTACT_SHEET = "contact-sheet"
-    PAGE = "page"
-    """The item is shown on the batch's page."""
-
-
-@dataclass(frozen=True)
-class CameraPath:
-    """A camera on its way around the subject.
-
-    Attributes:
-        name: in file names.
-        radius: from the axis in scene units; 0: as far as the photographs were taken from.
-        height: above the subject's centre, as a share of the radius.
-        focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
-        arc: in degrees; 360 goes around, less swings to and fro, 0: as far around as the photographs were taken.
-    """
-
-    name: str = "turn"
-    radius: float = 0.0
-    height: float = 0.25
-    focal_length: float = 0.0
-    arc: float = 0.0
-
-
-@dataclass(frozen=True)
-class TurntableSettings:
-    """How an item is shown.
-
-    Attributes:
-        frames: pictures of a turn.
-        frames_per_second: of videos.
-        size: width and height of the pictures in pixels.
-        engines: that render.
-        chunk: pictures that one task renders; the scene is loaded once for them.
-    """
-
-    frames: int = 96
-    frames_per_second: int = 24
-    size: tuple[int, int] = (640, 480)
-    engines: tuple[str, ...] = ("cycles",)
-    chunk: int = 24
-
-
-@dataclass(frozen=True)
-class Needs:
-    """What a task may take of a machine; one that has less gives it all that it has.
-
-    Attributes:
-        train_cores, train_memory_mb: for a run and for its layers.
-        frame_cores, frame_memory_mb: for a chunk of frames.
-    """
-
-    train_cores: int = 4
-    train_memory_mb: int = 4096
-    frame_cores: int = 1
-    frame_memory_mb: int = 2048
-
-
-@dataclass(frozen=True)
-class Item:
-    """An object of the collection.
-
-    Attributes:
-        name: in file names; unique.
-        capture: folder of photographs with cameras, absolute; None for a finished run.
-        run: folder of a finished run, absolute; None for a capture.
-        layers: in order; `ORIGINAL` is the scene's own colours.
-        present: layers that a finished run has already.
-        train: options of a run, by their names in `Settings`.
-    """
-
-    name: str
-    capture: Path | None
-    run: Path | None
-    layers: tuple[str, ...]
-    present: tuple[str, ...]
-    cameras: tuple[CameraPath, ...]
-    turntable: TurntableSettings
-    train: Mapping[str, Any]
-    outputs: frozenset[Output]
-
-    @property
-    def source(self) -> Path:
-        """Folder of what the item is made from."""
-        path = self.capture or self.run
-        assert path is not None
-        return path.parent if path.suffix.lower() == ".json" and is_file(path) else path
-
-
-@dataclass(frozen=True)
-class Batch:
-    """A whole batch.
-
-    Attributes:
-        title: of its page.
-        items: at least one.
-        retries: how often a failed task is tried again.
-    """
-
-    title: str
-    items: tuple[Item, ...]
-    retries: int = 1
-    needs: Needs = field(default_factory=Needs)
 
 
 def read_batch(path: Path) -> Batch:
@@ -200,21 +85,6 @@ def _refuse_endless_keys(text: str, path: Path) -> None:
     if found:
         what = f"more than {_MAX_DOTS} dots in one line"
         raise UnusableFile(path, [Problem(number, f"{what} - write it in several lines") for number in found])
-
-
-def layer_of(name: str) -> Layer | None:
-    """The layer that the batch file calls `name`: ``deutan``, ``deutan-0.6``; None for `ORIGINAL`.
-
-    Raises:
-        ValueError: there is no such layer.
-    """
-    if name == ORIGINAL:
-        return None
-    found = _LAYER.fullmatch(name)
-    severity = float(found[2] or 1.0) if found else -1.0
-    if found is None or not 0.0 <= severity <= 1.0:
-        raise ValueError(f"'{name}' is no layer")
-    return Layer(found[1], severity)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..job import Workers
 from ..job_console import Listener, finish
-from .batch_file import Batch
+from .model import Batch
 from .table_reader import Problem, UnusableFile
 from .toml_lines import LineNumbers
 

@@ -30,9 +30,9 @@ from .arguments import (
     VideoArguments,
     pictures,
 )
-from .batch_file import Batch, CameraPath, Item, Needs, Output, layer_of
 from .captions import beside_each_other, seen_by
 from .finished import CAMERAS
+from .model import Batch, CameraPath, Item, Needs, Output, layer_of
 from .task import Kind, Plan, Task
 
 PAGE_FILE = "index.html"

@@ -26,6 +26,7 @@ STANDARD_LIBRARY_ONLY = [
     "batch/layer",
     "batch/local_pool",
     "batch/machine",
+    "batch/model",
     "batch/openjd",
     "batch/outcome",
     "batch/plan",

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.core.batch.batch_file import Output, read_batch
+from cvdgs.core.batch.batch_file import read_batch
+from cvdgs.core.batch.model import Output
 from cvdgs.core.batch.table_reader import UnusableFile
 from cvdgs.core.batch.toml_lines import LineNumbers
 from cvdgs.core.errors import InputError

@@ -1,0 +1,145 @@
+"""What a batch is: objects of a collection, and how each is shown. Standard library only."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from ..run_files import ORIGINAL
+from ..settings import CVD_TYPES, Layer
+from ..untrusted import is_file
+
+_LAYER = re.compile(rf"({'|'.join(CVD_TYPES)})(?:-([0-9.]+))?")
+
+
+class Output(StrEnum):
+    """What is made of an item."""
+
+    FRAMES = "frames"
+    SIMULATED = "simulated"
+    """The same frames as the layer's observer sees them."""
+    VIDEO = "video"
+    SIDE_BY_SIDE = "side-by-side"
+    """A video of the frames beside the simulated ones."""
+    CONTACT_SHEET = "contact-sheet"
+    PAGE = "page"
+    """The item is shown on the batch's page."""
+
+
+@dataclass(frozen=True)
+class CameraPath:
+    """A camera on its way around the subject.
+
+    Attributes:
+        name: in file names.
+        radius: from the axis in scene units; 0: as far as the photographs were taken from.
+        height: above the subject's centre, as a share of the radius.
+        focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
+        arc: in degrees; 360 goes around, less swings to and fro, 0: as far around as the photographs were taken.
+    """
+
+    name: str = "turn"
+    radius: float = 0.0
+    height: float = 0.25
+    focal_length: float = 0.0
+    arc: float = 0.0
+
+
+@dataclass(frozen=True)
+class TurntableSettings:
+    """How an item is shown.
+
+    Attributes:
+        frames: pictures of a turn.
+        frames_per_second: of videos.
+        size: width and height of the pictures in pixels.
+        engines: that render.
+        chunk: pictures that one task renders; the scene is loaded once for them.
+    """
+
+    frames: int = 96
+    frames_per_second: int = 24
+    size: tuple[int, int] = (640, 480)
+    engines: tuple[str, ...] = ("cycles",)
+    chunk: int = 24
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a task may take of a machine; one that has less gives it all that it has.
+
+    Attributes:
+        train_cores, train_memory_mb: for a run and for its layers.
+        frame_cores, frame_memory_mb: for a chunk of frames.
+    """
+
+    train_cores: int = 4
+    train_memory_mb: int = 4096
+    frame_cores: int = 1
+    frame_memory_mb: int = 2048
+
+
+@dataclass(frozen=True)
+class Item:
+    """An object of the collection.
+
+    Attributes:
+        name: in file names; unique.
+        capture: folder of photographs with cameras, absolute; None for a finished run.
+        run: folder of a finished run, absolute; None for a capture.
+        layers: in order; `ORIGINAL` is the scene's own colours.
+        present: layers that a finished run has already.
+        train: options of a run, by their names in `Settings`.
+    """
+
+    name: str
+    capture: Path | None
+    run: Path | None
+    layers: tuple[str, ...]
+    present: tuple[str, ...]
+    cameras: tuple[CameraPath, ...]
+    turntable: TurntableSettings
+    train: Mapping[str, Any]
+    outputs: frozenset[Output]
+
+    @property
+    def source(self) -> Path:
+        """Folder of what the item is made from."""
+        path = self.capture or self.run
+        assert path is not None
+        return path.parent if path.suffix.lower() == ".json" and is_file(path) else path
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A whole batch.
+
+    Attributes:
+        title: of its page.
+        items: at least one.
+        retries: how often a failed task is tried again.
+    """
+
+    title: str
+    items: tuple[Item, ...]
+    retries: int = 1
+    needs: Needs = field(default_factory=Needs)
+
+
+def layer_of(name: str) -> Layer | None:
+    """The layer that the batch file calls `name`: ``deutan``, ``deutan-0.6``; None for `ORIGINAL`.
+
+    Raises:
+        ValueError: there is no such layer.
+    """
+    if name == ORIGINAL:
+        return None
+    found = _LAYER.fullmatch(name)
+    severity = float(found[2] or 1.0) if found else -1.0
+    if found is None or not 0.0 <= severity <= 1.0:
+        raise ValueError(f"'{name}' is no layer")
+    return Layer(found[1], severity)
