@@ -110,13 +110,13 @@ def _describe_training(trained: TrainingResult, made: Reconstruction) -> dict[st
 
 
 def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
-    """Every `holdout`-th view, from the first on, is for testing; at least two stay for training."""
+    """Every `holdout`-th view is for testing, unless fewer than two would stay for training."""
     count = len(capture.views)
-    test = list(range(0, count, holdout)) if holdout else []
-    if test and count - len(test) < 2:
+    split = Split.every(count, holdout)
+    if split.test and len(split.train) < 2:
         reporter.warning("no-holdout", f"only {count} views, so none is held out: all figures are on training views")
-        test = []
-    return Split([i for i in range(count) if i not in test], test)
+        return Split.every(count, 0)
+    return split
 
 
 def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:

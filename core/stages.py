@@ -36,10 +36,11 @@ from .splats.gaussians import Gaussians
 from .splats.guides import ViewGuide
 from .splats.joint import JointPlan, JointTraining
 from .splats.layers import LayerPlan, fit_layer
+from .splats.plan import TrainingPlan, TrainingResult
 from .splats.ply import write_ply
 from .splats.renderer import SceneRenderer
 from .splats.targets import Background
-from .splats.trainer import Trainer, TrainingPlan, TrainingResult
+from .splats.trainer import Trainer
 
 # A LUT's fit takes as long as applying it to so many views of 640 pixels.
 LUT_FIT_VIEWS = 100

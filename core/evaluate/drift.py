@@ -25,9 +25,10 @@ from ..events import Reporter, StageSpan
 from ..images import to_bytes
 from ..settings import Layer
 from ..splats import raster
+from ..splats.plan import TrainingPlan
 from ..splats.renderer import SceneRenderer
 from ..splats.targets import Background
-from ..splats.trainer import Trainer, TrainingPlan
+from ..splats.trainer import Trainer
 from ..whole_file import replacing
 from .enhancers.methods import check_labels, method_factory, method_label
 from .enhancers.scores import ENHANCED_FOR

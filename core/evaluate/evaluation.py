@@ -36,9 +36,9 @@ class Split:
 
     @classmethod
     def every(cls, count: int, holdout: int = Settings.holdout) -> Split:
-        """Of `count` views every `holdout`-th, from the first on, is held out for tests, as the field does."""
-        views = range(count)
-        return cls([i for i in views if i % holdout], [i for i in views if i % holdout == 0])
+        """Of `count` views every `holdout`-th, from the first on, is held out for tests, as the field does; 0: none."""
+        test = range(0, count, holdout) if holdout else range(0)
+        return cls([i for i in range(count) if i not in test], list(test))
 
 
 @dataclass

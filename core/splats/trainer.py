@@ -27,7 +27,7 @@ from .strategy import Evidence, MultiViewConsistent, ViewEvidence, floaters, uns
 from .strategy.ordering import in_order, morton_order
 from .targets import Background, ViewOrder, prepare_targets
 
-__all__ = ["STAGE", "Trainer", "TrainingPlan", "TrainingResult"]
+__all__ = ["STAGE", "Trainer"]
 
 T = TypeVar("T")
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from ...splats.joint import JointPlan
 from ...splats.layers import LayerPlan
+from ...splats.plan import TrainingPlan
 from ...splats.strategy import CloneSplitPrune, MultiViewConsistent
-from ...splats.trainer import TrainingPlan
 from ...stages import Plans
 from ..enhancers.methods import LUT, NETWORK
 from ..tables import markdown_table, write_csv

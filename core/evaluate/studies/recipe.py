@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 from ...settings import Layer, Settings
 from ...splats.layers import LayerPlan
+from ...splats.plan import TrainingPlan
 from ...splats.strategy import CloneSplitPrune
-from ...splats.trainer import TrainingPlan
 from ...stages import Plans
 from ..enhancers.methods import method_label
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from ...capture import Capture
 from ...events import Reporter
 from ...splats import raster
+from ...splats.plan import TrainingPlan
 from ...splats.strategy import CloneSplitPrune, MultiViewConsistent, Strategy
-from ...splats.trainer import TrainingPlan
 from ..tables import markdown_table, number, write_csv
 from .runs import TrainedRun, at_quality, train_once
 

@@ -12,9 +12,10 @@ import numpy as np
 
 from ...capture import Capture
 from ...events import Reporter
+from ...splats.plan import TrainingPlan
 from ...splats.raster import Rasterizer
 from ...splats.targets import Background
-from ...splats.trainer import Trainer, TrainingPlan
+from ...splats.trainer import Trainer
 from ..evaluation import Split
 
 

@@ -13,10 +13,11 @@ from pathlib import Path
 
 from ...capture import Capture
 from ...events import Reporter
+from ...splats.plan import TrainingPlan
 from ...splats.raster import Rasterizer
 from ...splats.strategy import CloneSplitPrune, Schedule
 from ...splats.targets import Background
-from ...splats.trainer import Trainer, TrainingPlan
+from ...splats.trainer import Trainer
 from ..evaluation import Split
 from ..tables import write_csv
 from .step_benchmark import StepTimes, benchmark_camera, benchmark_step, random_gaussians

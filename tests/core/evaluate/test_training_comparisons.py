@@ -14,7 +14,7 @@ from cvdgs.core.evaluate.training import comparisons
 from cvdgs.core.evaluate.training.runs import TrainedRun, at_quality, first_reaching, train_once
 from cvdgs.core.evaluate.training.training_step import measure_steps, write_steps
 from cvdgs.core.events import Reporter
-from cvdgs.core.splats.trainer import TrainingPlan
+from cvdgs.core.splats.plan import TrainingPlan
 
 from ..splats.test_trainer import photographs, wall
 

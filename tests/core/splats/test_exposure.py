@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 
 from cvdgs.core.events import Reporter
 from cvdgs.core.splats.exposure import ExposureCorrection, ExposurePlan, estimate_log_gains
+from cvdgs.core.splats.plan import TrainingPlan
 from cvdgs.core.splats.raster import Adam, LearningRates, ParameterSet, Rasterizer
 from cvdgs.core.splats.scene_frame import SceneFrame
 from cvdgs.core.splats.targets import Background, prepare_targets
-from cvdgs.core.splats.trainer import Trainer, TrainingPlan
+from cvdgs.core.splats.trainer import Trainer
 
 from .test_poses import ball, photographs
 

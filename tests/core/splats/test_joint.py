@@ -9,9 +9,9 @@ from cvdgs.core.consistency import SceneAgreement, SceneCorrespondences
 from cvdgs.core.events import Reporter
 from cvdgs.core.splats.guides import ViewGuide
 from cvdgs.core.splats.joint import JointPlan, JointTraining
+from cvdgs.core.splats.plan import TrainingPlan
 from cvdgs.core.splats.raster import Rasterizer
 from cvdgs.core.splats.renderer import SceneRenderer
-from cvdgs.core.splats.trainer import TrainingPlan
 
 from .test_trainer import BLACK, photographs, wall
 

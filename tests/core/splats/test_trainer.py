@@ -13,12 +13,13 @@ from cvdgs.core.splats.decisions import HarmonicsRule
 from cvdgs.core.splats.fitting import Fit
 from cvdgs.core.splats.gaussians import SH_C0, Gaussians
 from cvdgs.core.splats.layers import LayerPlan, fit_layer
+from cvdgs.core.splats.plan import TrainingPlan
 from cvdgs.core.splats.raster import Rasterizer
 from cvdgs.core.splats.renderer import SceneRenderer
 from cvdgs.core.splats.scene_frame import SceneFrame
 from cvdgs.core.splats.strategy import CloneSplitPrune, MultiViewConsistent, Relocation
 from cvdgs.core.splats.targets import Background, prepare_targets
-from cvdgs.core.splats.trainer import Trainer, TrainingPlan
+from cvdgs.core.splats.trainer import Trainer
 
 BLACK = Background((0.0, 0.0, 0.0))
 
