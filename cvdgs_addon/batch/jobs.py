@@ -16,7 +16,7 @@ from ..scene.disk import is_full
 from ..scene.remembered_settings import set_settings
 from ..scene.render_settings import Engine, engine_settings, png_settings
 from ..scene.stills import render_picture
-from . import contact_sheet, frames, previews, still_times, video
+from . import contact_sheet, frames, import_times, previews, still_times, video
 
 _TRIAL_SIZE = 16  # pixels
 
@@ -42,7 +42,7 @@ def perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
 def half_made(request: dict[str, Any]) -> list[Path]:
     """What the job may have left when it is cut short."""
     job = request["job"]
-    if job in ("try-eevee", "time-stills"):
+    if job in ("try-eevee", "time-stills", "time-import"):
         return []
     out, arguments = Path(request["out"]), request["arguments"]
     if job == "frames":
@@ -59,6 +59,8 @@ def _perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
     out, arguments = Path(request["out"]), request["arguments"]
     if job == "time-stills":
         return still_times.time_stills(arguments, out, reporter=reporter)
+    if job == "time-import":
+        return import_times.time_import(arguments, out, reporter=reporter)
     if job == "frames":
         asked = FramesArguments.from_dict(arguments)
         threads, model = int(request["threads"]), str(request["model"])

@@ -6,6 +6,7 @@
     {"job": "frames", "out": "DIR", "arguments": {...}, "threads": N, "model": "machado"}       N 0: all processors
     {"job": "video" | "sheet", "out": "DIR", "arguments": {...}}
     {"job": "previews", "out": "DIR", "arguments": {"previews": [...], "width": PIXELS}}
+    {"job": "time-import", "out": "DIR", "arguments": {"file": "NAME", "rounds": N}}    for ``benchmark.py files``
     {"job": "time-stills", "out": "RUN", "arguments": {...}}                      for ``benchmark.py display``
     {"job": "try-eevee"}                                 renders one small picture; ends in one way or another
 
