@@ -64,6 +64,7 @@ def digests(folder: Path) -> dict[str, str]:
         ("layers", "lut"),
         pytest.param("layers", "cgan", marks=pytest.mark.slow),
         pytest.param("joint", "lut", marks=pytest.mark.slow),
+        pytest.param("joint", "cgan", marks=pytest.mark.slow),
     ],
 )
 def test_one_thread_and_two_give_the_same_bytes(mode, enhancer, capture, tmp_path):
