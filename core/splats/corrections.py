@@ -13,7 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from .exposure import ExposureCorrection, ExposurePlan, estimate_log_gains
-from .poses import PosePlan, PoseRefinement
+from .poses import PosePlan, PoseRefinement, motion_to_match
 from .raster import Frame, Gradients, ParameterSet, RasterCamera, Rasterizer
 from .targets import Background, TrainingView
 
@@ -30,6 +30,10 @@ class ViewCorrections:
         background: of the run.
         exposure, poses: what may be corrected and how; None corrects nothing. Exposures of cut-outs are not corrected.
         visits: how often a run as long as planned comes to each view.
+
+    Attributes:
+        exposure, poses: the corrections.
+        poses_were_off: whether it was decided that the poses need correcting.
     """
 
     def __init__(
@@ -52,6 +56,7 @@ class ViewCorrections:
         self._cameras = [view.at(1)[1] for view in views]
         self.exposure = ExposureCorrection(rasterizer.device, len(views))
         self.poses = PoseRefinement([camera.world_to_camera for camera in self._cameras])
+        self.poses_were_off = False
         self._progress = 0.0
         self._words: dict[str, str] = {}
 
@@ -66,21 +71,17 @@ class ViewCorrections:
             self._decide_exposure(self._exposure_plan, parameters)
         if self._poses_undecided and self._pose_plan is not None and progress >= self._pose_plan.decided:
             self._poses_undecided = False
-            motion = self.pose_motion
-            self._words["poses"] = f"{CORRECTED}: they were off by about {motion:.1f} pixels"
-            if motion < self._pose_plan.threshold:
-                self.poses.stop()
-                self._words["poses"] = f"as given: corrections moved the images by {motion:.2f} pixels only"
+            self._decide_poses(self._pose_plan, parameters)
 
     def camera(self, view: int, camera: RasterCamera) -> RasterCamera:
         """The camera of `view`, at any resolution, where it is now."""
-        return self.poses.camera(view, camera) if self._moves_poses else camera
+        return self.poses.camera(view, camera) if self.poses_were_off else camera
 
     def move(self, view: int, parameters: ParameterSet, gradients: Gradients, camera: RasterCamera) -> None:
         """Move the view's exposure and pose by their gradients, which are of `parameters` before these move."""
         if self._exposure_plan is not None:
             self.exposure.step(view, self._exposure_plan.rate_at(self._progress))
-        if self._pose_plan is not None and self._moves_poses:
+        if self._pose_plan is not None and self.poses_were_off:
             rate = self._pose_plan.rate_at(self._progress, self._visits)
             self.poses.step(view, parameters, gradients, camera, rate)
 
@@ -94,18 +95,10 @@ class ViewCorrections:
 
     def in_words(self) -> dict[str, str]:
         """What was decided, for the report."""
-        return dict(self._words)
-
-    @property
-    def poses_were_off(self) -> bool:
-        """Whether it was decided that the poses need correcting."""
-        return not self._poses_undecided and self._moves_poses
-
-    @property
-    def poses_seem_off(self) -> bool:
-        """Whether that is undecided, and they have moved as far as poses that are off do."""
-        plan = self._pose_plan
-        return plan is not None and self._poses_undecided and self.pose_motion >= plan.threshold
+        words = dict(self._words)
+        if self.poses_were_off:
+            words["poses"] = f"{CORRECTED}: they were off by about {self.pose_motion:.1f} pixels"
+        return words
 
     @property
     def pose_motion(self) -> float:
@@ -115,12 +108,18 @@ class ViewCorrections:
     @property
     def moved_poses(self) -> NDArray[np.float64] | None:
         """(V, 4, 4) world-to-camera in frame units, or None where they are as given."""
-        return self.poses.poses if self._moves_poses else None
+        return self.poses.poses if self.poses_were_off else None
 
-    @property
-    def _moves_poses(self) -> bool:
-        plan = self._pose_plan
-        return plan is not None and self.poses.active and self._progress >= plan.started
+    def _decide_poses(self, plan: PosePlan, parameters: ParameterSet) -> None:
+        count = len(self._views)
+        if count < 2:
+            return
+        asked = np.linspace(0, count - 1, min(count, plan.probed_views)).round().astype(int).tolist()
+        coarsest = max(self._views[0].levels)
+        views = self.seen(asked, coarsest)
+        motion = motion_to_match(self._rasterizer, views, coarsest, parameters, self._background, plan)
+        self.poses_were_off = motion >= plan.threshold
+        self._words["poses"] = f"as given: photographs match the scene within {motion:.2f} pixels"
 
     def _decide_exposure(self, plan: ExposurePlan, parameters: ParameterSet) -> None:
         estimates = []

@@ -5,8 +5,10 @@ gradient with respect to a small motion of the camera is that of moving all Gaus
 rasteriser returns for means and quaternions anyway. (How the colours of turned Gaussians depend on the direction stays
 as it is, so with colours of degree above 0 a small term is left out.)
 
-Poses that are good stay as they were: after a trial the corrections are thrown away unless they moved the image by more
-than what the noise of the optimisation moves it by.
+Poses that are good stay as they were. Whether they are is asked of the first rough scene, fitted with the poses as given
+(`motion_to_match`): where they contradict each other it is a compromise, and single views match it better from somewhere
+else. Letting poses move and looking how far they come tells less, because they move by noise alone too, in short runs
+farther than poses that matter are off.
 """
 
 from __future__ import annotations
@@ -32,10 +34,12 @@ class PosePlan:
     """When and how fast poses move.
 
     Attributes:
-        started: fraction of the run after which poses move; before that there is little to align to.
-        decided: fraction of the run after which it is decided whether they go on moving.
-        threshold: root mean square over the views of the corrections' motion in the image, in pixels; with less than
-            this the poses are put back where they were.
+        decided: fraction of the run after which it is decided whether poses are off; if so, they move from then on.
+        threshold: pixels by which views match the scene better from somewhere else (`motion_to_match`) when they are
+            off. Good poses gave 0.06 to 0.4, turns of a quarter of a degree at 240 and 320 pixels 0.7 to 1.
+        probed_views: at most so many are asked that.
+        probe_steps: of each of them.
+        probe_rate: step size of these at the start, in pixels; `probe_left` of it is left at the end.
         rate, largest_rate: step size at the start, as an angle of view in radians. The larger is for short runs, which
             otherwise were over before a pose has come far; noise grows with it.
         path: what the steps at the start's size would add up to in a run that is short, in radians.
@@ -44,9 +48,12 @@ class PosePlan:
         follow_steps: of such a view each time that the scene has changed since.
     """
 
-    started: float = 0.02
-    decided: float = 0.3
+    decided: float = 0.15
     threshold: float = 0.5
+    probed_views: int = 8
+    probe_steps: int = 10
+    probe_rate: float = 0.2
+    probe_left: float = 0.1
     rate: float = 1e-3
     largest_rate: float = 3e-3
     path: float = 0.03
@@ -57,7 +64,7 @@ class PosePlan:
     def rate_at(self, progress: float, visits: float) -> float:
         """The step size when the fraction `progress` of the run is done, which visits each view `visits` times."""
         start = min(max(self.path / visits, self.rate), self.largest_rate)
-        return start * self.rate_left ** min(max((progress - self.started) / (1.0 - self.started), 0.0), 1.0)
+        return start * self.rate_left ** min(max((progress - self.decided) / (1.0 - self.decided), 0.0), 1.0)
 
 
 def pose_gradient(
@@ -143,11 +150,6 @@ class PoseRefinement:
         """Go on with the view from another (4, 4) pose."""
         self._poses[view] = pose
 
-    def stop(self) -> None:
-        """Put every pose back to where it was given, for good."""
-        self._poses = self._given.copy()
-        self.active = False
-
 
 class AlignedViews:
     """Views that a scene is not fitted to, from where it looks most like their photographs; the scene does not change.
@@ -186,12 +188,46 @@ class AlignedViews:
             rates = (plan.largest_rate * plan.rate_left**done).tolist()
         self._aligned = True
         for index, view in enumerate(self._given):
-            image, given = view.at(1)
-            for rate in rates:
-                camera = self._refinement.camera(index, given)
-                frame = self._rasterizer.render(parameters, camera, self._background.color)
-                self._rasterizer.photometric_loss(frame, image)
-                self._refinement.step(index, parameters, self._rasterizer.backward(frame), camera, rate)
+            _match(self._rasterizer, self._refinement, index, *view.at(1), parameters, self._background, rates)
+
+
+def motion_to_match(
+    rasterizer: Rasterizer,
+    views: Sequence[TrainingView],
+    reduction: int,
+    parameters: ParameterSet,
+    background: Background,
+    plan: PosePlan,
+) -> float:
+    """How far views have to move to match a scene that stays as it is: RMS over them, in pixels of the full images.
+
+    They do not come all the way where that is far, but farther than `plan.threshold`.
+    """
+    cameras = [view.at(1)[1] for view in views]
+    refinement = PoseRefinement([camera.world_to_camera for camera in cameras], fixed_scene=True)
+    left = plan.probe_left ** (np.arange(plan.probe_steps) / plan.probe_steps)
+    for index, view in enumerate(views):
+        rates = (plan.probe_rate / cameras[index].fx * left).tolist()
+        _match(rasterizer, refinement, index, *view.at(reduction), parameters, background, rates)
+    return refinement.image_motion(cameras)
+
+
+def _match(
+    rasterizer: Rasterizer,
+    refinement: PoseRefinement,
+    view: int,
+    image: wp.array,
+    camera: RasterCamera,
+    parameters: ParameterSet,
+    background: Background,
+    rates: Sequence[float],
+) -> None:
+    """Move one view's pose to where the scene matches its photograph, in steps of these sizes."""
+    for rate in rates:
+        moved = refinement.camera(view, camera)
+        frame = rasterizer.render(parameters, moved, background.color)
+        rasterizer.photometric_loss(frame, image)
+        refinement.step(view, parameters, rasterizer.backward(frame), moved, rate)
 
 
 def _extent(poses: NDArray[np.float64]) -> float:

@@ -180,9 +180,7 @@ class Trainer:
     def _refine(self, step: int) -> None:
         """Let the strategy change the set of Gaussians, and the growth rule say whether that goes on."""
         plan, strategy = self._plan, self._strategy
-        grows_by_itself = plan.limit is None and self._deciding and self._course.fine_since(step) > 0
-        # While the scene follows other poses than the deciding views have, these say nothing about it.
-        if grows_by_itself and not self._corrections.poses_seem_off:
+        if plan.limit is None and self._deciding and self._course.fine_since(step) > 0:
             rounds = self._decided.at_round(self._measure(step))
             verdict = plan.growth.verdict(rounds)
             if verdict is not None:
@@ -249,7 +247,6 @@ class Trainer:
         if self._aligned_deciding is None:
             assert self._plan.poses is not None, "poses that are not refined are never off"
             self._aligned_deciding = AlignedViews(self._rasterizer, self._deciding, self._background, self._plan.poses)
-            self._decided.rounds.clear()
         self._aligned_deciding.align(self.fit.parameters)
         self._deciding = self._aligned_deciding.views
 
