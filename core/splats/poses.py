@@ -5,10 +5,10 @@ gradient with respect to a small motion of the camera is that of moving all Gaus
 rasteriser returns for means and quaternions anyway. (How the colours of turned Gaussians depend on the direction stays
 as it is, so with colours of degree above 0 a small term is left out.)
 
-Poses that are good stay as they were. Whether they are is asked of the first rough scene, fitted with the poses as given
-(`motion_to_match`): where they contradict each other it is a compromise, and single views match it better from somewhere
-else. Letting poses move and looking how far they come tells less, because they move by noise alone too, in short runs
-farther than poses that matter are off.
+Poses that are good stay as they were. Whether they are is asked of the first rough scene, fitted with the poses as
+given (`motion_to_match`): where they contradict each other it is a compromise, and single views match it better from
+somewhere else. Letting poses move and looking how far they come tells less, because they move by noise alone too, in
+short runs farther than poses that matter are off.
 """
 
 from __future__ import annotations
