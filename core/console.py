@@ -7,7 +7,7 @@ import time
 from typing import TextIO
 
 from .events import Reporter
-from .progress import format_seconds
+from .progress import LEAST_SHARE, format_seconds
 
 _QUIET_INTERVAL = 30.0  # seconds between lines when the stream is no terminal
 _LIVELY_INTERVAL = 0.2
@@ -35,7 +35,7 @@ class ConsoleReporter(Reporter):
             return
         self._last = now
         done = fraction - self._first
-        left = f", {format_seconds((now - self._started) / done * (1.0 - fraction))} left" if done > 0.0 else ""
+        left = f", {format_seconds((now - self._started) / done * (1.0 - fraction))} left" if done > LEAST_SHARE else ""
         text = f"{stage} {fraction:4.0%}{left}  {message}"
         if self._terminal:
             width = shutil.get_terminal_size().columns - 1

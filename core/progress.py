@@ -11,8 +11,8 @@ from .job import Event
 STARTING = "start"
 """The stage before the work: interpreters start and libraries load. How long that takes says little about the rest."""
 
-# What an estimate is made from at least: a share of the run, and seconds.
-_LEAST_SHARE, _LEAST_SECONDS = 0.02, 2.0
+# What an estimate is made from at least: a share of the work, and seconds.
+LEAST_SHARE, _LEAST_SECONDS = 0.02, 2.0
 
 # Share of a run's time that each stage takes, measured on two cores with the embedded demo; only the estimate of the
 # time left depends on it, and that corrects itself as the run goes on.
@@ -75,12 +75,12 @@ class RunProgress:
         """Of the whole run: the stage's own estimate, and its pace for what follows. None while nothing is known."""
         done = self.fraction - self._share_of((STARTING,))
         worked = self._seconds_worked
-        pace = worked / done if done > _LEAST_SHARE and worked > _LEAST_SECONDS else None
+        pace = worked / done if done > LEAST_SHARE and worked > _LEAST_SECONDS else None
         overall = None if pace is None else pace * (1.0 - self.fraction)
         if self._stage_seconds_left is None or self.stage not in self.stages:
             return overall
         share = self._share_of((self.stage,)) * (1.0 - self._fraction)
-        if share <= _LEAST_SHARE and pace is None:
+        if share <= LEAST_SHARE and pace is None:
             return None
         in_stage = max(self._stage_seconds_left - (time.monotonic() - self._updated), 0.0)
         later = self._share_of(self.stages[self.stages.index(self.stage) + 1 :])
