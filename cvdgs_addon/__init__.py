@@ -12,9 +12,9 @@ def _modules() -> tuple[ModuleType, ...]:
     Imported only when Blender asks: the process that converts runs shares this package and starts before it needs bpy.
     """
     from .. import operators, ui
-    from . import activity, interrupted, pictures, preferences_panel, properties
+    from . import activity, history, pictures, preferences_panel, properties
 
-    return preferences_panel, pictures, properties, activity, interrupted, operators, ui
+    return preferences_panel, pictures, properties, activity, history, operators, ui
 
 
 def register() -> None:

@@ -18,7 +18,10 @@ from .preferences import get_cache
 from .scene.lookup import scene_by_uid
 
 JOB = "inspect"
-_THUMBNAILS, _THUMBNAIL_SIZE = 4, 192  # pixels of the longer side; a side bar of usual width shows them at about this
+_THUMBNAILS, _THUMBNAIL_SIZE = (
+    4,
+    256,
+)  # pixels of the longer side; a side bar of usual width shows a square of about 120
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,7 @@ class Inspection:
     """What a worker found in a folder.
 
     Attributes:
+        folder, sfm: where it looked, and whether it accepted photographs without cameras.
         format: where the cameras come from.
         views: usable photographs.
         sizes: (width, height, count), most frequent first.
@@ -34,6 +38,8 @@ class Inspection:
         thumbnails: paths of small pictures.
     """
 
+    folder: str
+    sfm: bool
     format: str
     views: int
     sizes: tuple[tuple[int, int, int], ...]
@@ -57,6 +63,8 @@ def inspect(folder: str, sfm: bool, thumbnails: Path, workers: Workers, listen: 
     result = finish(workers.start(request), listen)
     summary = result["summary"]
     return Inspection(
+        folder,
+        sfm,
         summary["format"],
         summary["views"],
         tuple((width, height, count) for width, height, count in summary["sizes"]),
@@ -69,13 +77,12 @@ def inspect(folder: str, sfm: bool, thumbnails: Path, workers: Workers, listen: 
 def start_inspection(scene: bpy.types.Scene) -> None:
     """Inspect the folder of `scene` in the background; an empty one is forgotten."""
     _clear(scene)
-    capture = scene.cvdgs.capture
     ACTIVITY.drop(JOB)
-    if capture.folder:
-        folder = bpy.path.abspath(capture.folder)
-        work = partial(inspect, folder, capture.sfm, get_cache().thumbnails(folder))
+    if scene.cvdgs.capture.folder:
+        folder, sfm = _asked_for(scene)
+        work = partial(inspect, folder, sfm, get_cache().thumbnails(folder))
         job = BackgroundJob("Inspecting the capture", work, make_workers(), ("start",))
-        ACTIVITY.start(JOB, job, partial(_take_over, scene.session_uid, folder), ends_with_file=True)
+        ACTIVITY.start(JOB, job, partial(_take_over, scene.session_uid, (folder, sfm)), ends_with_file=True)
 
 
 def inspect_now(scene: bpy.types.Scene) -> None:
@@ -85,9 +92,24 @@ def inspect_now(scene: bpy.types.Scene) -> None:
         InputError: it cannot be used.
     """
     _clear(scene)
+    folder, sfm = _asked_for(scene)
+    _fill(scene, inspect(folder, sfm, get_cache().thumbnails(folder), make_workers(), lambda _: None))
+
+
+def catch_up(scene: bpy.types.Scene) -> None:
+    """Know the folder of `scene` again, where the file goes back to a time when nobody had looked into it.
+
+    What an inspection finds is no step of the undo history: nobody wants to undo that.
+    """
     capture = scene.cvdgs.capture
-    folder = bpy.path.abspath(capture.folder)
-    _fill(scene, folder, inspect(folder, capture.sfm, get_cache().thumbnails(folder), make_workers(), lambda _: None))
+    if not capture.folder or capture.inspected or capture.problem:
+        return
+    last = ACTIVITY.job(JOB)
+    found = last.result if last is not None else None
+    if isinstance(found, Inspection) and (found.folder, found.sfm) == _asked_for(scene):
+        _fill(scene, found)
+    else:
+        start_inspection(scene)
 
 
 def thumbnail_key(folder: str, number: int) -> str:
@@ -101,18 +123,26 @@ def thumbnails_of(capture: bpy.types.PropertyGroup) -> list[str]:
     keys = [thumbnail_key(folder, number) for number in range(_THUMBNAILS)]
     for number, key in enumerate(keys):
         if key not in PICTURES:
-            PICTURES.load(key, get_cache().thumbnails(folder) / f"{number}.png")
+            PICTURES.load(key, get_cache().thumbnails(folder) / f"{number}.png", square=True)
     return [key for key in keys if key in PICTURES]
 
 
-def _take_over(scene_uid: int, folder: str, job: BackgroundJob) -> None:
+def _asked_for(scene: bpy.types.Scene) -> tuple[str, bool]:
+    """The folder that is picked, in full, and whether photographs without cameras are accepted."""
+    capture = scene.cvdgs.capture
+    return bpy.path.abspath(capture.folder), capture.sfm
+
+
+def _take_over(scene_uid: int, asked: tuple[str, bool], job: BackgroundJob) -> None:
     scene = scene_by_uid(scene_uid)
     if scene is None or job.state is State.CANCELLED:
         return
+    if _asked_for(scene) != asked:
+        return  # undo has brought another folder back
     if job.state is State.FAILED:
         scene.cvdgs.capture.problem = job.problem
     else:
-        _fill(scene, folder, job.result)
+        _fill(scene, job.result)
 
 
 def _clear(scene: bpy.types.Scene) -> None:
@@ -121,12 +151,12 @@ def _clear(scene: bpy.types.Scene) -> None:
     capture.views = capture.points = capture.width = capture.height = 0
 
 
-def _fill(scene: bpy.types.Scene, folder: str, found: Inspection) -> None:
+def _fill(scene: bpy.types.Scene, found: Inspection) -> None:
     capture = scene.cvdgs.capture
-    capture.inspected, capture.format = folder, found.format
+    capture.inspected, capture.format = found.folder, found.format
     capture.views, capture.points = found.views, found.points
     capture.width, capture.height = found.sizes[0][:2]
     capture.sizes = ", ".join(f"{width} × {height}" for width, height, _ in found.sizes)
     capture.warnings = "\n".join(found.warnings)
     for number, path in enumerate(found.thumbnails):
-        PICTURES.load(thumbnail_key(folder, number), path)
+        PICTURES.load(thumbnail_key(found.folder, number), path, square=True)

@@ -21,14 +21,22 @@ class Pictures:
     def __contains__(self, key: str) -> bool:
         return self._previews is not None and key in self._previews
 
-    def load(self, key: str, path: Path) -> None:
-        """Load a file under `key`, in place of what was there; a missing file leaves nothing."""
+    def load(self, key: str, path: Path, *, square: bool = False) -> None:
+        """Load a file under `key`, in place of what was there; a missing file leaves nothing.
+
+        Args:
+            key: by which it is known.
+            path: of a picture.
+            square: take the middle alone, so that pictures of any format fill the squares that panels have for them.
+        """
         if self._previews is None:
             return
         self.forget(key)
         if path.is_file():
             picture = self._previews.load(key, str(path), "IMAGE")
             picture.image_size[0]  # read now: the file may be gone when the panel is drawn
+            if square:
+                _crop(picture)
 
     def paint(self, key: str, color: ArrayLike) -> None:
         """A cap of one sRGB colour, (3,) in [0, 1], under `key`."""
@@ -59,6 +67,18 @@ class Pictures:
         if self._previews is not None:
             bpy.utils.previews.remove(self._previews)
             self._previews = None
+
+
+def _crop(picture: bpy.types.ImagePreview) -> None:
+    """Leave the square in the middle."""
+    width, height = picture.image_size
+    side = min(width, height)
+    pixels = np.empty(width * height * 4, np.float32)
+    picture.image_pixels_float.foreach_get(pixels)
+    left, low = (width - side) // 2, (height - side) // 2
+    middle = pixels.reshape(height, width, 4)[low : low + side, left : left + side]
+    picture.image_size = (side, side)
+    picture.image_pixels_float.foreach_set(np.ascontiguousarray(middle).ravel())
 
 
 PICTURES = Pictures()
