@@ -13,6 +13,7 @@ from ..core.color.matrices import check_simulation
 from ..core.errors import InputError
 from ..core.job import Workers
 from ..core.job_console import Listener
+from ..core.run_files import CAPTURE_FOLDER
 from ..core.settings import Layer, Settings
 from .activity import ACTIVITY, redraw_panels
 from .background import BackgroundJob, State
@@ -122,6 +123,22 @@ def run_now(scene: bpy.types.Scene) -> None:
     show_run(settings.out, scene)
 
 
+def load_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
+    """Show the finished run in `folder`; returns the Gaussians' object.
+
+    Where no capture is picked, the run's own is, so that the button adds layers to it.
+
+    Raises:
+        InputError: the run cannot be read or used, or its Gaussians are being edited.
+    """
+    splats = show_run(folder, scene)
+    properties = scene.cvdgs
+    if not properties.capture.folder:
+        properties.run.out = folder
+        properties.capture.folder = str(Path(folder, CAPTURE_FOLDER))
+    return splats
+
+
 def current_run() -> BackgroundJob | None:
     """The run that goes on, or the last one."""
     return ACTIVITY.job(JOB)
@@ -194,7 +211,7 @@ def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: 
     remember_for_undo(job.title)
     redraw_panels()
     took = in_words(seconds).removeprefix("about ")
-    message = f"{settings.layers[0].name} is ready after {took} - Material Preview and renders show its colours"
+    message = f"{settings.layers[0].name} is ready after {took} - See it with View in Colour, under Display"
     show_information(job.title, message)
 
 

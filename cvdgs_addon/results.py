@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-import gpu
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +15,7 @@ from ..core.errors import InputError
 from ..core.progress import format_seconds
 from ..core.run_files import REPORT_FILE
 from ..core.untrusted import is_file, read_json
+from .graphics import has_graphics_card, views_3d
 from .scene.convert import load_run
 from .scene.finished_run import RUN_PROPERTY, FinishedRun, read_run
 from .scene.splat_attributes import Attribute, color_attribute
@@ -23,7 +23,6 @@ from .scene.splats import is_splats, layer_names, show_layer
 from .shown import require_object_mode, run_of
 
 _MOST_SHOWN = 1e15  # no figure of a run is larger
-_SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader")
 
 
 def show_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
@@ -142,12 +141,11 @@ def _is_gaussian(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:
 
 def _show_materials() -> None:
     """Solid shading shows grey blobs: let open 3D views show materials, where a graphics card draws them."""
-    if bpy.app.background or any(name in gpu.platform.renderer_get().lower() for name in _SOFTWARE_RENDERERS):
+    if not has_graphics_card():
         return  # Material Preview would hold Blender up for a minute
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D" and area.spaces.active.shading.type == "SOLID":
-                area.spaces.active.shading.type = "MATERIAL"
+    for view in views_3d():
+        if view.shading.type == "SOLID":
+            view.shading.type = "MATERIAL"
 
 
 def _add_layer(splats: bpy.types.Object, layer: str, colors: NDArray[np.float32]) -> None:

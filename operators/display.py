@@ -5,7 +5,9 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.compositor.apply import simulation_lifted
+from ..cvdgs_addon.graphics import has_graphics_card
 from ..cvdgs_addon.scene import display
+from ..cvdgs_addon.scene.camera_view import leave_slow_views, view_in_color
 from ..cvdgs_addon.scene.native_splats import has_native_splats, why_not_native
 from ..cvdgs_addon.scene.render_settings import Display, Engine
 from ..cvdgs_addon.scene.splats import show_layer
@@ -89,6 +91,31 @@ class CVDGS_OT_remove_crop_box(NeedsGaussians, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class CVDGS_OT_view_in_color(NeedsGaussians, bpy.types.Operator):
+    """Look through a photograph's camera, or the turntable's, in Rendered shading; Restore undoes render settings"""
+
+    bl_idname = "cvdgs.view_in_color"
+    bl_label = "View in Colour"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if context.area is None or context.area.type != "VIEW_3D":
+            cls.poll_message_set("Needs a 3D view")
+            return False
+        return super().poll(context)
+
+    @reports_errors
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        scene, chosen = context.scene, context.scene.cvdgs.display
+        engine, colors = Engine[chosen.engine], Display[chosen.colors]
+        with simulation_lifted(scene):
+            coarse = not has_graphics_card()
+            told = view_in_color(scene, context.area, shown_splats(context), engine, colors, coarse=coarse)
+        self.report({"INFO"}, f"Through {scene.camera.name}" + (f"; changed: {'; '.join(told)}" if told else ""))
+        return {"FINISHED"}
+
+
 class CVDGS_OT_set_up_render(NeedsGaussians, bpy.types.Operator):
     """Set engine, view transform and background as Gaussians need them; what they were is remembered"""
 
@@ -123,6 +150,7 @@ class CVDGS_OT_restore_render(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         with simulation_lifted(context.scene):
             told = display.restore_render(context.scene)
+        leave_slow_views(context.scene)
         self.report({"INFO"}, f"Restored: {'; '.join(told)}" if told else "All of it was changed in the meantime")
         return {"FINISHED"}
 
@@ -132,6 +160,7 @@ CLASSES: tuple[type, ...] = (
     CVDGS_OT_show_form,
     CVDGS_OT_add_crop_box,
     CVDGS_OT_remove_crop_box,
+    CVDGS_OT_view_in_color,
     CVDGS_OT_set_up_render,
     CVDGS_OT_restore_render,
 )

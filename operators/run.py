@@ -7,7 +7,6 @@ import bpy
 from ..cvdgs_addon import making
 from ..cvdgs_addon.activity import ACTIVITY
 from ..cvdgs_addon.folders import normalised_folder
-from ..cvdgs_addon.results import show_run
 from ..cvdgs_addon.shown import shown_run
 from .reporting import reports_errors
 
@@ -79,7 +78,7 @@ class CVDGS_OT_load_run(bpy.types.Operator):
     @reports_errors
     def execute(self, context: bpy.types.Context) -> set[str]:
         folder = normalised_folder(self.directory)
-        splats = show_run(folder, context.scene)
+        splats = making.load_run(folder, context.scene)
         self.report({"INFO"}, f"{splats.name}: loaded from {folder}")
         return {"FINISHED"}
 

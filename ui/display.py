@@ -10,9 +10,11 @@ from ..cvdgs_addon.scene.native_splats import has_native_splats
 from ..cvdgs_addon.scene.render_settings import keeps_colors, view_transform_of
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
+from ..cvdgs_addon.scene.turntable import bystanders
 from ..cvdgs_addon.shown import NOTHING_TO_SHOW, shown_layer, shown_splats
 from .layout import SidePanel, say, say_missing
 
+_MOST_NAMES = 3
 _FORM_LABELS = {Form.INSTANCES: "Instances", Form.POINTS: "Points", Form.NATIVE: "Native"}
 
 
@@ -28,10 +30,19 @@ class CVDGS_PT_display(SidePanel, bpy.types.Panel):
             say_missing(layout, context, NOTHING_TO_SHOW)
             return
         layout.prop(context.scene.cvdgs.display, "target", text="", icon="OUTLINER_OB_POINTCLOUD")
+        layout.operator("cvdgs.view_in_color", icon="SHADING_RENDERED")
+        _draw_hints(layout, context)
         _draw_form(layout, context, splats)
         _draw_layers(layout, splats)
         _draw_selection(layout, splats)
         _draw_render(layout, context)
+
+
+def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Why the 3D view may not show what is expected."""
+    if context.space_data is not None and context.space_data.shading.type == "SOLID":
+        say(layout, context, "Solid shading shows no colours", "INFO")
+    say_bystanders(layout, context, "The view also shows")
 
 
 def _draw_form(layout: bpy.types.UILayout, context: bpy.types.Context, splats: bpy.types.Object) -> None:
@@ -72,8 +83,10 @@ def _draw_selection(layout: bpy.types.UILayout, splats: bpy.types.Object) -> Non
 def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     chosen = context.scene.cvdgs.display
     box = layout.box()
-    box.prop(chosen, "engine")
-    box.prop(chosen, "colors")
+    column = box.column()
+    column.use_property_split, column.use_property_decorate = True, False
+    column.prop(chosen, "engine")
+    column.prop(chosen, "colors")
     row = box.row(align=True)
     row.operator("cvdgs.set_up_render", icon="SCENE")
     row.operator("cvdgs.restore_render", text="Restore", icon="LOOP_BACK")
@@ -92,6 +105,14 @@ def say_unsuitable_view(layout: bpy.types.UILayout, context: bpy.types.Context) 
     if not keeps_colors(context.scene):
         text = f"{view_transform_of(context.scene)} changes the photographs' colours; Set Up Render avoids that"
         say(layout, context, text, "INFO")
+
+
+def say_bystanders(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
+    """Name what renders show beside the Gaussians, such as the cube of a new file."""
+    others = bystanders(context.scene)
+    if others:
+        more = f" and {len(others) - _MOST_NAMES} more" if len(others) > _MOST_NAMES else ""
+        say(layout, context, f"{text} {', '.join(others[:_MOST_NAMES])}{more}", "INFO")
 
 
 def _draw_input(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import bpy
 
-from ..cvdgs_addon.scene.turntable import bystanders, rendering_changes, turntable_of
+from ..cvdgs_addon.scene.turntable import rendering_changes, turntable_of
 from ..cvdgs_addon.shown import NOTHING_TO_SHOW, shown_splats
-from .display import say_unsuitable_view
+from .display import say_bystanders, say_unsuitable_view
 from .layout import SidePanel, say, say_missing
 
 # Properties of the way around, with the panel's words where 0 lets the photographs decide.
@@ -17,7 +17,6 @@ _WAY = {
     "focal_length": "Focal Length (0: auto)",
     "arc": "Arc (0: auto)",
 }
-_MOST_NAMES = 3
 
 
 class CVDGS_PT_turntable(SidePanel, bpy.types.Panel):
@@ -40,20 +39,19 @@ class CVDGS_PT_turntable(SidePanel, bpy.types.Panel):
         row.operator("cvdgs.add_turntable", text="Update Turntable" if has_rig else None, icon="CON_FOLLOWPATH")
         if has_rig:
             row.operator("cvdgs.remove_turntable", text="", icon="X")
-        layout.prop(chosen, "engine")
         row = layout.row(align=True)
         row.prop(chosen, "width")
         row.prop(chosen, "height_pixels")
-        layout.prop(chosen, "folder")
+        column = layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        column.prop(chosen, "engine")
+        column.prop(chosen, "folder")
         layout.operator("cvdgs.render_turntable", icon="RENDER_ANIMATION")
         if any(rendering_changes(context.scene)):
             say(layout, context, "Rendering; the scene's own settings come back when it ends", "TIME")
             return
         say_unsuitable_view(layout, context)
-        others = bystanders(context.scene)
-        if others:
-            more = f" and {len(others) - _MOST_NAMES} more" if len(others) > _MOST_NAMES else ""
-            say(layout, context, f"The pictures also show {', '.join(others[:_MOST_NAMES])}{more}", "INFO")
+        say_bystanders(layout, context, "The pictures also show")
 
 
 CLASSES: tuple[type, ...] = (CVDGS_PT_turntable,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
 
 import bpy
@@ -12,7 +12,7 @@ import numpy as np
 from ...core.color import srgb
 from ...core.errors import InputError
 from .native_splats import add_native_splats, has_native_splats, native_splats_of, why_not_native
-from .remembered_settings import change_settings, changes, restore_settings
+from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import (
     WORLD_NAME,
     Display,
@@ -96,9 +96,17 @@ def remove_crop_box(splats: bpy.types.Object) -> None:
         bpy.data.objects.remove(box)
 
 
-def set_up_render(scene: bpy.types.Scene, engine: Engine, display: Display) -> list[str]:
-    """Set what renders of Gaussians need, and remember what it was; returns the changes in words."""
-    settings = {**display_settings(display), **engine_settings(engine)}
+def set_up_render(
+    scene: bpy.types.Scene, engine: Engine, display: Display, more: Mapping[str, Setting] | None = None
+) -> list[str]:
+    """Set what renders of Gaussians need, and remember what it was; returns the changes in words.
+
+    Args:
+        scene: whose renders.
+        engine, display: that they are to have.
+        more: further settings by path from the scene, to be put back with the others.
+    """
+    settings = {**display_settings(display), **engine_settings(engine), **(more or {})}
     background = _background_of(_splats_of(scene))
     if background is not None:
         color = np.array(background) if display is Display.PHOTO else srgb.decode(background)

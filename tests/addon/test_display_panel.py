@@ -7,9 +7,12 @@ import pytest
 
 from cvdgs.cvdgs_addon.compositor.apply import simulation_node
 from cvdgs.cvdgs_addon.compositor.scene_tree import scene_tree
+from cvdgs.cvdgs_addon.graphics import views_3d
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import display, splats
+from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
+from cvdgs.cvdgs_addon.scene.turntable import turntable_of
 from cvdgs.cvdgs_addon.shown import shown_layer
 from cvdgs.ui.display import CVDGS_PT_display
 
@@ -63,6 +66,35 @@ def test_the_render_is_set_up_as_chosen_and_restored(shown):
     bpy.ops.cvdgs.restore_render()
     assert scene.render.filter_size == before
     assert scene.view_settings.view_transform != "Raw"
+
+
+def view_in_color() -> None:
+    window = bpy.context.window_manager.windows[0]
+    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+    with bpy.context.temp_override(window=window, area=area):
+        assert bpy.ops.cvdgs.view_in_color() == {"FINISHED"}
+
+
+def test_a_3d_view_shows_the_colours_through_a_photographs_camera(shown):
+    scene = bpy.context.scene
+    pixel = scene.render.preview_pixel_size
+    view_in_color()
+    assert is_capture_camera(scene.camera)
+    assert scene.render.engine == "CYCLES"
+    assert splats.get_input(shown, Input.CAMERA_VIEW)
+    (view,) = views_3d()
+    assert (view.shading.type, view.region_3d.view_perspective) == ("RENDERED", "CAMERA")
+    bpy.ops.cvdgs.restore_render()
+    assert view.shading.type == "SOLID", "EEVEE would hold Blender up for minutes without a graphics card"
+    assert scene.render.preview_pixel_size == pixel
+
+
+def test_a_3d_view_looks_through_the_turntables_camera_where_that_is_the_scenes(shown):
+    scene = bpy.context.scene
+    bpy.ops.cvdgs.add_turntable()
+    scene.camera = turntable_of(scene)
+    view_in_color()
+    assert scene.camera == turntable_of(scene)
 
 
 def test_a_simulation_follows_the_view_transform_that_is_set_up(shown):

@@ -185,6 +185,23 @@ def test_a_finished_run_is_loaded_again_from_its_folder(addon, run_folder):
     assert splats_in(bpy.context.scene) == [splats]
 
 
+def test_a_loaded_run_takes_further_layers(addon, run_folder):
+    (run_folder / "report.json").write_text(json.dumps(REPORT))
+    scene = bpy.context.scene
+    bpy.ops.cvdgs.load_run(directory=f"{run_folder}/")
+    scene.cvdgs.viewer.cvd = "protan"
+    settings = making.run_settings(scene)
+    assert (settings.capture, settings.out) == (str(run_folder / "capture"), str(run_folder))
+    assert settings.resume
+
+
+def test_loading_a_run_leaves_the_capture_that_is_picked(capture, run_folder):
+    folder = capture.cvdgs.capture.folder
+    bpy.ops.cvdgs.load_run(directory=f"{run_folder}/")
+    assert capture.cvdgs.capture.folder == folder
+    assert capture.cvdgs.run.out == ""
+
+
 def test_a_folder_without_a_run_is_refused_with_what_to_do(addon, tmp_path):
     with pytest.raises(RuntimeError, match="choose the output folder of a finished run"):
         bpy.ops.cvdgs.load_run(directory=str(tmp_path))
