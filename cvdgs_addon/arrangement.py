@@ -135,7 +135,8 @@ def suggest(score: ArrangementScore) -> Suggestion:
         for axis in _AXES:
             if any(axis.low <= angle < axis.high for angle in (score.angle, score.angle - 180.0)):
                 severity = round(float(np.interp(score.confusion, axis.confusion, axis.severity)), 1)
-                return Suggestion(f"The mistakes lie along one axis: {axis.cvd}, {severity:g}", axis.cvd, severity)
+                message = f"The mistakes lie along one axis, as with {axis.cvd} eyes of severity {severity:g}"
+                return Suggestion(message, axis.cvd, severity)
     return Suggestion("There are mistakes, but along no axis that tells a type: try again in better light")
 
 

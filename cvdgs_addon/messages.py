@@ -37,7 +37,13 @@ def in_panel_words(text: str) -> str:
 
 def lines_of(text: str, width: int = WIDTH) -> list[str]:
     """`text` in lines; what to do (after " - ", see `core.errors.InputError`) begins a line of its own."""
-    return [line for part in in_panel_words(text).split(" - ") for line in textwrap.wrap(part, width)]
+    what, *remedies = in_panel_words(text).split(" - ")
+    return [line for part in (what, *map(sentence, remedies)) for line in textwrap.wrap(part, width)]
+
+
+def sentence(text: str) -> str:
+    """`text` with a capital at its beginning."""
+    return text[:1].upper() + text[1:]
 
 
 def show_problem(title: str, text: str) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.activity import ACTIVITY
+from ..cvdgs_addon.folders import normalised_folder
 from ..cvdgs_addon.inspection import JOB, thumbnails_of
+from ..cvdgs_addon.messages import sentence
 from ..cvdgs_addon.pictures import PICTURES
 from .layout import SidePanel, complain, say
 
@@ -31,10 +33,13 @@ class CVDGS_PT_capture(SidePanel, bpy.types.Panel):
         if ACTIVITY.running(JOB):
             say(layout, context, "Looking at the folder …", "TIME")
         elif capture.problem:
-            complain(layout, context, capture.problem)
+            # The folder's name stands above, and is long.
+            complain(layout, context, sentence(capture.problem.removeprefix(f"{normalised_folder(capture.folder)}: ")))
             layout.prop(capture, "sfm")
         elif capture.inspected:
             _draw_summary(layout, context, capture)
+        else:
+            say(layout, context, "Not looked at yet: press the arrows beside the folder", "INFO")
 
 
 def _draw_summary(layout: bpy.types.UILayout, context: bpy.types.Context, capture: bpy.types.PropertyGroup) -> None:
@@ -47,7 +52,7 @@ def _draw_summary(layout: bpy.types.UILayout, context: bpy.types.Context, captur
         layout.prop(capture, "sfm")
     grid = layout.grid_flow(row_major=True, columns=_THUMBNAILS_A_ROW, even_columns=True, align=True)
     for key in thumbnails_of(capture):
-        grid.template_icon(icon_value=PICTURES.icon(key), scale=5.0)
+        grid.template_icon(icon_value=PICTURES.icon(key), scale=5.6)
     for warning in capture.warnings.splitlines():
         say(layout, context, warning, "ERROR")
 

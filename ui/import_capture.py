@@ -29,7 +29,9 @@ class CVDGS_PT_import_capture(SidePanel, bpy.types.Panel):
             complain(layout, context, job.problem)
         elif job is not None and job.state is State.CANCELLED:
             say(layout, context, "Cancelled; nothing was written", "INFO")
-        layout.operator_menu_enum("cvdgs.place_capture", "up", text="Up Axis", icon="ORIENTATION_GLOBAL")
+        column = layout.column()
+        column.enabled = bpy.ops.cvdgs.place_capture.poll()  # a menu does not ask
+        column.operator_menu_enum("cvdgs.place_capture", "up", text="Up Axis", icon="ORIENTATION_GLOBAL")
         row = layout.row(align=True)
         row.operator("cvdgs.look_through", text="Previous Camera", icon="TRIA_LEFT").step = -1
         row.operator("cvdgs.look_through", text="Next Camera", icon="TRIA_RIGHT").step = 1

@@ -9,13 +9,14 @@ from ..core.progress import format_seconds
 from ..cvdgs_addon import making
 from ..cvdgs_addon.background import BackgroundJob, State
 from ..cvdgs_addon.environment import worker_python
+from ..cvdgs_addon.messages import sentence
 from ..cvdgs_addon.package import PACKAGE
 from ..cvdgs_addon.pictures import PICTURES
 from ..cvdgs_addon.quality import QUALITIES, Quality, in_words
 from ..cvdgs_addon.results import is_finished_run, splats_of
 from .layout import SidePanel, complain, say, say_missing
 
-_PREVIEW_SCALE = 10.0
+_PREVIEW_SCALE = 11.4
 _STAGES = {
     "start": "Starting",
     "capture": "Reading the photographs",
@@ -70,7 +71,7 @@ def draw_progress(layout: bpy.types.UILayout, context: bpy.types.Context, job: B
     cancel.enabled = not job.is_cancelling
     cancel.operator("cvdgs.cancel_job", text="", icon="X").job = name
     if progress.message:
-        say(layout, context, progress.message)
+        say(layout, context, sentence(progress.message))
 
 
 def _draw_preview(layout: bpy.types.UILayout) -> None:

@@ -26,7 +26,8 @@ class CVDGS_PT_simulate(SidePanel, bpy.types.Panel):
             say(layout, context, "Renders show it too: they need the compositor for more than this", "INFO")
         layout.prop(simulate, "same_as_viewer")
         chosen = scene.cvdgs.viewer if simulate.same_as_viewer else simulate
-        column = layout.column(align=True)
+        column = layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
         column.enabled = not simulate.same_as_viewer
         for name in ("cvd", "severity", "simulation"):
             column.prop(chosen, name)

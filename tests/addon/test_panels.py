@@ -96,6 +96,28 @@ def test_another_folder_does_not_wait_for_the_first(addon, worker, tmp_path):
     assert scene.cvdgs.capture.views == 24
 
 
+def test_undo_forgets_nothing_of_what_was_found_in_a_folder(addon, worker, tmp_path):
+    worker(INSPECTING)
+    bpy.context.scene.cvdgs.capture.folder = str(tmp_path)
+    inspection.start_inspection(bpy.context.scene)
+    bpy.ops.ed.undo_push(message="the folder")
+    finished(inspection.JOB)
+    bpy.ops.ed.undo_push(message="something else")
+    bpy.ops.ed.undo()
+    inspection.catch_up(bpy.context.scene)  # called by `history` where there is a window
+    assert bpy.context.scene.cvdgs.capture.views == 24
+
+
+def test_what_is_found_in_a_folder_that_was_undone_is_not_shown_of_another(addon, worker, tmp_path):
+    worker(INSPECTING)
+    scene = bpy.context.scene
+    scene.cvdgs.capture.folder = str(tmp_path / "first")
+    inspection.start_inspection(scene)
+    scene.cvdgs.capture.folder = str(tmp_path / "second")
+    finished(inspection.JOB)
+    assert scene.cvdgs.capture.views == 0
+
+
 def test_a_wrong_folder_is_explained_in_the_panels_words(addon, worker, tmp_path):
     worker(REFUSING)
     scene = bpy.context.scene
@@ -247,7 +269,7 @@ def test_the_preferences_say_what_was_found(addon, worker, tmp_path):
 
 def test_a_message_has_the_remedy_in_a_line_of_its_own():
     error = InputError("no cameras", where="photos", remedy="add --sfm")
-    assert messages.lines_of(str(error)) == ["photos: no cameras", "add 'Estimate Cameras'"]
+    assert messages.lines_of(str(error)) == ["photos: no cameras", "Add 'Estimate Cameras'"]
 
 
 def test_narrow_panels_wrap_their_text(addon):
