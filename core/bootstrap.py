@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from collections.abc import Collection
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -28,7 +29,16 @@ def require_python(oldest: tuple[int, int] = OLDEST_PYTHON) -> None:
     sys.exit(2)
 
 
-def load(oldest: tuple[int, int] = OLDEST_PYTHON, *, script: str = "") -> None:
+def require_modules(names: Collection[str]) -> None:
+    """End the process with a line and exit code 2 where Python lacks one of these modules."""
+    missing = [name for name in names if importlib.util.find_spec(name) is None]
+    if missing:
+        made = "'make venv' makes .venv/bin/python, which has it"
+        print(f"{sys.executable}: this Python has no {missing[0]} - {made}", file=sys.stderr)
+        sys.exit(2)
+
+
+def load(oldest: tuple[int, int] = OLDEST_PYTHON, *, script: str = "", modules: Collection[str] = ()) -> None:
     """Put the package that this file belongs to into ``sys.modules`` as ``cvdgs``, and take ``core/`` off the path.
 
     On the path, the modules of ``core/`` would hide others of the same names.
@@ -36,8 +46,10 @@ def load(oldest: tuple[int, int] = OLDEST_PYTHON, *, script: str = "") -> None:
     Args:
         oldest: Python for what the script imports; ends the process where this one is older.
         script: file in a package of ours that Python was started with. Python puts its folder on the path: taken off.
+        modules: of other packages that the script imports; ends the process where one is missing.
     """
     require_python(oldest)
+    require_modules(modules)
     hiding = {ROOT / "core", *([Path(script).resolve().parent] if script else [])}
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() not in hiding]
     loaded = sys.modules.get("cvdgs")

@@ -9,9 +9,8 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
-bootstrap.load()
-from cvdgs.core.arguments import OneLineParser  # noqa: E402
-from cvdgs.core.errors import InputError  # noqa: E402
+bootstrap.load(modules=("torch", "warp", "OpenImageIO"))
+from cvdgs.core.arguments import OneLineParser, exit_code  # noqa: E402
 from cvdgs.scripts.benchmarks import (  # noqa: E402
     ablation,
     batch,
@@ -54,14 +53,13 @@ PARTS = tuple(
 
 def main(arguments: list[str]) -> int:
     """Run one part; returns the exit code."""
-    try:
+
+    def work() -> None:
         options = build_parser().parse_args(arguments)
         options.out.mkdir(parents=True, exist_ok=True)
         print(options.measure(options))
-    except InputError as error:
-        print(f"benchmark.py: {error}", file=sys.stderr)
-        return 2
-    return 0
+
+    return exit_code("benchmark.py", work)
 
 
 def build_parser() -> argparse.ArgumentParser:

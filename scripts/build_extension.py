@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
+from cvdgs.core.arguments import exit_code  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 
 MANIFEST = bootstrap.ROOT / "blender_manifest.toml"
@@ -82,13 +83,12 @@ def main() -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the zip")
     parser.add_argument("--tool", type=Path, metavar="FILE", help="blender_ext.py (default: the bpy wheel's)")
     arguments = parser.parse_args()
-    try:
+
+    def work() -> None:
         zip_file = build(arguments.out, arguments.tool or find_tool())
-    except InputError as error:
-        print(f"build_extension.py: {error}", file=sys.stderr)
-        return 2
-    print(f"{zip_file} ({zip_file.stat().st_size / 1e6:.1f} MB)")
-    return 0
+        print(f"{zip_file} ({zip_file.stat().st_size / 1e6:.1f} MB)")
+
+    return exit_code("build_extension.py", work)
 
 
 if __name__ == "__main__":

@@ -17,21 +17,20 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
-bootstrap.load()
-from cvdgs.core.arguments import OneLineParser  # noqa: E402
+bootstrap.load(modules=("numpy",))
+from cvdgs.core.arguments import OneLineParser, exit_code  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.splats.files import read_gaussians, require_known_suffix, write_gaussians  # noqa: E402
 
 
 def main(arguments: list[str]) -> int:
     """Convert; returns the exit code."""
-    try:
+
+    def work() -> None:
         options = build_parser().parse_args(arguments)
         print(convert(options.source, options.target, drop_damaged=options.drop_damaged))
-    except InputError as error:
-        print(f"convert.py: {error}", file=sys.stderr)
-        return 2
-    return 0
+
+    return exit_code("convert.py", work)
 
 
 def build_parser() -> argparse.ArgumentParser:

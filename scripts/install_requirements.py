@@ -16,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
+from cvdgs.core.arguments import exit_code  # noqa: E402
 from cvdgs.core.console import ConsoleReporter  # noqa: E402
 from cvdgs.core.environment import REQUIREMENTS, install_locked  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
@@ -26,14 +27,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("list", nargs="?", type=Path, default=REQUIREMENTS, metavar="FILE", help="(requirements.txt)")
     requirements = parser.parse_args().list
-    try:
+
+    def work() -> None:
         if not requirements.is_file():
             raise InputError("there is no such list", where=requirements, remedy="name one of requirements*.txt")
         install_locked(Path(sys.executable), ConsoleReporter(sys.stderr), requirements, log=lambda _: None)
-    except InputError as error:
-        print(f"install_requirements.py: {error}", file=sys.stderr)
-        return 2
-    return 0
+
+    return exit_code("install_requirements.py", work)
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
+from cvdgs.core.arguments import exit_code  # noqa: E402
 from cvdgs.core.environment import REQUIREMENTS, TORCH_REQUIREMENTS  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.licences import Licence, licences_of, listed_packages  # noqa: E402
@@ -68,16 +69,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--check", action="store_true", help="compare with the page instead of writing it")
     check = parser.parse_args().check
-    try:
+
+    def work() -> None:
         text = page()
-        if check and PAGE.read_text(encoding="utf-8") != text:
+        if not check:
+            PAGE.write_text(text, encoding="utf-8")
+        elif PAGE.read_text(encoding="utf-8") != text:
             raise InputError("is out of date", where=PAGE, remedy="run 'make licences'")
-    except InputError as error:
-        print(f"licences.py: {error}", file=sys.stderr)
-        return 2
-    if not check:
-        PAGE.write_text(text, encoding="utf-8")
-    return 0
+
+    return exit_code("licences.py", work)
 
 
 if __name__ == "__main__":

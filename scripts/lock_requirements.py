@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
+from cvdgs.core.arguments import exit_code  # noqa: E402
 from cvdgs.core.environment import CUDA_REQUIREMENTS, REQUIREMENTS, TESTED_PYTHON, TORCH_REQUIREMENTS  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 
@@ -130,12 +131,8 @@ def main() -> int:
     """Parse the command line and lock; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--upgrade", action="store_true", help="take the newest versions that pyproject.toml allows")
-    try:
-        lock_all(upgrade=parser.parse_args().upgrade)
-    except InputError as error:
-        print(f"lock_requirements.py: {error}", file=sys.stderr)
-        return 2
-    return 0
+    upgrade = parser.parse_args().upgrade
+    return exit_code("lock_requirements.py", lambda: lock_all(upgrade=upgrade))
 
 
 if __name__ == "__main__":

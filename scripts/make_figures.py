@@ -14,12 +14,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
-bootstrap.load()
+bootstrap.load(modules=("torch", "OpenImageIO", "matplotlib"))
+import numpy as np  # noqa: E402
+
+from cvdgs.core.arguments import exit_code  # noqa: E402
 from cvdgs.core.color.simulation import simulate  # noqa: E402
 from cvdgs.core.color.spaces import image_to_tensor, srgb_to_lab  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
@@ -96,12 +97,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("run", type=Path, metavar="RUN", help="output folder of scripts/run.py")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the figures")
     options = parser.parse_args(arguments)
-    try:
-        make_figures(options.run, options.out)
-    except InputError as error:
-        print(f"make_figures.py: {error}", file=sys.stderr)
-        return 2
-    return 0
+    return exit_code("make_figures.py", lambda: make_figures(options.run, options.out))
 
 
 if __name__ == "__main__":

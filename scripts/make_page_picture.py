@@ -12,12 +12,12 @@ import sys
 import tempfile
 from pathlib import Path
 
-import numpy as np
-
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
-bootstrap.load()
+bootstrap.load(modules=("OpenImageIO",))
+import numpy as np  # noqa: E402
+
 from cvdgs.core.images import read_png, write_png  # noqa: E402
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")

@@ -6,16 +6,17 @@ Left the photograph, right the enhanced scene; above for normal vision, below as
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
-
-import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
-bootstrap.load()
+bootstrap.load(modules=("OpenImageIO",))
+import numpy as np  # noqa: E402
+
+from cvdgs.core.arguments import exit_code  # noqa: E402
+from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.images import read_png, write_png  # noqa: E402
 from cvdgs.core.run_files import (  # noqa: E402
     CAPTURE_FOLDER,
@@ -25,6 +26,7 @@ from cvdgs.core.run_files import (  # noqa: E402
     SIMULATED_FOLDER,
     SIMULATED_INPUT_FOLDER,
 )
+from cvdgs.core.untrusted import read_json  # noqa: E402
 
 GAP = 6  # pixels of white between the pictures
 
@@ -53,10 +55,16 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.png")
     parser.add_argument("--view", help="key of a held-out view (the report's first)")
     options = parser.parse_args(arguments)
-    report = json.loads((options.run / REPORT_FILE).read_text(encoding="utf-8"))
-    layer = next(iter(report["layers"]))
-    write_png(options.out, sheet(options.run, layer, options.view or report["views_shown"][0]))
-    return 0
+
+    def work() -> None:
+        report = read_json(options.run / REPORT_FILE, remedy="name the output folder of scripts/run.py")
+        layer, views = next(iter(report["layers"])), report["views_shown"]
+        view = options.view or views[0]
+        if view not in views:
+            raise InputError(f"no held-out view '{view}'", where="--view", remedy="use " + ", ".join(views))
+        write_png(options.out, sheet(options.run, layer, view))
+
+    return exit_code("make_picture.py", work)
 
 
 if __name__ == "__main__":

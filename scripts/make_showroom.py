@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
-from cvdgs.core.arguments import OneLineParser, script_arguments  # noqa: E402
+from cvdgs.core.arguments import OneLineParser, exit_code, script_arguments  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 from cvdgs.core.events import Reporter  # noqa: E402
 from cvdgs.core.progress import format_seconds  # noqa: E402
@@ -93,19 +93,16 @@ def parse(arguments: list[str]) -> tuple[Path, CaptureSettings, int]:
 
 def main(arguments: list[str]) -> int:
     """Run the command; the exit code."""
-    try:
+
+    def work() -> None:
         out, settings, threads = parse(arguments)
         if importlib.util.find_spec("bpy") is None:
             raise InputError("this Python has no bpy", remedy="install the bpy wheel, or run the script inside Blender")
         from cvdgs.scripts.showroom.job import make
 
         make(out, settings, ConsoleReporter(), threads)
-    except InputError as error:
-        print(f"make_showroom: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    return 0
+
+    return exit_code("make_showroom.py", work)
 
 
 if __name__ == "__main__":

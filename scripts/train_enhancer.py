@@ -22,10 +22,10 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # before torch is loaded: s
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
-bootstrap.load()
+bootstrap.load(modules=("torch", "OpenImageIO"))
 import torch  # noqa: E402
 
-from cvdgs.core.arguments import OneLineParser  # noqa: E402
+from cvdgs.core.arguments import OneLineParser, exit_code  # noqa: E402
 from cvdgs.core.console import ConsoleReporter  # noqa: E402
 from cvdgs.core.devices import choose_device  # noqa: E402
 from cvdgs.core.enhance.data.dataset import DatasetSettings, PairedDataset, make_dataset  # noqa: E402
@@ -45,19 +45,15 @@ SWEEP_STEPS = 1500
 
 def main(arguments: list[str]) -> int:
     """Train, sweep or publish; returns the exit code."""
-    try:
+
+    def work() -> None:
         options = build_parser().parse_args(arguments)
         if options.publish:
             print(f"wrote {publish(options.out / 'training', options.publish)}")
         else:
             train(options, ConsoleReporter(sys.stderr))
-    except InputError as error:
-        print(f"train_enhancer.py: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("train_enhancer.py: stopped; run again to go on", file=sys.stderr)
-        return 130
-    return 0
+
+    return exit_code("train_enhancer.py", work, stopped="stopped; run again to go on")
 
 
 def build_parser() -> argparse.ArgumentParser:

@@ -196,3 +196,12 @@ def test_a_python_that_is_too_old_is_told_so_in_one_line(monkeypatch, capsys):
         bootstrap.load()
     assert stopped.value.code == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_python_that_lacks_what_a_script_needs_is_told_so_in_one_line(capsys):
+    with pytest.raises(SystemExit) as stopped:
+        bootstrap.load(modules=("json", "no_such_module"))
+    assert stopped.value.code == 2
+    said = capsys.readouterr().err
+    assert "has no no_such_module" in said
+    assert said.count("\n") == 1
