@@ -12,7 +12,7 @@ from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
 from ..cvdgs_addon.scene.turntable import bystanders
 from ..cvdgs_addon.shown import NOTHING_TO_SHOW, shown_layer, shown_splats
-from .layout import SidePanel, say, say_missing
+from .layout import SidePanel, draw_changes, say, say_missing
 
 _MOST_NAMES = 3
 _FORM_LABELS = {Form.INSTANCES: "Instances", Form.POINTS: "Points", Form.NATIVE: "Native"}
@@ -91,13 +91,7 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     row.operator("cvdgs.set_up_render", icon="SCENE")
     row.operator("cvdgs.restore_render", text="Restore", icon="LOOP_BACK")
     say_unsuitable_view(box, context)
-    told = list(display.render_changes(context.scene))
-    if told:
-        header, body = layout.panel("cvdgs_render_changes", default_closed=True)
-        header.label(text=f"{len(told)} Settings Changed")
-        if body is not None:
-            for change in told:
-                say(body, context, change)
+    draw_changes(layout, context, "cvdgs_render_changes", list(display.render_changes(context.scene)))
 
 
 def say_unsuitable_view(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -35,6 +35,24 @@ def say_missing(layout: bpy.types.UILayout, context: bpy.types.Context, text: st
     say(layout, context, text, "INFO")
 
 
+def draw_changes(layout: bpy.types.UILayout, context: bpy.types.Context, name: str, changes: list[str]) -> None:
+    """How many settings of the scene are changed until they are restored; opened, which.
+
+    Args:
+        layout: where.
+        context: of the panel.
+        name: under which Blender remembers whether it is open.
+        changes: in words.
+    """
+    if not changes:
+        return
+    header, body = layout.panel(name, default_closed=True)
+    header.label(text=f"{len(changes)} Settings Changed" if len(changes) > 1 else "1 Setting Changed")
+    if body is not None:
+        for change in changes:
+            say(body, context, change)
+
+
 def complain(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
     """Say what is wrong and what to do, in a box."""
     box = layout.box()

@@ -96,7 +96,7 @@ def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     elif making.has_layer(scene):
         say(layout, context, f"The run in the output folder has {layer}: {_what_next(scene)}", "CHECKMARK")
     else:
-        say(layout, context, f"The output folder has a run; {layer} becomes a further layer of it", "INFO")
+        say(layout, context, f"The output folder has a run; {layer} becomes a new layer", "INFO")
         _draw_button(layout, f"Add {layer}{_time(scene, QUALITIES[0])}")
     if is_finished_run(making.output_folder(scene)):
         layout.prop(properties, "start_over")

@@ -6,7 +6,7 @@ import bpy
 
 from ..cvdgs_addon.compositor.apply import renders_can_go_without, simulation_node, told_changes
 from ..cvdgs_addon.compositor.display_nodes import what_is_left_out
-from .layout import SidePanel, say
+from .layout import SidePanel, draw_changes, say
 
 
 class CVDGS_PT_simulate(SidePanel, bpy.types.Panel):
@@ -49,9 +49,7 @@ def _draw_notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         if missing:
             say(layout, context, f"The simulation leaves out: {missing}", "ERROR")
         return
-    told = list(told_changes(context.scene))
-    if told:
-        say(layout, context, f"Until it is switched off: {'; '.join(told)}", "INFO")
+    draw_changes(layout, context, "cvdgs_simulation_changes", list(told_changes(context.scene)))
 
 
 CLASSES: tuple[type, ...] = (CVDGS_PT_simulate,)
