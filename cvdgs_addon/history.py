@@ -15,9 +15,9 @@ _EVENTS = ("load_post", "undo_post", "redo_post")
 def _put_right(*_: object) -> None:
     for scene in bpy.data.scenes:
         restore_interrupted(scene)
-        leave_slow_views(scene)
-    if not bpy.app.background:  # nobody would hear the worker's answer
+    if not bpy.app.background:  # nobody looks, and nobody would hear the worker's answer
         for window in bpy.context.window_manager.windows:
+            leave_slow_views(window.scene)
             catch_up(window.scene)
 
 
