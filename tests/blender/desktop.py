@@ -9,10 +9,11 @@ The machine provides it; the tests are told by two environment variables where i
                                   PROGRAM bind ROOT FOLDER...       folders of this machine, at the same path there
     CVDGS_REAL_BLENDER_ROOT   the folder in which it lives; its subfolder share is /share there
 
-Two more are for pictures, docs/panel.png and docs/result.png among them:
+More are for pictures, docs/panel.png and docs/result.png among them:
 
     CVDGS_PICTURES            the folder for them; without it they are forgotten
     CVDGS_FINISHED_RUN        the run that they show, out/demo for example; without it a small one is made
+    CVDGS_SCALE               2 on a screen of 2560 x 1600, for finer pictures; everything has that many times its size
 
     python -m pytest -m slow tests/blender
 """
@@ -28,8 +29,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
+
 PROGRAM, ROOT = os.environ.get("CVDGS_REAL_BLENDER", ""), os.environ.get("CVDGS_REAL_BLENDER_ROOT", "")
 MISSING = "no real Blender: set CVDGS_REAL_BLENDER and CVDGS_REAL_BLENDER_ROOT (see tests/blender/desktop.py)"
+
+SCALE = int(os.environ.get("CVDGS_SCALE", "1"))
+"""Pixels of the screen for one of a screen of 1280 x 800, in which all places and sizes are given."""
 
 _WATCH = Path(__file__).with_name("watch.py")
 _START_SECONDS = 120.0
@@ -64,7 +70,7 @@ class Desktop:
             options: for `watch.py`.
         """
         shutil.copy(_WATCH, self.share / "watch.py")
-        (self.share / "options.json").write_text(json.dumps(options))
+        (self.share / "options.json").write_text(json.dumps({**options, "scale": SCALE}))
         (self.share / "state.json").unlink(missing_ok=True)
         log = open(self._pictures / "blender.log", "a")  # noqa: SIM115 - Blender writes to it as long as it runs
         self._blender = subprocess.Popen(
@@ -99,30 +105,24 @@ class Desktop:
             assert time.monotonic() < deadline, "Blender does not answer"
             time.sleep(0.02)
 
-    def tell(self, expression: str) -> Any:
-        """The value of a Python expression in Blender, as JSON has it."""
+    def tell(self, expression: str, before: str = "") -> Any:
+        """The value of a Python expression in Blender, as JSON has it, after the code `before`."""
         answer = self.share / "answer.json"
         answer.unlink(missing_ok=True)
-        self.ask(f"import json\nopen('/share/answer.json', 'w').write(json.dumps({expression}))")
+        self.ask(f"{before}\nimport json\nopen('/share/answer.json', 'w').write(json.dumps({expression}))")
         return json.loads(answer.read_text())
 
     def click(self, x: float, y: float, *, settle: bool = True) -> None:
         """Click with the left button; pixels from the upper left corner of the screen; wait for its effect."""
-        position = (str(round(x)), str(round(y)))
+        self._move(x, y)
         # A press and a release at the same moment are lost on a busy machine.
-        self._exec("xdotool", "mousemove", *position, "sleep", "0.4", "mousedown", "1", "sleep", "0.15", "mouseup", "1")
+        self._exec("xdotool", "sleep", "0.4", "mousedown", "1", "sleep", "0.15", "mouseup", "1")
         if settle:
             self.settle()
 
     def hover(self, x: float, y: float) -> None:
         """Move the mouse to a place; what is there hears the keys."""
-        self._exec("xdotool", "mousemove", str(round(x)), str(round(y)))
-        self.settle()
-
-    def scroll(self, x: float, y: float, steps: int) -> None:
-        """Turn the wheel over a place; positive is down."""
-        self._exec("xdotool", "mousemove", str(round(x)), str(round(y)), "sleep", "0.1",
-                   "click", "--repeat", str(abs(steps)), "--delay", "60", "5" if steps > 0 else "4")  # fmt: skip
+        self._move(x, y)
         self.settle()
 
     def keys(self, *names: str) -> None:
@@ -142,10 +142,22 @@ class Desktop:
         subprocess.run([PROGRAM, "shot", ROOT, str(path)], check=True, timeout=30)
         return path
 
+    def cut(self, name: str, box: tuple[float, float, float, float]) -> Image.Image:
+        """A part of the screen in all its pixels; a picture of the whole is kept under `name`.
+
+        Args:
+            name: of the picture.
+            box: left, upper, right and lower end.
+        """
+        return Image.open(self.picture(name)).convert("RGB").crop(tuple(round(SCALE * end) for end in box))
+
     def leave(self) -> None:
         """Take the mouse out of the way, so that nothing is highlighted and no tooltip shown."""
-        self._exec("xdotool", "mousemove", "640", "790")
-        self.settle()
+        self.hover(640, 790)
+
+    def look(self, name: str) -> Image.Image:
+        """What the screen shows, a pixel for each of a screen of 1280 x 800; a picture is kept under `name`."""
+        return Image.open(self.picture(name)).convert("RGB").reduce(SCALE)
 
     def settle(self) -> None:
         """Give the window time to draw what has changed, until it comes to look at itself at its usual pace again."""
@@ -170,6 +182,9 @@ class Desktop:
             self._exec("sh", "-c", "kill -9 $(cat /share/blender.pid)")
             self._blender.wait(30.0)
         self._blender = None
+
+    def _move(self, x: float, y: float) -> None:
+        self._exec("xdotool", "mousemove", str(round(SCALE * x)), str(round(SCALE * y)))
 
     def _exec(self, *command: str) -> None:
         subprocess.run([PROGRAM, "exec", ROOT, *command], check=True, timeout=30)

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from .desktop import Desktop
 
@@ -50,8 +49,7 @@ def _below(desktop: Desktop, place: Place) -> np.ndarray:
     """(H, W, 3) picture of the side bar below a header."""
     x, y, width, height = desktop.state()["places"]["VIEW_3D UI"]
     top = y + round(place[1]) + HEADER_STEP // 2
-    picture = Image.open(desktop.picture("side-bar")).convert("RGB")
-    return np.asarray(picture.crop((x, top, x + width, y + height)), float)
+    return np.asarray(desktop.look("side-bar").crop((x, top, x + width, y + height)), float)
 
 
 def press(desktop: Desktop, place: Place, **options: bool) -> None:

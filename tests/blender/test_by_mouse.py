@@ -12,7 +12,6 @@ import colour
 import numpy as np
 import pytest
 from daltonlens import simulate
-from PIL import Image
 
 from .desktop import Desktop
 from .side_bar import change_mind, choose_folder, press_until, toggle
@@ -50,7 +49,7 @@ def arranged(state: dict) -> int:
 
 def as_protan(desktop: Desktop, places: list[tuple[float, float]]) -> np.ndarray:
     """(P, 3) CIELAB colours that a protanope sees at places of the side bar."""
-    screen = np.asarray(Image.open(desktop.picture("caps")).convert("RGB"))
+    screen = np.asarray(desktop.look("caps"))
     x, y, _, _ = desktop.state()["places"]["VIEW_3D UI"]
     shown = np.array([[screen[round(y + place[1]), round(x + place[0])] for place in places]], np.uint8)
     seen = simulate.Simulator_Machado2009().simulate_cvd(shown, simulate.Deficiency.PROTAN, 1.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from itertools import pairwise
@@ -12,8 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from .desktop import Desktop
-from .side_bar import CAPTURE, MAKE, VIEWER, header, press, toggle
+from .desktop import SCALE, Desktop
+from .picture_files import FOR_PICTURES, save_smaller
+from .side_bar import CAPTURE, MAKE, VIEWER, header, press_until, toggle
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
@@ -21,36 +21,35 @@ FRAMES = 3
 RENDER_MAY_TAKE = 300.0  # seconds; a few on an idle machine
 SETTINGS_MAY_TAKE = 30.0  # seconds to come back; half of one on an idle machine
 VIEW_MAY_TAKE = 900.0  # seconds; a minute or two on an idle machine
-LOOKS, LOOK_SECONDS = 3, 2.0  # at a Blender that is at rest
-AT_REST = 0.3  # seconds of the processor a second; Cycles keeps all of it busy, the watching takes a tenth
+LOOKS, LOOK_SECONDS = 4, 2.0  # at a Blender that is at rest
+AT_REST = 0.15  # seconds of the processor a second; Cycles keeps all of it busy, the watching takes half of this
 STILL = 4.0  # grey levels by which a picture of the same thing may differ from another in the mean
 LEAST_CONTRAST = 20.0  # deviation in grey levels; an empty view has less
-WINDOW = (2, 27, 1050, 720)  # what docs/result.png shows of the screen, in pixels: the 3D view and its side bar
-SIMULATE_BELOW_DISPLAY = 359.0  # pixels from the header of Display to that of Simulate
+# Pixels below the header of Display, before and after the view is in colour.
+VIEW_IN_COLOR, SIMULATE_BELOW_DISPLAY = 57.0, 380.0
 
-LOOK = """
+# Nothing in front of the picture, and room for it.
+CLEAR = """
 bpy.data.objects.remove(bpy.data.objects["Cube"])
-# The picture beside the side bar, not below it.
 bpy.context.preferences.system.use_region_overlap = False
 area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D")
 space = area.spaces.active
-space.region_3d.view_perspective = "CAMERA"
-space.overlay.show_overlays = space.show_gizmo = space.show_region_toolbar = False
-# Without a graphics card: discs, a quarter of the pixels, and only those that the camera sees.
-from bl_ext.user_default.cvdgs.cvdgs_addon.scene import splats
-splats.set_input(bpy.data.objects["Gaussians"], "Camera View", True)
-render = bpy.context.scene.render
+space.overlay.show_overlays = space.show_gizmo = space.show_region_toolbar = space.show_region_tool_header = False
 bpy.context.scene.camera = bpy.data.objects["Turntable Camera"]
+render = bpy.context.scene.render
 render.resolution_x, render.resolution_y = 640, 480
-render.preview_pixel_size = "2"
-render.use_border = True
-space.shading.type = "RENDERED"
 """
-FILL = """
+FILL_THE_WINDOW = """
 area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D")
-with bpy.context.temp_override(area=area, region=next(r for r in area.regions if r.type == "WINDOW")):
-    bpy.ops.view3d.view_center_camera()
+with bpy.context.temp_override(area=area):
+    bpy.ops.screen.screen_full_area()
 """
+FIT_THE_FRAME = """
+area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D")
+with bpy.context.temp_override(area=area):
+    bpy.ops.cvdgs.view_in_color()
+"""
+SHADING = "[a.spaces.active.shading.type for a in bpy.context.screen.areas if a.type == 'VIEW_3D']"
 
 
 @pytest.fixture(scope="module")
@@ -61,13 +60,14 @@ def shown(installed: Desktop, finished_run: str) -> Desktop:
     toggle(installed, MAKE, VIEWER, CAPTURE)
     installed.ask(f"bpy.ops.cvdgs.load_run(directory={finished_run!r})")
     installed.wait(lambda state: "Gaussians" in state["objects"], 60.0)
-    installed.ask("bpy.ops.cvdgs.set_up_render()")
     installed.ask("bpy.ops.cvdgs.add_turntable()")
-    installed.ask(LOOK)
+    installed.ask(CLEAR)
     installed.settle()
-    installed.ask(FILL)
     x, y = header(3)
-    press(installed, (x, y + SIMULATE_BELOW_DISPLAY))
+    press_until(installed, (x, y + VIEW_IN_COLOR), lambda state: state["engine"] == "CYCLES")
+    installed.settle()
+    toggle(installed, (x, y + SIMULATE_BELOW_DISPLAY))
+    assert installed.tell(SHADING) == ["RENDERED"]
     return installed
 
 
@@ -78,16 +78,10 @@ def settled_view(desktop: Desktop, name: str) -> np.ndarray:
         if not is_at_rest(desktop):
             continue
         x, y, width, height = desktop.state()["places"]["VIEW_3D WINDOW"]
-        shown = Image.open(desktop.picture(name)).convert("RGB").crop((x, y, x + width, y + height))
+        shown = desktop.look(name).crop((x, y, x + width, y + height))
         if np.asarray(shown, float).std() >= LEAST_CONTRAST:
             return np.asarray(shown, float)
     raise AssertionError("the 3D view draws nothing, or does not come to rest")
-
-
-def save_smaller(picture: Image.Image, path: Path) -> None:
-    """Write a PNG file in even levels alone: nobody sees it, and a fifth of the bytes is saved."""
-    levels = np.asarray(picture)
-    Image.fromarray(levels - levels % 2).save(path, optimize=True)
 
 
 def is_at_rest(desktop: Desktop) -> bool:
@@ -114,16 +108,24 @@ def test_the_viewport_shows_the_scene_as_the_observer_sees_it(shown: Desktop, pi
     assert np.abs(settled_view(shown, "view-again") - plain).mean() < STILL
 
 
-@pytest.mark.skipif(not os.environ.get("CVDGS_PICTURES"), reason="nobody wants the picture: CVDGS_PICTURES is not set")
+@FOR_PICTURES
 def test_the_picture_for_the_readme_is_drawn(shown: Desktop, pictures: Path):
+    shown.ask(FILL_THE_WINDOW)
+    shown.settle()
+    shown.ask(FIT_THE_FRAME)
+    shown.settle()
     shown.ask(
-        "bpy.context.scene.render.preview_pixel_size = '1'\n"
+        f"bpy.context.scene.render.preview_pixel_size = '{SCALE}'\n"
         "simulate = bpy.context.scene.cvdgs.simulate\n"
         "simulate.in_viewport = simulate.wipe = True; simulate.wipe_position = 0.5"
     )
     settled_view(shown, "view-fine")
     shown.leave()
-    save_smaller(Image.open(shown.picture("result-whole")).convert("RGB").crop(WINDOW), pictures / "result.png")
+    places = [place for name, place in shown.state()["places"].items() if name.startswith("VIEW_3D")]
+    left, top = (min(place[axis] for place in places) for axis in (0, 1))
+    right, bottom = (max(place[axis] + place[axis + 2] for place in places) for axis in (0, 1))
+    save_smaller(shown.cut("result-whole", (left, top, right, bottom)), pictures / "result.png")
+    shown.ask(FILL_THE_WINDOW)  # and back
 
 
 def test_the_turntable_button_renders_the_turn_and_puts_the_settings_back(shown: Desktop):

@@ -1,5 +1,7 @@
 """What an artist takes away from a finished scene, by mouse: a turntable's pictures, splats, a LUT, and the file.
 
+The file is opened again, and goes on.
+
 Every click is followed by a look at what it did; for its place see `side_bar`.
 """
 
@@ -14,10 +16,9 @@ from PIL import Image
 
 from cvdgs.core.splats.ply import read_ply
 
-from .desktop import Desktop
+from .desktop import SCALE, Desktop
 from .side_bar import (
     CAPTURE,
-    MAKE,
     VIEWER,
     choose_folder,
     header,
@@ -32,23 +33,38 @@ from .side_bar import (
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
-LOAD_RUN = (142, 427)  # in an empty scene
 # Places below the header of their sub-panel, while all above it are closed.
-DISPLAY, SIMULATE, TURNTABLE, EXPORT = header(3), header(4), header(5), header(7)
-FRAMES, ADD_TURNTABLE, WIDTH, HEIGHT, RENDER = (142, 31), (142, 141), (75, 193), (195, 193), (142, 245)
+CLOSED_VIEWER, MAKE, DISPLAY, SIMULATE, TURNTABLE, EXPORT = (header(number) for number in (1, 2, 3, 4, 5, 7))
+LOAD_RUN, ADD_LAYER = (142, 69), (135, 75)  # before a run is there, and when it lacks the viewer's layer
+PRESETS = (142, 31)
+FRAMES, ADD_TURNTABLE, WIDTH, HEIGHT, RENDER = (142, 31), (142, 141), (75, 167), (195, 167), (142, 242)
 GAUSSIANS, CUBE = (142, 52), (142, 72)
-ENHANCED = (142, 156)
+ENHANCED = (142, 204)
+VIEW_IN_COLOR = (142, 57)
 IN_VIEWPORT = (193, 31)
 
 FRAME_COUNT, SIZE = 3, (160, 120)
 RENDER_MAY_TAKE = 600.0  # seconds; a few on an idle machine
 SETTINGS_MAY_TAKE = 30.0  # seconds to come back; half of one on an idle machine
+LAYER_MAY_TAKE = 600.0  # seconds; ten on an idle machine
+MENU_STEPS = 3  # from the upper end of the menu of presets to protanomaly
 RUN = "finished"  # folder of `finished_run`
 # How far the layer is shown, in Blender's Python.
 SLIDER = (
     "__import__('bl_ext.user_default.cvdgs.cvdgs_addon.shown', fromlist=['x'])"
     ".shown_layer(bpy.data.objects['Gaussians'])[1]"
 )
+
+
+# The corners of the camera's frame in the 3D view, in pixels from its lower left corner.
+CAMERA_FRAME = """
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D")
+region = next(r for r in area.regions if r.type == "WINDOW")
+camera = bpy.context.scene.camera
+places = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=bpy.context.scene)]
+corners = [list(location_3d_to_region_2d(region, area.spaces.active.region_3d, place)) for place in places]
+"""
 
 
 def below(panel: tuple[float, float], place: tuple[float, float]) -> tuple[float, float]:
@@ -73,11 +89,12 @@ def loaded(installed: Desktop, finished_run: str) -> Desktop:
         file.unlink(missing_ok=True)
     desktop.quit()
     desktop.start(python=sys.executable, sidebar=True)
-    choose_folder(desktop, LOAD_RUN, finished_run)
+    toggle(desktop, VIEWER, CAPTURE)
+    choose_folder(desktop, below(MAKE, LOAD_RUN), finished_run)
     desktop.wait(lambda state: "Gaussians" in state["objects"], 60.0)
     desktop.ask("bpy.data.objects.remove(bpy.data.objects['Cube'])")
     desktop.settle()
-    toggle(desktop, MAKE, VIEWER, CAPTURE, DISPLAY)
+    toggle(desktop, MAKE, DISPLAY)
     desktop.picture("loaded")
     return desktop
 
@@ -159,3 +176,63 @@ def test_the_file_opens_again_as_it_was_left(loaded: Desktop):
     (desktop.share / f"{RUN} deutan-1.0.ply").unlink()
     take_proposal(desktop, below(EXPORT, GAUSSIANS), "export-opened-again")
     assert (desktop.share / f"{RUN} deutan-1.0.ply").is_file()
+    toggle(desktop, EXPORT)
+
+
+def test_the_file_that_was_opened_again_gets_a_layer_for_another_observer(loaded: Desktop):
+    desktop = loaded
+    toggle(desktop, CLOSED_VIEWER)
+    press(desktop, below(CLOSED_VIEWER, PRESETS))
+    desktop.keys(*["Down"] * MENU_STEPS, "Return")
+    viewer = desktop.state()["scene"]
+    assert (viewer["cvd"], round(viewer["severity"], 3)) == ("protan", 0.6)
+    toggle(desktop, CLOSED_VIEWER, MAKE)
+    desktop.picture("layer-for-another")
+    press_until(desktop, below(MAKE, ADD_LAYER), lambda state: "run" in state["jobs"])
+    state = desktop.wait(lambda state: state["jobs"]["run"]["state"] != "running", LAYER_MAY_TAKE)
+    assert state["jobs"]["run"]["problem"] == ""
+    state = desktop.wait(lambda state: "color_protan-0.6" in state["layers"], 60.0)
+    assert state["objects"].count("Gaussians") == 1
+    desktop.keys("Escape")  # the popup that says so
+    saved = (desktop.share / "shop.blend").stat().st_mtime_ns
+    save(desktop)
+    desktop.wait(lambda _: (desktop.share / "shop.blend").stat().st_mtime_ns > saved, 60.0)
+    desktop.quit()
+
+    state = desktop.start("/share/shop.blend", python=sys.executable, sidebar=True)
+    assert {"color_original", "color_deutan-1.0", "color_protan-0.6"} <= set(state["layers"])
+    desktop.picture("opened-with-the-new-layer")
+
+
+def test_undo_leaves_what_was_found_in_the_folder(loaded: Desktop):
+    desktop, folder = loaded, "/share/small"
+    desktop.ask(
+        f"bpy.context.scene.cvdgs.capture.folder = {folder!r}\n"
+        "bpy.ops.ed.undo_push(message='the folder')"  # as the field does
+    )
+    desktop.wait(lambda state: state["scene"]["inspected"] == folder, LAYER_MAY_TAKE)
+    before = set(desktop.state()["objects"])
+    desktop.ask("bpy.ops.mesh.primitive_cube_add()\nbpy.ops.ed.undo_push(message='a cube')")
+    desktop.wait(lambda state: set(state["objects"]) > before, 60.0)
+    x, y, width, height = desktop.state()["places"]["VIEW_3D WINDOW"]
+    desktop.hover(x + width / 3, y + height / 3)
+    desktop.keys("ctrl+z")
+    desktop.wait(lambda state: set(state["objects"]) == before, 60.0)
+    desktop.wait(lambda state: state["scene"]["inspected"] == folder, LAYER_MAY_TAKE)
+    desktop.keys("ctrl+shift+z")
+    desktop.wait(lambda state: set(state["objects"]) > before, 60.0)
+
+
+def test_the_view_in_colour_shows_all_of_the_cameras_frame_beside_the_side_bar(loaded: Desktop):
+    desktop = loaded
+    toggle(desktop, MAKE, DISPLAY)
+    press_until(desktop, below(DISPLAY, VIEW_IN_COLOR), lambda state: state["engine"] == "CYCLES")
+    assert desktop.state()["camera"].startswith("view_")
+    corners = np.array(desktop.tell("corners", CAMERA_FRAME)) / SCALE
+    places = desktop.state()["places"]
+    left, _, width, height = places["VIEW_3D WINDOW"]
+    assert corners.min() >= 0.0
+    assert corners[:, 0].max() <= places["VIEW_3D UI"][0] - left
+    assert corners[:, 1].max() <= height
+    size = np.ptp(corners, axis=0)
+    assert max(size[0] / width, size[1] / height) > 0.6

@@ -1,6 +1,7 @@
 """Runs inside the Blender under test: writes what goes on there to /share/state.json, and runs code that it is given.
 
-Options, from /share/options.json: ``python``, the worker's interpreter; ``sidebar``, whether to open the tab "CVD".
+Options, from /share/options.json: ``python``, the worker's interpreter; ``sidebar``, whether to open the tab "CVD";
+``scale`` of the interface.
 """
 
 import json
@@ -45,18 +46,14 @@ def set_up() -> None:
 
 
 def places() -> dict:
-    """Where the regions are, in pixels from the upper left corner of the window."""
+    """Where the regions are, in pixels from the upper left corner of the window, at a scale of 1."""
     window = bpy.context.window_manager.windows[0]
     found = {}
     for area in window.screen.areas:
         for region in area.regions:
             if region.width > 1:
-                found[f"{area.type} {region.type}"] = [
-                    region.x,
-                    window.height - region.y - region.height,
-                    region.width,
-                    region.height,
-                ]
+                pixels = (region.x, window.height - region.y - region.height, region.width, region.height)
+                found[f"{area.type} {region.type}"] = [pixel / options["scale"] for pixel in pixels]
     return found
 
 
@@ -121,6 +118,7 @@ def look() -> float:
         "processor": time.process_time(),
         "scene": {} if properties is None else {
             "folder": properties.capture.folder,
+            "inspected": properties.capture.inspected,
             "views": properties.capture.views,
             "problem": properties.capture.problem,
             "cvd": properties.viewer.cvd,
@@ -140,6 +138,7 @@ def look() -> float:
 
 (SHARE / "blender.pid").write_text(str(os.getpid()))
 bpy.context.preferences.view.show_splash = False
+bpy.context.preferences.view.ui_scale = options["scale"]
 bpy.context.preferences.use_preferences_save = False  # the next Blender is as new
 # Windows of their own come to lie anywhere, and keep the keys to themselves, where nothing manages windows.
 bpy.context.preferences.view.filebrowser_display_type = "SCREEN"
