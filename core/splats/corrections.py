@@ -52,7 +52,8 @@ class ViewCorrections:
         self._exposure_plan = None if any(background.color) else exposure
         self._pose_plan = poses
         self._visits = visits
-        self._exposure_undecided, self._poses_undecided = self._exposure_plan is not None, poses is not None
+        self._exposure_undecided = self._exposure_plan is not None
+        self._pose_tests = list(poses.decided) if poses is not None and len(views) > 1 else []
         self._cameras = [view.at(1)[1] for view in views]
         self.exposure = ExposureCorrection(rasterizer.device, len(views))
         self.poses = PoseRefinement([camera.world_to_camera for camera in self._cameras])
@@ -69,9 +70,8 @@ class ViewCorrections:
         if self._exposure_undecided and self._exposure_plan is not None and progress >= self._exposure_plan.decided:
             self._exposure_undecided = False
             self._decide_exposure(self._exposure_plan, parameters)
-        if self._poses_undecided and self._pose_plan is not None and progress >= self._pose_plan.decided:
-            self._poses_undecided = False
-            self._decide_poses(self._pose_plan, parameters)
+        while self._pose_plan is not None and self._pose_tests and progress >= self._pose_tests[0][0]:
+            self._test_poses(self._pose_plan, self._pose_tests.pop(0)[1], parameters)
 
     def camera(self, view: int, camera: RasterCamera) -> RasterCamera:
         """The camera of `view`, at any resolution, where it is now."""
@@ -110,16 +110,16 @@ class ViewCorrections:
         """(V, 4, 4) world-to-camera in frame units, or None where they are as given."""
         return self.poses.poses if self.poses_were_off else None
 
-    def _decide_poses(self, plan: PosePlan, parameters: ParameterSet) -> None:
+    def _test_poses(self, plan: PosePlan, threshold: float, parameters: ParameterSet) -> None:
         count = len(self._views)
-        if count < 2:
-            return
         asked = np.linspace(0, count - 1, min(count, plan.probed_views)).round().astype(int).tolist()
         coarsest = max(self._views[0].levels)
         views = self.seen(asked, coarsest)
         motion = motion_to_match(self._rasterizer, views, coarsest, parameters, self._background, plan)
-        self.poses_were_off = motion >= plan.threshold
         self._words["poses"] = f"as given: photographs match the scene within {motion:.2f} pixels"
+        if motion >= threshold:
+            self.poses_were_off = True
+            self._pose_tests.clear()
 
     def _decide_exposure(self, plan: ExposurePlan, parameters: ParameterSet) -> None:
         estimates = []

@@ -34,9 +34,9 @@ class PosePlan:
     """When and how fast poses move.
 
     Attributes:
-        decided: fraction of the run after which it is decided whether poses are off; if so, they move from then on.
-        threshold: pixels by which views match the scene better from somewhere else (`motion_to_match`) when they are
-            off. Good poses gave 0.06 to 0.4, turns of a quarter of a degree at 240 and 320 pixels 0.7 to 1.
+        decided: (fraction of the run, pixels) pairs: poses are off, and move from then on, where views match the scene
+            better from so far away (`motion_to_match`). The rougher the scene, the farther good ones seem to be: up to
+            0.7 pixels after a tenth of a run of 300 steps, 0.3 after two. A quarter of a degree at 240 pixels was 0.8.
         probed_views: at most so many are asked that.
         probe_steps: of each of them.
         probe_rate: step size of these at the start, in pixels; `probe_left` of it is left at the end.
@@ -48,8 +48,7 @@ class PosePlan:
         follow_steps: of such a view each time that the scene has changed since.
     """
 
-    decided: float = 0.15
-    threshold: float = 0.5
+    decided: tuple[tuple[float, float], ...] = ((0.1, 0.8), (0.2, 0.4))
     probed_views: int = 8
     probe_steps: int = 10
     probe_rate: float = 0.2
@@ -64,7 +63,8 @@ class PosePlan:
     def rate_at(self, progress: float, visits: float) -> float:
         """The step size when the fraction `progress` of the run is done, which visits each view `visits` times."""
         start = min(max(self.path / visits, self.rate), self.largest_rate)
-        return start * self.rate_left ** min(max((progress - self.decided) / (1.0 - self.decided), 0.0), 1.0)
+        started = self.decided[0][0]
+        return start * self.rate_left ** min(max((progress - started) / (1.0 - started), 0.0), 1.0)
 
 
 def pose_gradient(
@@ -201,7 +201,7 @@ def motion_to_match(
 ) -> float:
     """How far views have to move to match a scene that stays as it is: RMS over them, in pixels of the full images.
 
-    They do not come all the way where that is far, but farther than `plan.threshold`.
+    They do not come all the way where that is far: a pixel or two.
     """
     cameras = [view.at(1)[1] for view in views]
     refinement = PoseRefinement([camera.world_to_camera for camera in cameras], fixed_scene=True)
