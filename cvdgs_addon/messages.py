@@ -32,6 +32,7 @@ _OPTION = re.compile(r"--[a-z][a-z-]*")
 
 def in_panel_words(text: str) -> str:
     """A message of `core` with the names that the user sees in the panels."""
+    text = text.replace("add --sfm", "tick --sfm")
     return _OPTION.sub(lambda found: f"'{_OPTIONS[found[0]]}'" if found[0] in _OPTIONS else found[0], text)
 
 

@@ -35,7 +35,8 @@ class CVDGS_PT_capture(SidePanel, bpy.types.Panel):
         elif capture.problem:
             # The folder's name stands above, and is long.
             complain(layout, context, sentence(capture.problem.removeprefix(f"{normalised_folder(capture.folder)}: ")))
-            layout.prop(capture, "sfm")
+            if capture.sfm or "--sfm" in capture.problem:
+                layout.prop(capture, "sfm")
         elif capture.inspected:
             _draw_summary(layout, context, capture)
         else:

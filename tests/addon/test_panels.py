@@ -269,7 +269,7 @@ def test_the_preferences_say_what_was_found(addon, worker, tmp_path):
 
 def test_a_message_has_the_remedy_in_a_line_of_its_own():
     error = InputError("no cameras", where="photos", remedy="add --sfm")
-    assert messages.lines_of(str(error)) == ["photos: no cameras", "Add 'Estimate Cameras'"]
+    assert messages.lines_of(str(error)) == ["photos: no cameras", "Tick 'Estimate Cameras'"]
 
 
 def test_narrow_panels_wrap_their_text(addon):
