@@ -120,7 +120,7 @@ def run_now(scene: bpy.types.Scene) -> None:
     """
     settings = run_settings(scene)
     _run(settings, make_workers(), lambda _: None)
-    show_run(settings.out, scene)
+    show_run(settings.out, scene, anew=not settings.resume)
 
 
 def load_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
@@ -204,7 +204,7 @@ def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: 
         show_information(job.title, f"The scene is gone; the result is in {settings.out}")
         return
     try:
-        show_run(settings.out, scene)
+        show_run(settings.out, scene, anew=not settings.resume)
     except InputError as error:
         show_problem(job.title, str(error))
         return

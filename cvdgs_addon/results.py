@@ -19,13 +19,13 @@ from .graphics import has_graphics_card, views_3d
 from .scene.convert import load_run
 from .scene.finished_run import RUN_PROPERTY, FinishedRun, read_run
 from .scene.splat_attributes import Attribute, color_attribute
-from .scene.splats import is_splats, layer_names, show_layer
+from .scene.splats import is_splats, layer_names, point_positions, show_layer
 from .shown import require_object_mode, run_of
 
 _MOST_SHOWN = 1e15  # no figure of a run is larger
 
 
-def show_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
+def show_run(folder: str, scene: bpy.types.Scene, *, anew: bool = False) -> bpy.types.Object:
     """Show the finished run in `folder`, and its newest layer; returns the Gaussians' object.
 
     The panels are about these Gaussians then.
@@ -33,10 +33,18 @@ def show_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
     Where `scene` has the run already, only the layers that it lacks are added, so that whatever was done to the object
     stays. Where that is not possible because Gaussians were deleted, the run is added as a further object.
 
+    Args:
+        folder: of the run.
+        scene: that shows it.
+        anew: whether the run took the place of an earlier one: `scene` gets its colours, and where its Gaussians are
+            others, those of the earlier run are hidden.
+
     Raises:
         InputError: the run cannot be read or used, or its Gaussians are being edited.
     """
     run = read_run(folder)
+    if anew:
+        _renew(scene, folder, run)
     splats = next((found for found in splats_of(scene, folder) if _can_take_layers(found, run)), None)
     if splats is None:
         splats = load_run(run, scene).splats
@@ -45,7 +53,7 @@ def show_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
     else:
         new = [layer for layer in run.layers if layer not in layer_names(splats)]
         for layer in new:
-            _add_layer(splats, layer, run.layers[layer])
+            _set_layer(splats, layer, run.layers[layer])
     newest = _newest_layer(folder)
     if newest in layer_names(splats):
         show_layer(splats, newest)
@@ -131,6 +139,18 @@ def _can_take_layers(splats: bpy.types.Object, run: FinishedRun) -> bool:
     return int(_is_gaussian(splats.data).sum()) == len(run.gaussians)
 
 
+def _renew(scene: bpy.types.Scene, folder: str, run: FinishedRun) -> None:
+    """Bring what `scene` has of an earlier run in `folder` up to date, or out of the way."""
+    for splats in list(splats_of(scene, folder)):
+        require_object_mode(splats)
+        if np.array_equal(point_positions(splats.data), run.gaussians.means):
+            for layer in set(run.layers) & set(layer_names(splats)):
+                _set_layer(splats, layer, run.layers[layer])
+        else:
+            splats.hide_viewport = splats.hide_render = True
+            del splats[RUN_PROPERTY]  # its files are gone
+
+
 def _is_gaussian(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:
     """(V,) which vertices are Gaussians, and not points of the frame."""
     numbers = np.ones(len(mesh.vertices), np.int32)
@@ -148,10 +168,11 @@ def _show_materials() -> None:
             view.shading.type = "MATERIAL"
 
 
-def _add_layer(splats: bpy.types.Object, layer: str, colors: NDArray[np.float32]) -> None:
+def _set_layer(splats: bpy.types.Object, layer: str, colors: NDArray[np.float32]) -> None:
     mesh = splats.data
     rgba = np.zeros((len(mesh.vertices), 4), np.float32)
     rgba[_is_gaussian(mesh)] = np.concatenate([colors, np.ones((len(colors), 1), np.float32)], axis=1)
-    attribute = mesh.attributes.new(color_attribute(layer), "FLOAT_COLOR", "POINT")
+    name = color_attribute(layer)
+    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, "FLOAT_COLOR", "POINT")
     attribute.data.foreach_set("color", rgba.ravel())
     mesh.update()

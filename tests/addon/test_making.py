@@ -6,12 +6,15 @@ import json
 import os
 import shutil
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
+import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
+from cvdgs.core.splats.ply import read_ply, write_ply
 from cvdgs.cvdgs_addon import making
 from cvdgs.cvdgs_addon.activity import ACTIVITY
 from cvdgs.cvdgs_addon.background import State
@@ -132,6 +135,30 @@ def test_a_layer_that_is_there_is_not_made_twice(capture, worker, run_folder):
         bpy.ops.cvdgs.make_cvd_friendly()
     capture.cvdgs.run.start_over = True
     assert not making.run_settings(capture).resume
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_a_run_made_anew_replaces_what_the_scene_has_of_the_earlier_one(capture, worker, run_folder, moved):
+    worker(finishing(run_folder))
+    press()
+    finished(making.JOB)
+    (first,) = splats_in(capture)
+    for path in run_folder.glob("splats*.ply"):
+        gaussians = read_ply(path)
+        means = gaussians.means + 1.0 if moved else gaussians.means
+        sh = gaussians.sh if path.name == "splats.ply" else 0.5 * gaussians.sh
+        write_ply(path, replace(gaussians, means=means, sh=sh))
+    capture.cvdgs.run.start_over = True
+    press()
+    finished(making.JOB)
+    shown = capture.cvdgs.display.target
+    assert (shown == first) is not moved
+    assert first.hide_render is moved
+    assert not shown.hide_render
+    expected = read_ply(run_folder / "splats.deutan-1.0.ply").base_colors
+    colors = np.empty((len(shown.data.vertices), 4), np.float32)
+    shown.data.attributes["color_deutan-1.0"].data.foreach_get("color", colors.reshape(-1))
+    np.testing.assert_allclose(colors[: len(expected), :3], expected, atol=1e-6)
 
 
 def test_a_script_waits_for_the_result(capture, worker, run_folder):
