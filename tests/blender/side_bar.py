@@ -100,6 +100,7 @@ def save_as(desktop: Desktop, path: str) -> None:
     """Save a file that has no name yet."""
     save(desktop)
     desktop.wait(lambda state: _BROWSER in state["places"], _CLICK_MAY_TAKE)
+    desktop.settle()  # else Return is heard by the browser, and saves under the name that it proposes
     _enter(desktop, _PATH, path.rpartition("/")[0])
     _enter(desktop, _NAME, path.rpartition("/")[2])
     _accept(desktop)
