@@ -227,7 +227,7 @@ def test_the_view_in_colour_shows_all_of_the_cameras_frame_beside_the_side_bar(l
     desktop = loaded
     toggle(desktop, MAKE, DISPLAY)
     press_until(desktop, below(DISPLAY, VIEW_IN_COLOR), lambda state: state["engine"] == "CYCLES")
-    assert desktop.state()["camera"].startswith("view_")
+    assert desktop.state()["camera"] == "Turntable Camera"
     corners = np.array(desktop.tell("corners", CAMERA_FRAME)) / SCALE
     places = desktop.state()["places"]
     left, _, width, height = places["VIEW_3D WINDOW"]
