@@ -18,10 +18,8 @@ from .preferences import get_cache
 from .scene.lookup import scene_by_uid
 
 JOB = "inspect"
-_THUMBNAILS, _THUMBNAIL_SIZE = (
-    4,
-    256,
-)  # pixels of the longer side; a side bar of usual width shows a square of about 120
+_THUMBNAILS = 4
+_THUMBNAIL_SIZE = 256  # pixels of the longer side; a side bar of usual width shows a square of about 120
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class PosePlan:
     Attributes:
         decided: (fraction of the run, pixels) pairs: poses are off, and move from then on, where views match the scene
             better from so far away (`motion_to_match`). The rougher the scene, the farther good ones seem to be: up to
-            0.71 pixels after a tenth of a run of 300 steps, 0.35 after two. A quarter of a degree at 240 pixels was 0.8.
+            0.71 pixels after a tenth of a run of 300 steps, 0.35 after two. A quarter of a degree at 240 pixels: 0.8.
         probed_views: at most so many are asked that.
         probe_steps: of each of them.
         probe_rate: step size of these at the start, in pixels; `probe_left` of it is left at the end.
