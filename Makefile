@@ -1,9 +1,16 @@
-# What a fresh machine needs: Python 3.11 and make. Every target sets up what it uses.
+# What a fresh machine needs: Python 3.11 or 3.13, and make. Every target sets up what it uses.
 
-PYTHON ?= $(shell command -v python3.11 || echo python3)
+# Asked instead of looked up: a version manager's stand-in for a Python that is not there can be found, but not run.
+find_python = $(shell python$(1) -c "import sys; print(sys.executable)" 2>/dev/null)
+# Blender's modules are built for these: 4.5 and 5.0 for the first, 5.2 for the second.
+PYTHON311 ?= $(call find_python,3.11)
+PYTHON313 ?= $(call find_python,3.13)
+PYTHON ?= $(or $(PYTHON311),$(PYTHON313),python3)
 VENV := .venv
-# The add-on is tested on both generations of Blender's API; the wheels exclude each other in one environment.
+# The add-on is tested on more Blenders than one; their modules exclude each other in one environment.
 VENV_BPY45 := .venv-bpy45
+VENV_BPY52 := .venv-bpy52
+OTHER_BLENDERS := $(and $(PYTHON311),$(VENV_BPY45)) $(and $(PYTHON313),$(VENV_BPY52))
 BIN := $(VENV)/bin
 # "no" goes on where libraries of Blender's module are missing and nobody may install them (run.py --no-blend).
 BLENDER ?= yes
@@ -27,22 +34,24 @@ $(VENV)/.ready: pyproject.toml requirements.txt requirements-torch.txt requireme
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation -e .
 	touch $@
 
-$(VENV_BPY45)/.ready: requirements-bpy45.txt
+$(VENV_BPY45)/.ready: THEIR_PYTHON = $(PYTHON311)
+$(VENV_BPY52)/.ready: THEIR_PYTHON = $(PYTHON313)
+.venv-%/.ready: requirements-%.txt
 	sh scripts/system_libraries.sh
-	$(PYTHON) -m venv $(VENV_BPY45)
-	$(VENV_BPY45)/bin/python -m pip install --quiet --require-hashes --no-deps -r requirements-bpy45.txt
+	$(THEIR_PYTHON) -m venv $(@D)
+	$(@D)/bin/python -m pip install --quiet --require-hashes --no-deps -r $<
 	touch $@
 
 demo: venv
 	$(BIN)/python scripts/run.py core/demo/showroom --iterations 3000 --out $(DEMO_OUT)
 
-test: lint $(VENV_BPY45)/.ready
+test: lint $(OTHER_BLENDERS:=/.ready)
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE)
-	$(VENV_BPY45)/bin/python -m pytest $(SIDE_BY_SIDE) tests/addon
+	set -e; for venv in $(OTHER_BLENDERS); do $$venv/bin/python -m pytest $(SIDE_BY_SIDE) tests/addon; done
 
-test-all: venv $(VENV_BPY45)/.ready
+test-all: venv $(OTHER_BLENDERS:=/.ready)
 	$(BIN)/python -m pytest -m "slow or not slow"
-	$(VENV_BPY45)/bin/python -m pytest tests/addon -m "slow or not slow"
+	set -e; for venv in $(OTHER_BLENDERS); do $$venv/bin/python -m pytest tests/addon -m "slow or not slow"; done
 
 # mypy wants the package under its own name, and a checkout may be called anything.
 lint: venv
@@ -59,4 +68,4 @@ licences: venv
 	$(BIN)/python scripts/licences.py
 
 clean:
-	rm -rf $(VENV) $(VENV_BPY45) .build out
+	rm -rf $(VENV) $(VENV_BPY45) $(VENV_BPY52) .build out

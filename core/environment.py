@@ -22,7 +22,9 @@ from .errors import InputError
 from .events import Reporter
 
 STAGE = "environment"
-TESTED_PYTHON = (3, 11)  # what the files below are for
+LISTED_PYTHONS = ((3, 11), (3, 12), (3, 13))
+"""What the files below are for. Blender up to 5.0 has the first, 5.1 and 5.2 the last."""
+
 REQUIREMENTS = ROOT / "requirements.txt"
 TORCH_REQUIREMENTS = ROOT / "requirements-torch.txt"
 CUDA_REQUIREMENTS = ROOT / "requirements-cuda.txt"
@@ -72,14 +74,11 @@ def can_make_environments(python: str) -> bool:
 
 
 def requirements() -> list[str]:
-    """What the worker needs, as ranges, for the Python that runs this."""
+    """What the worker needs, as ranges."""
     import tomllib  # Python 3.10, which shall be able to run the doctor, has none
 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    if sys.version_info[:2] == TESTED_PYTHON:
-        return list(project["dependencies"])
-    # numpy's upper bound is the bpy wheel's, which the worker does not use; later Pythons have no builds of 1.x.
-    return [re.sub(r"^(numpy>=[^,]+),<2$", r"\1", requirement) for requirement in project["dependencies"]]
+    return list(project["dependencies"])
 
 
 def _to_stderr(line: str) -> None:
@@ -110,7 +109,7 @@ def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | N
         remedy = "choose another Python, or install this one's venv and ensurepip (Debian: python3-venv)"
         raise InputError("cannot make environments", where=sys.executable, remedy=remedy) from None
     reporter.progress(STAGE, _VENV_SHARE, "downloading")
-    if wanted is None and sys.version_info[:2] == TESTED_PYTHON:
+    if wanted is None and sys.version_info[:2] in LISTED_PYTHONS:
         install_locked(python_in(folder), reporter)
     else:
         packages = list(requirements() if wanted is None else wanted)

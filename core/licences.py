@@ -48,7 +48,7 @@ class Licence:
 
 def listed_packages(requirements: Path) -> list[str]:
     """The packages of a requirements file, without those that it includes."""
-    return _ENTRY.findall(requirements.read_text(encoding="utf-8"))
+    return list(dict.fromkeys(_ENTRY.findall(requirements.read_text(encoding="utf-8"))))  # one may be there per Python
 
 
 def licences_of(packages: Iterable[str]) -> list[Licence]:

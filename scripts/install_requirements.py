@@ -18,7 +18,7 @@ import bootstrap
 bootstrap.load()
 from cvdgs.core.arguments import exit_code  # noqa: E402
 from cvdgs.core.console import ConsoleReporter  # noqa: E402
-from cvdgs.core.environment import REQUIREMENTS, install_locked  # noqa: E402
+from cvdgs.core.environment import LISTED_PYTHONS, REQUIREMENTS, install_locked  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 
 
@@ -29,6 +29,10 @@ def main() -> int:
     requirements = parser.parse_args().list
 
     def work() -> None:
+        if sys.version_info[:2] not in LISTED_PYTHONS:
+            version = ".".join(map(str, sys.version_info[:2]))
+            remedy = "install Python 3.11 or 3.13, and type 'make venv PYTHON=python3.13'"
+            raise InputError(f"the lists are not for Python {version}", where=sys.executable, remedy=remedy)
         if not requirements.is_file():
             raise InputError("there is no such list", where=requirements, remedy="name one of requirements*.txt")
         install_locked(Path(sys.executable), ConsoleReporter(sys.stderr), requirements, log=lambda _: None)

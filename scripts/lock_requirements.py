@@ -23,18 +23,20 @@ import bootstrap
 
 bootstrap.load()
 from cvdgs.core.arguments import exit_code  # noqa: E402
-from cvdgs.core.environment import CUDA_REQUIREMENTS, REQUIREMENTS, TESTED_PYTHON, TORCH_REQUIREMENTS  # noqa: E402
+from cvdgs.core.environment import CUDA_REQUIREMENTS, LISTED_PYTHONS, REQUIREMENTS, TORCH_REQUIREMENTS  # noqa: E402
 from cvdgs.core.errors import InputError  # noqa: E402
 
 DEVELOPMENT_REQUIREMENTS = bootstrap.ROOT / "requirements-dev.txt"
 BPY45_REQUIREMENTS = bootstrap.ROOT / "requirements-bpy45.txt"
+BPY52_REQUIREMENTS = bootstrap.ROOT / "requirements-bpy52.txt"
 FUZZ_REQUIREMENTS = bootstrap.ROOT / "requirements-fuzz.txt"
 DEVELOPMENT_EXTRAS = ("blender", "test", "lint")
 FUZZ_EXTRA = "fuzz"
 LISTS = (REQUIREMENTS, TORCH_REQUIREMENTS, CUDA_REQUIREMENTS, DEVELOPMENT_REQUIREMENTS, FUZZ_REQUIREMENTS)
 BUILD = ["setuptools>=77"]  # pyproject.toml's build-system, which is not fetched when the package itself is installed
-# The add-on's side on the older generation of Blender's API.
-BPY45 = ["bpy>=4.5,<4.6", "hypothesis", "pytest", "pytest-timeout", "pytest-xdist", "zstandard"]
+# What the add-on's tests need; their worker is another environment's.
+ADDON_TESTS = ["hypothesis", "pytest", "pytest-timeout", "pytest-xdist", "zstandard"]
+BPY45, BPY52 = "bpy>=4.5,<4.6", "bpy>=5.2,<5.3"
 
 # torch's build for Linux loads these; a build without CUDA does without gigabytes of them.
 _CUDA = re.compile(r"^(nvidia|cuda|triton)\b")
@@ -45,12 +47,18 @@ Lock = dict[str, str]
 """Requirement with its marker to its whole entry, hashes included, sorted by name."""
 
 
-def resolve(source: Path, extras: tuple[str, ...] = (), keep: tuple[Path, ...] = ()) -> Lock:
+def resolve(
+    source: Path,
+    extras: tuple[str, ...] = (),
+    keep: tuple[Path, ...] = (),
+    python: tuple[int, int] = LISTED_PYTHONS[0],
+) -> Lock:
     """What `source` (a pyproject.toml or a list of requirements) needs, with all that it needs in turn.
 
     Args:
         extras: of a pyproject.toml.
         keep: files whose versions are taken where they fit.
+        python: the oldest that it is for.
 
     Raises:
         InputError: uv is missing or cannot resolve it.
@@ -58,7 +66,7 @@ def resolve(source: Path, extras: tuple[str, ...] = (), keep: tuple[Path, ...] =
     if importlib.util.find_spec("uv") is None:
         raise InputError("uv is missing", where=sys.executable, remedy=f"{sys.executable} -m pip install uv")
     command = [sys.executable, "-m", "uv", "pip", "compile", str(source), "--universal", "--generate-hashes"]
-    command += ["--python-version", ".".join(map(str, TESTED_PYTHON)), "--no-header", "--no-annotate", "--quiet"]
+    command += ["--python-version", ".".join(map(str, python)), "--no-header", "--no-annotate", "--quiet"]
     command += [option for extra in extras for option in ("--extra", extra)]
     command += [option for path in keep if path.is_file() for option in ("--constraint", str(path))]
     result = subprocess.run(command, capture_output=True, text=True)
@@ -94,9 +102,23 @@ def without(lock: Lock, other: Lock) -> Lock:
     return {requirement: entry for requirement, entry in lock.items() if requirement.partition("==")[0] not in names}
 
 
+def resolve_addon_tests(bpy: str, python: tuple[int, int], keep: tuple[Path, ...]) -> Lock:
+    """What the add-on's tests need on one of Blender's modules.
+
+    Args:
+        bpy: the module, as pip takes it.
+        python: the one that it is built for.
+        keep: as for `resolve`.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        wanted = Path(folder) / "requirements.in"
+        wanted.write_text("\n".join([bpy, *ADDON_TESTS]) + "\n", encoding="utf-8")
+        return resolve(wanted, keep=keep, python=python)
+
+
 def write(path: Path, about: str, lock: Lock, *, includes: Path | None = None) -> None:
     """Write one file."""
-    lines = [f"# {about} (Python 3.11). Written by scripts/lock_requirements.py."]
+    lines = [f"# {about}. Written by scripts/lock_requirements.py."]
     lines += [f"-r {includes.name}"] if includes else []
     path.write_text("\n".join([*lines, *lock.values()]) + "\n", encoding="utf-8")
 
@@ -107,10 +129,10 @@ def lock_all(*, upgrade: bool) -> None:
     keep = () if upgrade else LISTS
     with tempfile.TemporaryDirectory() as folder:
         wanted = Path(folder) / "requirements.in"
-        wanted.write_text("\n".join(BPY45) + "\n", encoding="utf-8")
-        bpy45 = resolve(wanted, keep=() if upgrade else (BPY45_REQUIREMENTS,))
         wanted.write_text("\n".join(BUILD) + "\n", encoding="utf-8")
         build = resolve(wanted, keep=keep)
+    bpy45 = resolve_addon_tests(BPY45, (3, 11), () if upgrade else (BPY45_REQUIREMENTS,))
+    bpy52 = resolve_addon_tests(BPY52, (3, 13), () if upgrade else (BPY52_REQUIREMENTS,))
     everything = resolve(project, DEVELOPMENT_EXTRAS, keep)
     fuzz = without(resolve(project, (*DEVELOPMENT_EXTRAS, FUZZ_EXTRA), keep), everything)
     worker = without(everything, without(everything, resolve(project, keep=keep)))
@@ -124,7 +146,8 @@ def lock_all(*, upgrade: bool) -> None:
     write(CUDA_REQUIREMENTS, "What torch's builds with CUDA load besides, on Linux", cuda)
     write(DEVELOPMENT_REQUIREMENTS, "What make venv installs", development, includes=REQUIREMENTS)
     write(FUZZ_REQUIREMENTS, "What tests/fuzz/campaign.py needs besides what make venv installs", fuzz)
-    write(BPY45_REQUIREMENTS, "The second test environment: the older generation of Blender's API", bpy45)
+    write(BPY45_REQUIREMENTS, "Tests on Blender 4.5, the older generation of its API (Python 3.11)", bpy45)
+    write(BPY52_REQUIREMENTS, "Tests on Blender 5.2 (Python 3.13)", bpy52)
 
 
 def main() -> int:

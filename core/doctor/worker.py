@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..bootstrap import ROOT
-from ..environment import PACKAGES, TESTED_PYTHON, can_make_environments
+from ..environment import LISTED_PYTHONS, PACKAGES, can_make_environments
 from ..errors import InputError
 from ..job import find_python
 from .finding import Finding, State
@@ -68,17 +68,20 @@ def _kernels(answer: Answer) -> Iterator[Finding]:
 
 def _what_makes_one() -> Iterator[Finding]:
     """What `make venv` needs."""
-    version = ".".join(map(str, TESTED_PYTHON))
-    python = shutil.which(f"python{version}") or (sys.executable if sys.version_info[:2] == TESTED_PYTHON else None)
-    if python is None:
-        remedy = f"install Python {version} (Debian 12: python3 and python3-venv; elsewhere from python.org or pyenv)"
-        remedy += ", or let the add-on make an environment (Preferences > Add-ons > cvdgs) and set CVDGS_PYTHON to it"
-        yield Finding("Python", State.MISSING, f"no python{version} is found, which 'make venv' needs", remedy)
-    elif not can_make_environments(python):
-        remedy = "install its venv and ensurepip (Debian: python3-venv)"
-        yield Finding("Python", State.MISSING, f"{python} cannot make environments", remedy)
-    else:
+    names = [f"python{major}.{minor}" for major, minor in LISTED_PYTHONS]
+    candidates = [python for python in map(shutil.which, names) if python is not None]
+    if sys.version_info[:2] in LISTED_PYTHONS:
+        candidates.append(sys.executable)
+    python = next(filter(can_make_environments, candidates), None)
+    if python is not None:
         yield Finding("Python", State.OK, f"{python} can make the worker's environment")
+    elif candidates:
+        remedy = "install its venv and ensurepip (Debian: python3-venv)"
+        yield Finding("Python", State.MISSING, f"{candidates[0]} cannot make environments", remedy)
+    else:
+        remedy = "install Python 3.11 or 3.13 (Debian: python3 and python3-venv; elsewhere from python.org or pyenv)"
+        remedy += ", or let the add-on make an environment (Preferences > Add-ons > cvdgs) and set CVDGS_PYTHON to it"
+        yield Finding("Python", State.MISSING, f"none of {', '.join(names)} is found; 'make venv' needs one", remedy)
     if shutil.which("make") is None:
         remedy = f"install make, or type what the Makefile's venv does, in {ROOT}"
         yield Finding("make", State.MISSING, "is not found", remedy)

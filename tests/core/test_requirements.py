@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
 from cvdgs.core import environment
@@ -23,11 +24,22 @@ from .test_environment import shelf  # noqa: F401
 ROOT = Path(__file__).resolve().parents[2]
 LISTS = sorted(ROOT.glob("requirements*.txt"))
 ENTRY = re.compile(r"^(\S+)==([^\s;]+).*", re.MULTILINE)
+Python = tuple[int, int]
 
 
-def entries(path: Path) -> dict[str, str]:
+def holds(requirement: Requirement, python: Python) -> bool:
+    """Whether the requirement is one for this Python."""
+    version = ".".join(map(str, python))
+    asked_by = {"python_version": version, "python_full_version": f"{version}.0"}
+    return requirement.marker is None or requirement.marker.evaluate(asked_by)
+
+
+def entries(path: Path, python: Python) -> dict[str, str]:
     """Package to its exact version."""
-    return {canonicalize_name(name): version for name, version in ENTRY.findall(path.read_text(encoding="utf-8"))}
+    lines = [match[0].removesuffix(" \\") for match in ENTRY.finditer(path.read_text(encoding="utf-8"))]
+    listed = [requirement for requirement in map(Requirement, lines) if holds(requirement, python)]
+    assert len(listed) == len({requirement.name for requirement in listed})
+    return {canonicalize_name(entry.name): str(entry.specifier).removeprefix("==") for entry in listed}
 
 
 @pytest.mark.parametrize("path", LISTS, ids=lambda path: path.name)
@@ -40,16 +52,25 @@ def test_every_entry_is_exact_and_has_hashes(path):
         assert all(re.fullmatch(r"    --hash=sha256:[0-9a-f]{64}", line) for line in hashes)
 
 
-def test_the_lists_have_what_the_project_requires_within_its_bounds():
+@pytest.mark.parametrize("python", environment.LISTED_PYTHONS)
+def test_the_lists_have_what_the_project_requires_within_its_bounds(python):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    worker = entries(environment.REQUIREMENTS) | entries(environment.TORCH_REQUIREMENTS)
-    everything = worker | entries(ROOT / "requirements-dev.txt") | entries(ROOT / "requirements-fuzz.txt")
+    worker = entries(environment.REQUIREMENTS, python) | entries(environment.TORCH_REQUIREMENTS, python)
+    everything = worker
+    for path in (lock_requirements.DEVELOPMENT_REQUIREMENTS, lock_requirements.FUZZ_REQUIREMENTS):
+        everything |= entries(path, python)
     for text in project["dependencies"]:
         assert canonicalize_name(Requirement(text).name) in worker
     extras = [text for extra in project["optional-dependencies"].values() for text in extra]
     for requirement in map(Requirement, [*project["dependencies"], *extras]):
-        if requirement.name != "cvdgs":
+        if requirement.name != "cvdgs" and holds(requirement, python):
             assert everything[canonicalize_name(requirement.name)] in requirement.specifier, requirement
+
+
+@pytest.mark.parametrize("python", environment.LISTED_PYTHONS)
+def test_a_python_is_one_that_the_package_allows(python):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert ".".join(map(str, python)) in SpecifierSet(project["requires-python"])
 
 
 def test_a_new_torch_is_refused_until_the_hash_of_its_build_for_cpus_is_known():
