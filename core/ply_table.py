@@ -8,6 +8,7 @@ the vertices is left alone. A header that claims more than the file holds is ref
 from __future__ import annotations
 
 import warnings
+from bisect import bisect_left
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -178,7 +179,21 @@ def _why_not_first(element: str) -> str:
 
 def _numbers(file: BinaryIO, rows: int, columns: int) -> NDArray[np.float64]:
     """(R, columns) numbers in text; R is less than `rows` where the text ends or stops being numbers."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # numpy's way to say that it stops being numbers
-        numbers = np.fromfile(file, np.float64, rows * columns, sep=" ")
+    start, wanted = file.tell(), rows * columns
+
+    def read(count: int) -> NDArray[np.float64] | None:
+        """Up to `count` numbers, or None: where the text stops being numbers, numpy may refuse all of them."""
+        file.seek(start)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # or it may say this and return those before
+            try:
+                return np.fromfile(file, np.float64, count, sep=" ")
+            except ValueError:
+                return None
+
+    numbers = read(wanted)
+    if numbers is None:
+        present = bisect_left(range(1, wanted), True, key=lambda count: read(count) is None)
+        numbers = read(present) if present else np.empty(0)
+        assert numbers is not None
     return numbers[: len(numbers) // columns * columns].reshape(-1, columns)

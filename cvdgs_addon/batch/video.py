@@ -136,7 +136,8 @@ def _add_pictures(scene: bpy.types.Scene, place: _Place, channel: int, size: tup
     strip = strips.new_image(f"Sequence {channel}", str(first), channel, 1, fit_method="ORIGINAL")
     for path in others:
         strip.elements.append(path.name)
-    strip.frame_final_duration = len(place.pictures)
+    # Blender 5.2 has a new name for it, and warns of the old one.
+    setattr(strip, "duration" if hasattr(strip, "duration") else "frame_final_duration", len(place.pictures))
     # From the middle of the video to that of the picture; upwards is positive.
     strip.transform.offset_x = place.left + (place.size[0] - size[0]) / 2.0
     strip.transform.offset_y = (size[1] - place.size[1]) / 2.0 - place.top

@@ -6,12 +6,22 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.licences import Licence
+from cvdgs.core.environment import CUDA_REQUIREMENTS, LISTED_PYTHONS
+from cvdgs.core.licences import Licence, licences_of, listed_packages
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the page lists what is installed on Linux")
+@pytest.mark.parametrize("path", sorted(ROOT.glob("requirements*.txt")), ids=lambda path: path.name)
+def test_what_is_installed_is_free_and_compatible(path):
+    if path != CUDA_REQUIREMENTS:  # NVIDIA's, which nothing needs
+        assert not [entry for entry in licences_of(listed_packages(path)) if not entry.is_compatible]
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux" or sys.version_info[:2] != LISTED_PYTHONS[0],
+    reason="the page lists what is installed on Linux for the first of the listed Pythons",
+)
 def test_the_page_is_what_the_command_writes():
     command = [sys.executable, ROOT / "scripts" / "licences.py", "--check"]
     result = subprocess.run(command, capture_output=True, text=True)
