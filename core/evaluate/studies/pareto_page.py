@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 NAME = "pareto"
 _SIZE = (10.0, 7.6)  # inches
 _STAR = 11  # points
+_MARGIN = 0.08  # around what is plotted, in widths and heights of a chart: names of points stand there
 _SERIES_NAMES = {
     "steps": "steps of training",
     "photographs": "smaller photographs",
@@ -82,6 +83,7 @@ def _draw(figure: Figure, theme: Theme, points: Sequence[ParetoPoint]) -> None:
     ]
     for panel, x, y, title, x_label in panels:
         panel.set(title=title, xlabel=x_label)
+        panel.margins(_MARGIN)
         logarithmic(panel)
         # All enhancers of one mode have the same geometry.
         shown = [p for p in points if p.series != "enhancer"] if panel is axes[0, 0] else points
@@ -119,7 +121,8 @@ def _draw_points(axes: Axes, theme: Theme, points: Sequence[ParetoPoint], x: Qua
 
 def _name(axes: Axes, theme: Theme, name: str, place: tuple[float, float]) -> None:
     """Write what a point is, below it."""
-    axes.annotate(name, place, (6, -11), textcoords="offset points", fontsize="small", color=theme.ink)
+    style = {"ha": "center", "va": "top", "fontsize": "small", "color": theme.ink}
+    axes.annotate(name, place, (0, -7), textcoords="offset points", **style)
 
 
 def _program(point: ParetoPoint) -> str:
