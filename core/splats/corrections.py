@@ -29,7 +29,7 @@ class ViewCorrections:
         views: that are fitted.
         background: of the run.
         exposure, poses: what may be corrected and how; None corrects nothing. Exposures of cut-outs are not corrected.
-        visits: how often a run as long as planned comes to each view.
+        steps: of the run, as long as planned.
 
     Attributes:
         exposure, poses: the corrections.
@@ -43,7 +43,7 @@ class ViewCorrections:
         background: Background,
         exposure: ExposurePlan | None,
         poses: PosePlan | None,
-        visits: float,
+        steps: int,
     ) -> None:
         self._rasterizer = rasterizer
         self._views = views
@@ -51,9 +51,9 @@ class ViewCorrections:
         # A gain would change the light behind cut-outs too, which no photograph shows.
         self._exposure_plan = None if any(background.color) else exposure
         self._pose_plan = poses
-        self._visits = visits
+        self._visits = steps / len(views)
         self._exposure_undecided = self._exposure_plan is not None
-        self._pose_tests = list(poses.decided) if poses is not None and len(views) > 1 else []
+        self._pose_tests = list(poses.decided) if poses is not None and poses.can_tell(steps, len(views)) else []
         self._cameras = [view.at(1)[1] for view in views]
         self.exposure = ExposureCorrection(rasterizer.device, len(views))
         self.poses = PoseRefinement([camera.world_to_camera for camera in self._cameras])

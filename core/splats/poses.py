@@ -37,6 +37,7 @@ class PosePlan:
         decided: (fraction of the run, pixels) pairs: poses are off, and move from then on, where views match the scene
             better from so far away (`motion_to_match`). The rougher the scene, the farther good ones seem to be: up to
             0.71 pixels after a tenth of a run of 300 steps, 0.35 after two. A quarter of a degree at 240 pixels: 0.8.
+        least_steps: of a run in which this is asked at all: shorter ones are rougher than that.
         probed_views: at most so many are asked that.
         probe_steps: of each of them.
         probe_rate: step size of these at the start, in pixels; `probe_left` of it is left at the end.
@@ -49,6 +50,7 @@ class PosePlan:
     """
 
     decided: tuple[tuple[float, float], ...] = ((0.1, 0.8), (0.2, 0.4))
+    least_steps: int = 300
     probed_views: int = 8
     probe_steps: int = 10
     probe_rate: float = 0.2
@@ -59,6 +61,10 @@ class PosePlan:
     rate_left: float = 0.05
     align_steps: int = 60
     follow_steps: int = 4
+
+    def can_tell(self, steps: int, views: int) -> bool:
+        """Whether a run of so many steps on so many views can tell poses that are off from good ones."""
+        return views > 1 and steps >= self.least_steps
 
     def rate_at(self, progress: float, visits: float) -> float:
         """The step size when the fraction `progress` of the run is done, which visits each view `visits` times."""

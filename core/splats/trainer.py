@@ -78,8 +78,9 @@ class Trainer:
         initial = initial.take(morton_order(initial.means))
         self._initial = len(initial)
         self.fit = Fit(rasterizer, with_sh_degree(initial, plan.sh_degree or 0), background, plan.ssim_weight)
-        visits = plan.steps / len(self._targets)
-        self._corrections = ViewCorrections(rasterizer, self._targets, background, plan.exposure, plan.poses, visits)
+        self._corrections = ViewCorrections(
+            rasterizer, self._targets, background, plan.exposure, plan.poses, plan.steps
+        )
         self._order = ViewOrder(self._fitted, self._rng)
         self._degree_undecided = plan.sh_degree is None
         self._curve: list[dict[str, float | None]] = []

@@ -87,11 +87,18 @@ def test_a_run_with_good_poses_hands_none_back(scene, views):
     assert result.moved_poses == {}
 
 
+def test_a_run_that_is_too_short_to_tell_leaves_poses_alone(scene, views):
+    training, held_out = parts(views)
+    result = train(scene, turned(training, 0.5), held_out, steps=120, exposure=None, poses=PosePlan())
+    assert "poses" not in result.decision
+    assert result.moved_poses == {}
+
+
 def test_exposures_of_cut_outs_are_left_alone(scene, views):
     white = Background((1.0, 1.0, 1.0))
     rasterizer, frame = Rasterizer("cpu", 1), SceneFrame.around(views, scene.means)
     targets = prepare_targets(rasterizer, lit(views, np.linspace(-0.3, 0.3, len(views))), frame, white, set())
     for background, active in ((white, False), (BLACK, True)):
-        corrections = ViewCorrections(rasterizer, targets, background, ExposurePlan(), None, visits=10.0)
+        corrections = ViewCorrections(rasterizer, targets, background, ExposurePlan(), None, steps=100)
         corrections.decide(0.5, ParameterSet.from_gaussians(frame.from_world(scene)))
         assert corrections.exposure.active == active
