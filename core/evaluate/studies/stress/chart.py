@@ -43,9 +43,11 @@ def write_stress_chart(folder: Path, name: str, axes: Sequence[Axis], items: Seq
 
 
 def curve(items: Sequence[Standing], method: str, axis: str) -> list[Standing]:
-    """A method's levels on an axis, in order, from the harmless one on."""
-    chosen = [item for item in items if item.method == method and item.axis in (UNTOUCHED, axis)]
-    return sorted(chosen, key=lambda item: item.level)
+    """A method's levels on an axis, in order, from the harmless one on: its own, or that which axes share."""
+    by_level = {
+        item.level: item for name in (UNTOUCHED, axis) for item in items if item.method == method and item.axis == name
+    }
+    return [by_level[level] for level in sorted(by_level)]
 
 
 def methods_of(items: Sequence[Standing]) -> list[str]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from ..recipe import Trial
 from ..summary import Summary
+from .axes import HARMLESS
 from .plan import StressResult
 
 MOST_LOST = 3.0
@@ -16,7 +17,7 @@ MOST_RWE = 1.0
 """Warping error relative to the photographs': above it the views contradict each other more than those do."""
 
 UNTOUCHED = "untouched"
-"""What stands for an axis at the harmless level, which is the same for all."""
+"""What stands for an axis at the harmless level of those that share it."""
 _FIGURES = ("psnr", "rwe", "ccpr", "ccpr_input")
 
 
@@ -25,7 +26,7 @@ class Standing:
     """A method at a level: its figures over the seeds, and what it failed by.
 
     Attributes:
-        method, axis, level: what was tried; axis is `UNTOUCHED` at the harmless level.
+        method, axis, level: what was tried; axis is `UNTOUCHED` at the harmless level that axes share.
         value: the level's value as a text.
         seeds: how many gave figures.
         psnr, rwe, ccpr, ccpr_input: means over these.
@@ -88,13 +89,17 @@ def standings(results: Sequence[StressResult]) -> list[Standing]:
         name = attempt.axis.name if attempt.axis else UNTOUCHED
         groups.setdefault((name, attempt.method, attempt.level), []).append(result)
     harmless = {
-        method: Summary.of(result.trial.psnr for result in group if _is_measured(result.trial)).mean
-        for (name, method, _), group in groups.items()
-        if name == UNTOUCHED
+        (name, method): Summary.of(result.trial.psnr for result in group if _is_measured(result.trial)).mean
+        for (name, method, level), group in groups.items()
+        if level == HARMLESS
     }
     return [
-        standing(group, axis.text(level) if (axis := group[0].attempt.axis) else "", harmless[method])
-        for (_, method, level), group in groups.items()
+        standing(
+            group,
+            axis.text(level) if (axis := group[0].attempt.axis) else "",
+            harmless.get((name, method), harmless[UNTOUCHED, method]),
+        )
+        for (name, method, level), group in groups.items()
     ]
 
 

@@ -14,7 +14,7 @@ from ...charts import picture
 from ...tables import markdown_table, number, write_csv
 from .axes import HARMLESS, Axis
 from .chart import curve, methods_of, write_stress_chart
-from .failure import MOST_LOST, MOST_RWE, Standing, first_failure, standings
+from .failure import MOST_LOST, MOST_RWE, UNTOUCHED, Standing, first_failure, standings
 from .plan import StressPlan, StressResult
 
 NAME = "stress"
@@ -89,9 +89,10 @@ def _how(plan: StressPlan) -> list[str]:
     return [
         f"{plan.base.name} at {plan.base.max_size} pixels, {plan.iterations} steps, at most {plan.gaussians:,} "
         f"Gaussians for every method, {_count_of(len(plan.seeds), 'seed')}. Each axis has the untouched capture, which "
-        f"all axes share, and {_count_of(broken, 'level')} of it made worse. What is wrong is wrong with what the "
-        "method is given; results are judged by the untouched photographs and cameras that were held out, and where "
-        "the scene itself differs (chroma, satin, sheer cloth, yarns) by those of that scene.",
+        f"axes share, and {_count_of(broken, 'level')} of it made worse. What is wrong is wrong with what the method "
+        "is given; results are judged by the untouched photographs and cameras that were held out, and where the scene "
+        "itself differs (chroma, satin, sheer cloth, yarns) by those of that scene. Cloth that differs is rendered "
+        "anew, at this size and with few samples, and is compared with the untouched scene rendered likewise.",
         "",
         *_METHODS,
         "",
@@ -112,7 +113,7 @@ def _untouched(items: Sequence[Standing]) -> list[str]:
             item.failed or "no",
         ]
         for item in items
-        if item.level == HARMLESS
+        if item.axis == UNTOUCHED
     ]
     return markdown_table(header, rows)
 

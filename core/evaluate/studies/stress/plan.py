@@ -15,7 +15,7 @@ from .axes import HARMLESS, Axis
 from .subject import StressedCapture
 
 # 40 views like the embedded demo's, but no larger than they are used.
-_SHOWROOM = ("--width", "160", "--height", "120", "--samples", "16", "--depth-views", "2", "--seed", "0")
+_SHOWROOM = ("--samples", "16", "--depth-views", "2", "--seed", "0")
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Attempt:
     """A method at a level of an axis with a seed.
 
     Attributes:
-        axis: None at the harmless level, which is the same for all.
+        axis: None at the harmless level of the axes that share it: all that do not render the scene anew.
         source, recipe: what is tried.
     """
 
@@ -117,7 +117,8 @@ def _attempts(plan: StressPlan, scenes: dict[tuple[str, int], Path], seed: int) 
     for method in methods:
         yield Attempt(method.label, None, HARMLESS, seed, plan.base, method)
     for axis in plan.axes:
-        for level in plan.broken_levels:
+        # What is rendered anew is compared with what was rendered likewise.
+        for level in plan.levels if axis.scene_option else plan.broken_levels:
             source: SubjectSource = plan.base
             if axis.disturb is not None:
                 source = StressedCapture(plan.base, axis, level, seed)
@@ -126,17 +127,21 @@ def _attempts(plan: StressPlan, scenes: dict[tuple[str, int], Path], seed: int) 
                 source = CaptureFolder(place.name, place, plan.base.max_size)
             for method in methods:
                 recipe = axis.recipe(method, level)
-                # On the shared capture only the label tells the levels apart.
-                label = method.label if source is not plan.base else f"{method.label}-{axis.name}-{level}"
+                # On shared captures only the label tells the attempts apart.
+                is_shared = source is plan.base or level == HARMLESS
+                label = f"{method.label}-{axis.name}-{level}" if is_shared else method.label
                 yield Attempt(method.label, axis, level, seed, source, replace(recipe, label=label))
 
 
 def _render_scenes(plan: StressPlan, folder: Path, reporter: Reporter) -> dict[tuple[str, int], Path]:
-    wanted = [(axis, level) for axis in plan.axes if axis.scene_option for level in plan.broken_levels]
+    width = plan.base.max_size
+    usual = (*_SHOWROOM, "--width", str(width), "--height", str(width * 3 // 4))
+    wanted = [(axis, level) for axis in plan.axes if axis.scene_option for level in plan.levels]
     scenes = {}
     for number, (axis, level) in enumerate(wanted):
-        arguments = (*_SHOWROOM, axis.scene_option, f"{axis.value(level):g}")
-        place = folder / f"showroom-{axis.name}-{axis.value(level):g}"
+        varied = () if level == HARMLESS else (axis.scene_option, f"{axis.value(level):g}")
+        name = "untouched" if level == HARMLESS else f"{axis.name}-{axis.value(level):g}"
+        place, arguments = folder / f"showroom-{name}-{width}", (*usual, *varied)
         scenes[axis.name, level] = render_showroom(
             place, arguments, reporter, done=number / len(wanted), share=1.0 / len(wanted)
         )
