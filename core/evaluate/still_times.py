@@ -15,7 +15,7 @@ from .tables import markdown_table
 
 @dataclass(frozen=True)
 class StillTimes:
-    """What to time: a view of a finished run through Cycles on the processor.
+    """What to time: a view of a finished run.
 
     Attributes:
         run: output folder of the run.
@@ -23,6 +23,7 @@ class StillTimes:
         gaussians: how many of the most important are drawn.
         width, height: of the still in pixels.
         rounds: that all ways are timed in turns; the medians count.
+        engine: "cycles", which renders on the processor, or "eevee".
     """
 
     run: Path
@@ -31,6 +32,7 @@ class StillTimes:
     width: int = 400
     height: int = 300
     rounds: int = 3
+    engine: str = "cycles"
 
     def measure(self, reporter: Reporter) -> str:
         """Markdown: a table of seconds, and for either axes the mesh's share of the instances' processor time.
@@ -48,8 +50,12 @@ class StillTimes:
         job = Workers().start_command(blender_command([], PICTURE_WORKER), request)
         return self._text(finish(job, listen)["stills"])
 
+    @property
+    def _engine_name(self) -> str:
+        return "EEVEE" if self.engine == "eevee" else "Cycles"
+
     def _text(self, stills: list[dict[str, Any]]) -> str:
-        what = f"A still of {self.gaussians:,} Gaussians, {self.width}x{self.height}, Cycles"
+        what = f"A still of {self.gaussians:,} Gaussians, {self.width}x{self.height}, {self._engine_name}"
         title = f"{what}, {self.run.name}, {self.view}; medians of {self.rounds}:"
         rows, processor = [], {}
         for still in stills:

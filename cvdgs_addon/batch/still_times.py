@@ -1,4 +1,4 @@
-"""How long Cycles takes for a still of a run: discs as instances or one mesh, in the artist's axes or the camera's."""
+"""How long a still of a run takes: discs as instances or one mesh, in the artist's axes or the camera's."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def time_stills(arguments: Mapping[str, Any], run_folder: Path, *, reporter: Rep
 
     Args:
         arguments: ``view``, whose camera looks; ``gaussians``, how many of the most important are drawn; ``width`` and
-            ``height`` in pixels; ``rounds``.
+            ``height`` in pixels; ``rounds``; ``engine``, "cycles" or "eevee".
         run_folder: of a finished run; nothing is written there.
 
     Returns:
@@ -74,7 +74,7 @@ def _scene_of(arguments: Mapping[str, Any], run_folder: Path) -> tuple[bpy.types
     loaded = load_run(run, scene)
     camera = loaded.cameras[view.key]
     use_camera(scene, camera)
-    set_up_render(scene, Engine.CYCLES, Display.PHOTO)
+    set_up_render(scene, Engine[str(arguments["engine"]).upper()], Display.PHOTO)
     set_png(scene)
     scene.render.resolution_x, scene.render.resolution_y = int(arguments["width"]), int(arguments["height"])
     loaded.splats.modifiers[MODIFIER_NAME].show_viewport = False

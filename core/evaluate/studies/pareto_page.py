@@ -121,8 +121,10 @@ def _draw_points(axes: Axes, theme: Theme, points: Sequence[ParetoPoint], x: Qua
 
 def _name(axes: Axes, theme: Theme, name: str, place: tuple[float, float]) -> None:
     """Write what a point is, below it."""
-    style = {"ha": "center", "va": "top", "fontsize": "small", "color": theme.ink}
-    axes.annotate(name, place, (0, -7), textcoords="offset points", **style)
+    below = (0, -7)
+    axes.annotate(
+        name, place, below, textcoords="offset points", ha="center", va="top", fontsize="small", color=theme.ink
+    )
 
 
 def _program(point: ParetoPoint) -> str:

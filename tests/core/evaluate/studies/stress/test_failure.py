@@ -10,22 +10,23 @@ from pathlib import Path
 import pytest
 
 from cvdgs.core.evaluate.studies.recipe import Recipe, Trial
-from cvdgs.core.evaluate.studies.stress.axes import AXES, HARMLESS
+from cvdgs.core.evaluate.studies.stress.axes import AXES, HARMLESS, Axis
+from cvdgs.core.evaluate.studies.stress.chart import curve
 from cvdgs.core.evaluate.studies.stress.failure import UNTOUCHED, Standing, first_failure, standings
 from cvdgs.core.evaluate.studies.stress.page import write_stress
 from cvdgs.core.evaluate.studies.stress.plan import Attempt, StressPlan, StressResult
 from cvdgs.core.evaluate.studies.subject import CaptureFolder
 
 BASE = CaptureFolder("made", Path("made"), 160)
-POSES = next(axis for axis in AXES if axis.name == "poses")
+POSES, SATIN = (next(axis for axis in AXES if axis.name == name) for name in ("poses", "satin"))
 GOOD = {"psnr": 30.0, "rwe": 0.8, "ccpr": 0.75, "ccpr_input": 0.65}
 
 
-def result(method: str, level: int, seed: int = 0, **figures: object) -> StressResult:
+def result(method: str, level: int, seed: int = 0, *, axis: Axis | None = None, **figures: object) -> StressResult:
     recipe = Recipe(method, seed=seed)
     known = {"capture": "made", "label": method, "mode": "layers", "enhancer": "lut", "cvd": "deutan", "severity": 1.0}
     trial = Trial(**known, seed=seed, iterations=1, **{**GOOD, **figures})  # type: ignore[arg-type]
-    axis = None if level == HARMLESS else POSES
+    axis = axis or (None if level == HARMLESS else POSES)
     return StressResult(Attempt(method, axis, level, seed, BASE, recipe), trial, Path("nowhere"))
 
 
@@ -92,6 +93,19 @@ def test_a_method_is_measured_against_its_own_harmless_level() -> None:
         ("layers", "poses", True),
         ("plain", "poses", False),
     ]
+
+
+def test_what_is_rendered_anew_is_measured_against_its_own_harmless_level() -> None:
+    attempts = [
+        result("layers", HARMLESS),
+        result("layers", 1, psnr=26.0),
+        result("layers", HARMLESS, axis=SATIN, psnr=27.0),
+        result("layers", 1, axis=SATIN, psnr=26.0),
+    ]
+    found = standings(attempts)
+    assert [bool(item.failed) for item in found] == [False, True, False, False]
+    assert [item.psnr for item in curve(found, "layers", "satin")] == [27.0, 26.0]
+    assert [item.psnr for item in curve(found, "layers", "poses")] == [30.0, 26.0]
 
 
 def test_the_first_failure_is_the_lowest_level_that_fails() -> None:
