@@ -10,7 +10,8 @@ VENV := .venv
 # The add-on is tested on more Blenders than one; their modules exclude each other in one environment.
 VENV_BPY45 := .venv-bpy45
 VENV_BPY52 := .venv-bpy52
-OTHER_BLENDERS := $(and $(PYTHON311),$(VENV_BPY45)) $(and $(PYTHON313),$(VENV_BPY52))
+# Where the environment itself is for 3.13, it has 5.2.
+OTHER_BLENDERS := $(and $(PYTHON311),$(VENV_BPY45)) $(and $(filter-out $(PYTHON),$(PYTHON313)),$(VENV_BPY52))
 BIN := $(VENV)/bin
 # "no" goes on where libraries of Blender's module are missing and nobody may install them (run.py --no-blend).
 BLENDER ?= yes
