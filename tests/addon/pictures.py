@@ -46,6 +46,7 @@ def composited(scene: bpy.types.Scene, folder: Path) -> Pixels:
     if bpy.app.version >= (5, 0):
         settings.media_type = "IMAGE"
     settings.file_format, settings.color_depth, settings.color_mode = "OPEN_EXR", "32", "RGBA"
+    scene.render.engine = "CYCLES"  # with EEVEE, Blender aborts where there is no OpenGL
     scene.render.filepath = str(folder / "composited.exr")
     bpy.ops.render.render(write_still=True)
     image = bpy.data.images.load(scene.render.filepath, check_existing=False)

@@ -29,7 +29,9 @@ EIGHT_BITS = 1.0 / 255.0
 @pytest.fixture
 def fresh_scene():
     bpy.ops.wm.read_homefile(use_empty=True)
-    return bpy.context.scene
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"  # with EEVEE, Blender aborts where there is no OpenGL
+    return scene
 
 
 def shown(scene: bpy.types.Scene, folder) -> np.ndarray:

@@ -51,6 +51,7 @@ def frame_of(video: Path, number: int, scratch: Path) -> Pixels:
     strip = scene.sequence_editor_create().strips.new_movie("video", str(video), 1, 1, fit_method="ORIGINAL")
     element = strip.elements[0]
     scene.render.resolution_x, scene.render.resolution_y = element.orig_width, element.orig_height
+    scene.render.engine = "CYCLES"  # with EEVEE, Blender aborts where there is no OpenGL
     scene.render.filepath = str(scratch / f"{number}.png")
     scene.frame_set(number)
     bpy.ops.render.render(write_still=True)
