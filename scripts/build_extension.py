@@ -12,10 +12,12 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
@@ -43,9 +45,10 @@ def build(out: Path, tool: Path) -> Path:
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".build-", dir=out) as temporary:
-            zip_file = Path(temporary) / name
-            _run(tool, "validate", str(bootstrap.ROOT))
-            _run(tool, "build", "--source-dir", str(bootstrap.ROOT), "--output-filepath", str(zip_file))
+            zip_file, source = Path(temporary) / name, Path(temporary) / "source"
+            _copy(manifest.get("build", {}).get("paths_exclude_pattern", []), source)
+            _run(tool, "validate", str(source))
+            _run(tool, "build", "--source-dir", str(source), "--output-filepath", str(zip_file))
             _run(tool, "validate", str(zip_file))
             os.replace(zip_file, out / name)
     except OSError as error:
@@ -53,6 +56,20 @@ def build(out: Path, tool: Path) -> Path:
             f"cannot be written to ({error.strerror})", where=out, remedy="choose another folder with --out"
         ) from None
     return out / name
+
+
+def _copy(patterns: Sequence[str], folder: Path) -> None:
+    """Copy what the manifest takes (``!/NAME``), without compiled files.
+
+    Blender's tool takes everything in a folder that is taken, whatever else the patterns leave out.
+    """
+    folder.mkdir()
+    for name in (pattern.removeprefix("!/").rstrip("/") for pattern in patterns if pattern.startswith("!/")):
+        source = bootstrap.ROOT / name
+        if source.is_dir():
+            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))
+        else:
+            shutil.copy(source, folder / name)
 
 
 def find_tool() -> Path:

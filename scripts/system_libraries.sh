@@ -1,7 +1,8 @@
 #!/bin/sh
 # Looks for the system libraries that the bpy wheel loads. Installs what is missing where that is possible without asking
 # (root on a Debian-like system), else says what to type. Never fails on systems that it does not know.
-# With --check it only prints the packages that are missing.
+# With --check it only prints the packages that are missing. OpenGL off the screen, which EEVEE needs, and from Blender
+# 5.2 on the compositor, is installed along with them and not asked for.
 set -eu
 
 [ "$(uname -s)" = Linux ] || exit 0
@@ -17,18 +18,22 @@ if [ "${1:-}" = --check ]; then
     echo $missing
     exit 0
 fi
-[ -n "$missing" ] || exit 0
+wanted="$missing"
+ldconfig -p | grep -q libEGL.so.1 || wanted="$missing libegl1"
+[ -n "$wanted" ] || exit 0
 
 if ! command -v apt-get >/dev/null 2>&1; then
+    [ -n "$missing" ] || exit 0
     echo "Blender's module needs system libraries that are missing; Debian calls them:$missing" >&2
     exit 0
 fi
 if [ "$(id -u)" != 0 ]; then
+    [ -n "$missing" ] || exit 0
     echo "Blender's module needs system libraries that are missing. Type:" >&2
     echo "    sudo apt-get install$missing" >&2
     echo "or do without Blender's module: make venv BLENDER=no, then run.py with --no-blend." >&2
     exit 1
 fi
-echo "installing system libraries for Blender's module:$missing"
+echo "installing system libraries for Blender's module:$wanted"
 apt-get update -qq
-DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends $missing >/dev/null
+DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends $wanted >/dev/null

@@ -52,7 +52,7 @@ def examine_blender(*, worker_is_here: bool) -> Iterator[Finding]:
         yield from _system_libraries()
     if sys.platform.startswith("linux") and ctypes.util.find_library("EGL") is None:
         remedy = "install it (Debian: libegl1 and libgl1-mesa-dri)"
-        yield Finding("EGL", State.NOTE, "is not found; only --engine eevee and workbench need it", remedy)
+        yield Finding("EGL", State.NOTE, "is not found; EEVEE needs it, and the compositor from Blender 5.2 on", remedy)
 
 
 def _blender() -> tuple[Finding, bool]:

@@ -57,7 +57,13 @@ os._exit(0)
 @pytest.fixture(scope="module")
 def extension(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("dist")
-    result = subprocess.run([sys.executable, BUILDER, "--out", folder], capture_output=True, text=True)
+    compiled = ROOT / "ui" / "__pycache__" / f"left_over_{os.getpid()}.pyc"
+    compiled.parent.mkdir(exist_ok=True)
+    compiled.touch()
+    try:
+        result = subprocess.run([sys.executable, BUILDER, "--out", folder], capture_output=True, text=True)
+    finally:
+        compiled.unlink()
     assert result.returncode == 0, result.stderr
     (built,) = folder.iterdir()
     return built

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import sys
 import tomllib
 import zipfile
 from pathlib import Path
@@ -17,7 +18,7 @@ from packaging.utils import canonicalize_name
 from cvdgs.core import environment
 from cvdgs.core.errors import InputError
 from cvdgs.core.events import Reporter
-from cvdgs.scripts import lock_requirements
+from cvdgs.scripts import install_requirements, lock_requirements
 
 from .test_environment import shelf  # noqa: F401
 
@@ -71,6 +72,15 @@ def test_the_lists_have_what_the_project_requires_within_its_bounds(python):
 def test_a_python_is_one_that_the_package_allows(python):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert ".".join(map(str, python)) in SpecifierSet(project["requires-python"])
+
+
+def test_a_python_that_the_lists_are_not_for_is_told_which_are(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "version_info", (3, 99, 0))
+    monkeypatch.setattr(sys, "argv", ["install_requirements.py"])
+    assert install_requirements.main() == 2
+    said = capsys.readouterr().err
+    assert "the lists are not for Python 3.99" in said
+    assert said.count("\n") == 1
 
 
 def test_a_new_torch_is_refused_until_the_hash_of_its_build_for_cpus_is_known():

@@ -1,6 +1,7 @@
 """PLY files: what we write others read, what others write we read, and what is not Gaussians is refused."""
 
 import struct
+import warnings
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.core.splats.ply import read_ply, write_ply
 
 from ...effort import function_calls
+
+FROMFILE = np.fromfile
 
 
 def random_gaussians(count: int, degree: int, seed: int = 0) -> Gaussians:
@@ -81,8 +84,21 @@ def test_the_blocks_of_reading_do_not_show(tmp_path_factory, count, degree, bloc
     np.testing.assert_array_equal(result.means, original.means)
 
 
+def read_as_newer_numpy(*arguments, **options):
+    """numpy.fromfile as it is from 2.3 on: where text stops being numbers, it refuses those before as well."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            return FROMFILE(*arguments, **options)
+        except DeprecationWarning as warning:
+            raise ValueError(str(warning)) from None
+
+
 @pytest.mark.parametrize("missing", [1, 2, 4])
-def test_a_text_file_that_stops_being_numbers_says_how_much_is_missing(tmp_path, missing):
+@pytest.mark.parametrize("newer", [False, True])
+def test_a_text_file_that_stops_being_numbers_says_how_much_is_missing(tmp_path, monkeypatch, missing, newer):
+    if newer:
+        monkeypatch.setattr(np, "fromfile", read_as_newer_numpy)
     write_ply(tmp_path / "s.ply", random_gaussians(4, 0))
     PlyData(PlyData.read(str(tmp_path / "s.ply")).elements, text=True).write(str(tmp_path / "t.ply"))
     lines = (tmp_path / "t.ply").read_text().splitlines()
