@@ -52,9 +52,10 @@ def report_with(*layers: str) -> dict[str, Any]:
 
 def interpreter(folder: Path, *bodies: str) -> str:
     """A program in `folder` that reads its request, defines ``emit`` and ``request``, and does `bodies`; its path."""
-    program = folder / "python"
-    program.write_text(f"#!{sys.executable}\n{_PROLOGUE}" + "\n".join(map(textwrap.dedent, bodies)))
-    program.chmod(0o755)
+    program, written = folder / "python", folder / "python.new"
+    written.write_text(f"#!{sys.executable}\n{_PROLOGUE}" + "\n".join(map(textwrap.dedent, bodies)))
+    written.chmod(0o755)
+    written.replace(program)  # one that is just starting cannot be written to
     return str(program)
 
 

@@ -5,6 +5,7 @@ Every click is followed by a look at what it did; for its place see `side_bar`.
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import time
@@ -39,8 +40,9 @@ def run_state(state: dict) -> str:
 
 
 def worker_processes() -> list[str]:
-    """Command lines of all workers on this machine."""
-    found = subprocess.run(["pgrep", "-af", "cvdgs/core/__main__.py"], capture_output=True, text=True)
+    """Command lines of the workers that run by this interpreter."""
+    pattern = f"{re.escape(sys.executable)} .*cvdgs/core/__main__.py"
+    found = subprocess.run(["pgrep", "-af", pattern], capture_output=True, text=True)
     return found.stdout.splitlines()
 
 
