@@ -76,6 +76,7 @@ class ImageHeader:
         orientation: EXIF orientation, 1 (upright) to 8.
         color_profile: description of an embedded ICC profile, or an empty string.
         bits: of a channel.
+        taken_with: what EXIF data say of camera and focal length, as a text to compare; empty where they say nothing.
     """
 
     width: int
@@ -83,6 +84,7 @@ class ImageHeader:
     orientation: int
     color_profile: str = ""
     bits: int = 8
+    taken_with: str = ""
 
     @property
     def upright_size(self) -> tuple[int, int]:
@@ -113,6 +115,7 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
             _color_profile(spec),
             # Fewer than a format's whole bytes (PNG palettes, bitmaps) are reported apart from the decoded type.
             max(spec.get_int_attribute("oiio:BitsPerSample", 0), 8 * spec.format.size()),
+            _taken_with(spec),
         )
 
 
@@ -275,6 +278,12 @@ def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
 def _orientation(spec: oiio.ImageSpec) -> int:
     orientation = spec.get_int_attribute("Orientation", 1)
     return orientation if orientation in _ORIENTATION_STEPS else 1
+
+
+def _taken_with(spec: oiio.ImageSpec) -> str:
+    focal = spec.get_float_attribute("Exif:FocalLength", 0.0)
+    parts = [_attribute(spec, "Make"), _attribute(spec, "Model"), f"{focal:g} mm" if focal else ""]
+    return " ".join(part for part in parts if part)
 
 
 def _split_channels(pixels: NDArray, spec: oiio.ImageSpec) -> tuple[NDArray, NDArray | None]:
