@@ -156,8 +156,8 @@ def read_pixels(
     if alpha is not None and alpha.min() == 255:
         alpha = None
     if upright:
-        color = _apply_orientation(color, _orientation(spec))
-        alpha = None if alpha is None else _apply_orientation(alpha, _orientation(spec))
+        color = apply_orientation(color, _orientation(spec))
+        alpha = None if alpha is None else apply_orientation(alpha, _orientation(spec))
     return np.ascontiguousarray(color), alpha
 
 
@@ -350,7 +350,15 @@ def _is_display_p3(color_profile: str) -> bool:
     return "display p3" in color_profile.lower()
 
 
-def _apply_orientation(pixels: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
+def upright_rotation(orientation: int) -> NDArray[np.float64] | None:
+    """(2, 2) map of directions in the stored image to those in the upright one; None for one that mirrors."""
+    flip_rows, flip_columns, transpose = _ORIENTATION_STEPS[orientation]
+    steps = np.diag([-1.0 if flip_columns else 1.0, -1.0 if flip_rows else 1.0])
+    steps = steps[::-1] if transpose else steps
+    return steps if np.linalg.det(steps) > 0.0 else None
+
+
+def apply_orientation(pixels: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
     """Turn (H, W, ...) upright. (OpenImageIO's reorient exchanges orientations 5 and 7.)"""
     flip_rows, flip_columns, transpose = _ORIENTATION_STEPS[orientation]
     if flip_rows:

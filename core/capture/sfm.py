@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -62,6 +63,7 @@ def estimate_cameras(
         )
     model = SourceModel("sfm", folder, [])
     add_model(model, read_model(workspace / RESULT), folder, folder)
+    model.views = [replace(view, estimated=True) for view in model.views]
     return model
 
 
