@@ -84,7 +84,7 @@ def test_photographs_of_a_telephone_held_upright_are_upright(tmp_path: Path, ori
     for view in capture.views:
         assert (view.camera.width, view.camera.height) == (480, 360)
         assert view.image.shape == (360, 480, 3)
-        # Undistortion moves edges, but leaves what is above and what is below; half a turn makes a difference of 30 and more.
+        # Undistortion moves edges, but leaves what is above and what is below; half a turn makes a difference of 30.
         photograph, _ = read_pixels(DEMO / "images" / view.source.name)
         shown, expected = (image.reshape(6, 60, 8, 60, 3).mean(axis=(1, 3)) for image in (view.image, photograph))
         assert np.abs(shown - expected).mean() < 20.0
