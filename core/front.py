@@ -111,7 +111,8 @@ def run(
 def _summary(result: Event) -> str:
     out, report = Path(result["out"]), result["report"]
     seconds, reconstruction = latest_seconds(report), report["reconstruction"]
-    psnr = "-" if reconstruction["psnr"] is None else f"{reconstruction['psnr']:.2f} dB on held-out views"
+    judged = "held-out" if report["capture"]["test"] else "training"
+    psnr = "-" if reconstruction["psnr"] is None else f"{reconstruction['psnr']:.2f} dB on {judged} views"
     lines = [f"done in {format_seconds(seconds['total'] or 0.0)}: {report['gaussians']} Gaussians, {psnr}"]
     for name, layer in report["layers"].items():
         ccpr = layer["ccpr"]

@@ -145,10 +145,11 @@ def _clean(value: Any, path: str, notes: dict[str, str]) -> Any:
 def _page(folder: Path, report: dict[str, Any]) -> str:
     capture, reconstruction = report["capture"], report["reconstruction"]
     title = f"cvdgs: {Path(report['settings']['capture']).name or 'capture'}"
+    judged = "held out" if capture["test"] else "on training views"
     lead = (
         f"{capture['views']} views ({capture['train']} for training, {capture['test']} held out) at "
         f"{capture['width']}×{capture['height']} · {report['gaussians']:,} Gaussians · "
-        f"{_number(reconstruction['psnr'], 2)} dB held out · {_number(report['seconds']['total'], 0)} s"
+        f"{_number(reconstruction['psnr'], 2)} dB {judged} · {_number(report['seconds']['total'], 0)} s"
     )
     parts = [f"<h1>{html.escape(title)}</h1><p class='lead'>{html.escape(lead)}</p>"]
     for name, layer in report["layers"].items():

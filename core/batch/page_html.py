@@ -243,7 +243,8 @@ def _lead(report: Mapping[str, Any]) -> str:
     if views.get("views"):
         parts.append(f"{views['views']} photographs")
     if quality.get("psnr") is not None:
-        parts.append(f"{quality['psnr']:.2f} dB on held-out views")
+        judged = "held-out" if views.get("test", 1) else "training"
+        parts.append(f"{quality['psnr']:.2f} dB on {judged} views")
     return f"<p class='lead'>{' · '.join(parts)}</p>\n" if parts else ""
 
 

@@ -17,8 +17,12 @@ from .files import list_images, quote_first, resolve_inside
 from .poses import rigid_pose
 from .source import SourceModel, SourceView
 
-_MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", ".")
+_MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", "colmap_sparse", ".")  # the last but one is instant-ngp's
+# Elsewhere, as in ``dense/0/sparse`` of COLMAP's reconstructor, it is looked for.
+_SEARCHED_DEPTH = 3
 IMAGE_FOLDERS = ("images", "colmap/images", "input", "rgb")
+# Of folders with pictures of the photographs' names that are none.
+_NO_PHOTOGRAPHS = ("mask", "depth", "normal", "segment")
 MAX_ANAMORPHISM = 10.0  # anamorphic lenses squeeze by 2; beyond this the file is wrong
 
 
@@ -37,8 +41,13 @@ class ColmapFolder:
     others: tuple[Path, ...] = ()
 
 
-def find_colmap(folder: Path) -> ColmapFolder | None:
-    """The COLMAP model of the capture in `folder`, which may also be the model's own folder (``scene/sparse/0``)."""
+def find_colmap(folder: Path, *, search: bool = True) -> ColmapFolder | None:
+    """The COLMAP model of the capture in `folder`, which may also be the model's own folder (``scene/sparse/0``).
+
+    Args:
+        folder: where to look.
+        search: look into all its folders where the usual ones have none.
+    """
     for relative in _MODEL_FOLDERS:
         candidates = _models_in(folder / relative)
         if candidates:
@@ -46,7 +55,11 @@ def find_colmap(folder: Path) -> ColmapFolder | None:
             others = tuple(path for path in candidates if path != largest)
             root = _capture_root(folder) if relative == "." else folder
             return ColmapFolder(root, largest, others)
-    return None
+    nested = _nested_models(folder) if search else []
+    if len({path.relative_to(folder).parts[0] for path in nested}) != 1:
+        return None  # none, or several captures side by side
+    largest = max(nested, key=_image_count)
+    return ColmapFolder(folder, largest, tuple(path for path in nested if path != largest))
 
 
 def read_colmap(found: ColmapFolder, reporter: Reporter | None = None) -> SourceModel:
@@ -117,6 +130,24 @@ def _models_in(folder: Path) -> list[Path]:
     return [path for path in numbered if _is_model(path)]
 
 
+def _nested_models(folder: Path) -> list[Path]:
+    """The complete models somewhere below `folder`, without those below hidden folders; the nearest ones alone."""
+    level = [folder]
+    for _ in range(_SEARCHED_DEPTH):
+        level = [path for parent in level for path in _subfolders(parent)]
+        complete = [path for path in level if _is_model(path) and _image_count(path)]
+        if complete:
+            return complete
+    return []
+
+
+def _subfolders(folder: Path) -> list[Path]:
+    try:
+        return sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
+    except OSError:  # a folder that cannot be read holds nothing for us
+        return []
+
+
 def _is_model(folder: Path) -> bool:
     return any(is_file(folder / name) for name in ("images.bin", "images.txt", "cameras.bin", "points3D.bin"))
 
@@ -150,9 +181,23 @@ def _image_folder(found: ColmapFolder, read: ColmapModel) -> Path:
             "the COLMAP model has no registered image", where=found.model, remedy="run COLMAP's mapper again"
         )
     downscaled = sorted(path.name for path in found.root.glob("images_*") if path.is_dir())
-    candidates = [found.root / name for name in (*IMAGE_FOLDERS, *downscaled, ".")]
-    folders = [folder for folder in candidates if folder.is_dir()]
-    return max(folders, key=lambda folder: sum(is_file(folder / name.replace("\\", "/")) for name in names))
+    usual = [found.root / name for name in (*IMAGE_FOLDERS, *downscaled, ".")]
+    # Photographs beside a model in a folder of its own are those that it was made of, or undistorted for it.
+    root = found.root.resolve()
+    beside = [
+        parent / name for parent in found.model.resolve().parents for name in IMAGE_FOLDERS if root in parent.parents
+    ]
+    other = [path for path in _subfolders(found.root) if not any(word in path.name.lower() for word in _NO_PHOTOGRAPHS)]
+
+    def held(folder: Path) -> int:
+        return sum(is_file(folder / name.replace("\\", "/")) for name in names)
+
+    for candidates in (beside, usual, other):
+        folders = [folder for folder in candidates if folder.is_dir()]
+        best = max(folders, key=held, default=None)
+        if best is not None and held(best):
+            return best
+    return next(folder for folder in usual if folder.is_dir())
 
 
 def check_camera(camera: pycolmap.Camera, *, frame: str, where: Path) -> None:

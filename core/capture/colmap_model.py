@@ -50,13 +50,14 @@ def read_model(folder: Path, reporter: Reporter | None = None) -> ColmapModel:
     Raises:
         InputError: a file is missing, cut or damaged.
     """
-    suffix = ".bin" if is_file(folder / "images.bin") else ".txt"
-    paths = [folder / (name + suffix) for name in ("cameras", "images", "points3D")]
+    forms = [[folder / (name + suffix) for name in ("cameras", "images", "points3D")] for suffix in (".bin", ".txt")]
+    # Of a model that is incomplete in both forms, what is missing is said of the one that more is there of.
+    paths = forms[0] if is_file(forms[0][1]) else max(reversed(forms), key=lambda form: sum(map(is_file, form)))
     for path in paths:
         if not is_file(path):
             raise InputError(f"{path.name} is missing", where=folder, remedy=EXPORT_AGAIN)
     cameras, images, points = paths
-    binary = suffix == ".bin"
+    binary = cameras.suffix == ".bin"
     model = ColmapModel()
     for number, camera in (binary_cameras if binary else text_cameras)(cameras):
         require(number not in model.cameras, f"two cameras have the number {number}", cameras)

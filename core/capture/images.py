@@ -76,6 +76,7 @@ class ImageHeader:
         orientation: EXIF orientation, 1 (upright) to 8.
         color_profile: description of an embedded ICC profile, or an empty string.
         bits: of a channel.
+        taken_with: what EXIF data say of camera and focal length, as a text to compare; empty where they say nothing.
     """
 
     width: int
@@ -83,6 +84,7 @@ class ImageHeader:
     orientation: int
     color_profile: str = ""
     bits: int = 8
+    taken_with: str = ""
 
     @property
     def upright_size(self) -> tuple[int, int]:
@@ -113,6 +115,7 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
             _color_profile(spec),
             # Fewer than a format's whole bytes (PNG palettes, bitmaps) are reported apart from the decoded type.
             max(spec.get_int_attribute("oiio:BitsPerSample", 0), 8 * spec.format.size()),
+            _taken_with(spec),
         )
 
 
@@ -153,8 +156,8 @@ def read_pixels(
     if alpha is not None and alpha.min() == 255:
         alpha = None
     if upright:
-        color = _apply_orientation(color, _orientation(spec))
-        alpha = None if alpha is None else _apply_orientation(alpha, _orientation(spec))
+        color = apply_orientation(color, _orientation(spec))
+        alpha = None if alpha is None else apply_orientation(alpha, _orientation(spec))
     return np.ascontiguousarray(color), alpha
 
 
@@ -277,6 +280,12 @@ def _orientation(spec: oiio.ImageSpec) -> int:
     return orientation if orientation in _ORIENTATION_STEPS else 1
 
 
+def _taken_with(spec: oiio.ImageSpec) -> str:
+    focal = spec.get_float_attribute("Exif:FocalLength", 0.0)
+    parts = [_attribute(spec, "Make"), _attribute(spec, "Model"), f"{focal:g} mm" if focal else ""]
+    return " ".join(part for part in parts if part)
+
+
 def _split_channels(pixels: NDArray, spec: oiio.ImageSpec) -> tuple[NDArray, NDArray | None]:
     """(H, W, 3) colour and (H, W) alpha or None; of an EXR with further channels, those named R, G, B and A."""
     unnamed: tuple[str, ...] = ()
@@ -341,7 +350,15 @@ def _is_display_p3(color_profile: str) -> bool:
     return "display p3" in color_profile.lower()
 
 
-def _apply_orientation(pixels: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
+def upright_rotation(orientation: int) -> NDArray[np.float64] | None:
+    """(2, 2) map of directions in the stored image to those in the upright one; None for one that mirrors."""
+    flip_rows, flip_columns, transpose = _ORIENTATION_STEPS[orientation]
+    steps = np.diag([-1.0 if flip_columns else 1.0, -1.0 if flip_rows else 1.0])
+    steps = steps[::-1] if transpose else steps
+    return steps if np.linalg.det(steps) > 0.0 else None
+
+
+def apply_orientation(pixels: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
     """Turn (H, W, ...) upright. (OpenImageIO's reorient exchanges orientations 5 and 7.)"""
     flip_rows, flip_columns, transpose = _ORIENTATION_STEPS[orientation]
     if flip_rows:

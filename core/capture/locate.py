@@ -34,7 +34,8 @@ def read_cameras(path: Path, reporter: Reporter | None = None) -> SourceModel | 
         raise InputError("no such file or folder", where=path, remedy="check the path and its permissions")
     if not is_folder(path):
         raise InputError("not a capture", where=path, remedy="give the folder with the photographs")
-    colmap_folder, transforms_file = find_colmap(path), find_transforms(path)
+    transforms_file = find_transforms(path)
+    colmap_folder = find_colmap(path, search=transforms_file is None)
     colmap = read_colmap(colmap_folder, reporter) if colmap_folder else None
     transforms = read_transforms(transforms_file) if transforms_file else None
     if colmap and transforms:

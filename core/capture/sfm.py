@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
@@ -16,6 +17,7 @@ from ..errors import InputError
 from ..events import Reporter
 from .colmap import add_model
 from .colmap_model import read_model
+from .images import read_header
 from .sfm_process import DATABASE, RESULT, SfmJob, SfmSettings
 from .source import SourceModel
 
@@ -46,7 +48,7 @@ def estimate_cameras(
         RuntimeError: pycolmap ended unexpectedly.
     """
     settings = settings or SfmSettings()
-    job = SfmJob(str(folder.resolve()), list(names), str(workspace), settings)
+    job = SfmJob(str(folder.resolve()), group_by_camera(folder, names), str(workspace), settings)
     process = _start(job)
     try:
         found = _Watch(process, workspace / DATABASE, job, reporter).wait()
@@ -61,7 +63,21 @@ def estimate_cameras(
         )
     model = SourceModel("sfm", folder, [])
     add_model(model, read_model(workspace / RESULT), folder, folder)
+    model.views = [replace(view, estimated=True) for view in model.views]
     return model
+
+
+def group_by_camera(folder: Path, names: Sequence[str]) -> list[list[str]]:
+    """`names` by what took them: all of one size, and of one camera and focal length where their EXIF data names it.
+
+    pycolmap would give each photograph without such data (frames of a video, what a messenger passed on) a camera of
+    its own, which is then guessed from that photograph alone.
+    """
+    groups: dict[tuple[int, int, str], list[str]] = {}
+    for name in names:
+        header = read_header(folder / name)
+        groups.setdefault((header.width, header.height, header.taken_with), []).append(name)
+    return list(groups.values())
 
 
 def _start(job: SfmJob) -> subprocess.Popen[str]:
@@ -95,7 +111,7 @@ class _Watch:
     def __init__(self, process: subprocess.Popen[str], database: Path, job: SfmJob, reporter: Reporter) -> None:
         self._process = process
         self._database = database
-        count = len(job.names)
+        count = sum(map(len, job.names))
         self._totals = {"features": count, "matching": job.settings.pairs(count), "mapping": count}
         self._reporter = reporter
         self._step = ""

@@ -26,6 +26,7 @@ class SourceView:
         camera: intrinsics with distortion, at the size the camera file states. Views may share one.
         world_to_camera: (4, 4) float64, rigid, OpenCV axes.
         size_known: False where the camera file gives no image size; then `camera` has the upright size of the image.
+        estimated: `camera` was estimated from the image as it is stored. The view is turned upright with its camera.
     """
 
     name: str
@@ -33,6 +34,7 @@ class SourceView:
     camera: pycolmap.Camera
     world_to_camera: NDArray[np.float64]
     size_known: bool = True
+    estimated: bool = False
 
 
 @dataclass

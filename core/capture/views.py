@@ -5,12 +5,24 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from ..errors import InputError
 from ..events import Reporter
+from ..pinhole import PinholeCamera
 from .files import make_keys, natural_key
-from .images import MIN_SIDE, ImageHeader, downscale_with_alpha, fit_size, read_header, read_pixels
+from .images import (
+    MIN_SIDE,
+    ImageHeader,
+    apply_orientation,
+    downscale_with_alpha,
+    fit_size,
+    read_header,
+    read_pixels,
+    upright_rotation,
+)
 from .model import View
 from .source import SourceModel, SourceView
 from .undistort import Undistorter
@@ -30,20 +42,24 @@ class ViewPlan:
 
     Attributes:
         upright: whether the EXIF orientation is applied.
-        width, height: of the view.
+        turned: whether it is applied to the view at the end, camera and all.
+        width, height: of the view before that.
     """
 
     key: str
     source: SourceView
     header: ImageHeader
     upright: bool
+    turned: bool
     width: int
     height: int
 
     @property
     def photograph_size(self) -> tuple[int, int]:
         """(width, height) of the photograph as it is used."""
-        return self.header.upright_size if self.upright else (self.header.width, self.header.height)
+        if self.upright or self.turned:
+            return self.header.upright_size
+        return self.header.width, self.header.height
 
 
 def plan_views(model: SourceModel, max_size: int | None) -> list[ViewPlan]:
@@ -55,7 +71,7 @@ def plan_views(model: SourceModel, max_size: int | None) -> list[ViewPlan]:
     sources = sorted(model.views, key=lambda view: natural_key(view.name))
     keys = make_keys([view.name for view in sources])
     plans = [_plan_view(key, view, max_size) for key, view in zip(keys, sources, strict=True)]
-    rotated = sum(plan.upright and plan.header.orientation != 1 for plan in plans)
+    rotated = sum((plan.upright or plan.turned) and plan.header.orientation != 1 for plan in plans)
     if rotated:
         model.warn("exif-rotated", f"{model.file}: {rotated} photographs are turned upright as their EXIF data says")
     foreign = Counter(plan.header.color_profile for plan in plans if plan.header.is_foreign)
@@ -104,7 +120,9 @@ def _plan_view(key: str, view: SourceView, max_size: int | None) -> ViewPlan:
             where=view.path,
             remedy="give a larger --max-size",
         )
-    return ViewPlan(key, view, header, upright, width, height)
+    # Mirrored photographs stay as they are: no camera could have taken them upright.
+    turned = view.estimated and upright_rotation(header.orientation) is not None
+    return ViewPlan(key, view, header, upright, turned, width, height)
 
 
 def _needs_turning(view: SourceView, header: ImageHeader) -> bool:
@@ -115,6 +133,8 @@ def _needs_turning(view: SourceView, header: ImageHeader) -> bool:
     """
     if not view.size_known:
         return True
+    if view.estimated:
+        return False
     expected = (view.camera.width, view.camera.height)
     stored = (header.width, header.height)
     # Exact sizes first: a nearly square photograph fits both ways within the rounding.
@@ -144,4 +164,27 @@ def _read_view(plan: ViewPlan, undistorter: Undistorter) -> View:
     image, alpha = read_pixels(plan.source.path, upright=plan.upright)
     image, alpha = downscale_with_alpha(image, alpha, plan.width, plan.height)
     camera, image, alpha = undistorter.apply(plan.source.camera, image, alpha, where=plan.source.path)
-    return View(plan.key, plan.source.path, camera, plan.source.world_to_camera, image, alpha)
+    view = View(plan.key, plan.source.path, camera, plan.source.world_to_camera, image, alpha)
+    return _turn_upright(view, plan.header.orientation) if plan.turned else view
+
+
+def _turn_upright(view: View, orientation: int) -> View:
+    """`view` with its picture, its intrinsics and its pose turned as an EXIF orientation that does not mirror says."""
+    steps = upright_rotation(orientation)
+    if steps is None or orientation == 1:
+        return view
+    camera = view.camera
+    corner = np.abs(steps) @ (camera.width, camera.height)
+    focal_x, focal_y = np.abs(steps) @ (camera.fx, camera.fy)
+    # What points against its axis after the turn is counted from the other side.
+    center_x, center_y = steps @ (camera.cx, camera.cy) + np.where(steps.sum(axis=1) < 0.0, corner, 0.0)
+    width, height = (int(side) for side in corner)
+    roll = np.eye(4)
+    roll[:2, :2] = steps
+    return replace(
+        view,
+        camera=PinholeCamera(width, height, float(focal_x), float(focal_y), float(center_x), float(center_y)),
+        world_to_camera=roll @ view.world_to_camera,
+        image=apply_orientation(view.image, orientation),
+        alpha=None if view.alpha is None else apply_orientation(view.alpha, orientation),
+    )

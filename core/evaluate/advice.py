@@ -85,7 +85,8 @@ def advise(
 
 def _of_photographs(capture: Capture, limits: AdviceThresholds) -> Iterator[CaptureWarning]:
     chosen = spread(range(len(capture.views)), _MEASURED_PHOTOGRAPHS)
-    quality = PhotographQuality.of([capture.views[i].image for i in chosen])
+    views = [capture.views[i] for i in chosen]
+    quality = PhotographQuality.of([view.image for view in views], [view.alpha for view in views])
     if quality.noise > limits.noise:
         yield CaptureWarning(
             "noisy-photographs",

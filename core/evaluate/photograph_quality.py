@@ -23,6 +23,7 @@ _ALIGN_BLUR = 1.5  # pixels
 _ALIGN_ROUNDS = 4
 _TILES = 3  # a side
 _AGREEMENT = 1.5  # median shift in units of the tiles' scatter from which on they agree
+_COVERED = 128  # of 255: a pixel that shows the subject
 _MOST_CONDITION = 1e6  # of a tile's slopes; beyond it they say nothing about one direction
 
 
@@ -35,7 +36,7 @@ class PhotographQuality:
         sharpness: energy of differences between neighbouring pixels relative to that of differences between means of
             two, along the direction in which it is lowest, without the noise's; 0.25 where a picture is a smooth ramp.
         blocks: differences across the borders of JPEG's blocks relative to those inside; 1 without compression.
-        brightness: median luma in [0, 1].
+        brightness: median luma in [0, 1] of what is covered.
     """
 
     noise: float
@@ -44,15 +45,24 @@ class PhotographQuality:
     brightness: float
 
     @classmethod
-    def of(cls, photographs: Sequence[NDArray[np.uint8]]) -> PhotographQuality:
-        """Measure (H, W, 3) images."""
+    def of(
+        cls, photographs: Sequence[NDArray[np.uint8]], alphas: Sequence[NDArray[np.uint8] | None] | None = None
+    ) -> PhotographQuality:
+        """Measure (H, W, 3) images, given their (H, W) coverage or None for complete ones.
+
+        Pictures that are cut out are black around their subject, which says nothing about the light.
+        """
         lumas = [luma(image) for image in photographs]
         noises = [noise_level(image) for image in lumas]
+        covered = [
+            image if alpha is None or not (alpha >= _COVERED).any() else image[alpha >= _COVERED]
+            for image, alpha in zip(lumas, alphas or [None] * len(lumas), strict=True)
+        ]
         return cls(
             noise=float(np.median(noises)),
             sharpness=float(np.median([sharpness(image, noise) for image, noise in zip(lumas, noises, strict=True)])),
             blocks=float(np.median([blockiness(image) for image in lumas])),
-            brightness=float(np.median([np.median(image) for image in lumas])) / 255.0,
+            brightness=float(np.median([np.median(values) for values in covered])) / 255.0,
         )
 
 

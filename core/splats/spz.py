@@ -174,7 +174,8 @@ def _parse_header(header: bytes, versions: Sequence[int], path: Path) -> _Layout
         raise InputError("not an SPZ file", where=path, remedy=_USE_ANOTHER)
     _, version, count, degree, bits, _, streams = _HEADER.unpack(header)
     if version not in versions:
-        raise InputError(f"SPZ version {version} is unknown here", where=path, remedy=_USE_ANOTHER)
+        what = "without its compression" if version in VERSIONS_WRITTEN else "unknown here"
+        raise InputError(f"SPZ version {version} is {what}", where=path, remedy=_USE_ANOTHER)
     if degree >= len(_SH_TERMS) or bits > _FRACTIONAL_BITS_LIMIT:
         raise InputError(
             f"damaged: SH degree {degree}, {bits} fractional bits", where=path, remedy="copy or export it again"

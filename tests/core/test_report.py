@@ -121,3 +121,10 @@ def test_an_image_that_cannot_be_written_is_an_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="file"):
         write_png(tmp_path / "file" / "b.png", np.zeros((4, 4, 3), np.uint8))
+
+
+def test_figures_of_training_views_are_not_called_held_out(folder):
+    finish_report(folder, report(capture={**report()["capture"], "train": 9, "test": 0}, layers={}))
+    page = (folder / "report.html").read_text()
+    assert "30.00 dB on training views" in page
+    assert "dB held out" not in page

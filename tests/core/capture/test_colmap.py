@@ -50,6 +50,50 @@ def test_every_layout_gives_the_same_capture(tmp_path: Path, text: bool, old: bo
     assert warnings_of(capture) == ["few-views"]
 
 
+@pytest.mark.parametrize(
+    ("model_folder", "image_folder"),
+    [
+        ("colmap_sparse/0", "images"),
+        ("dense/0/sparse", "dense/0/images"),
+        ("distorted/sparse/0", "input"),
+        ("sparse/0", "Photos"),
+    ],
+)
+def test_models_and_photographs_of_other_programs_are_found(
+    tmp_path: Path, model_folder: str, image_folder: str
+) -> None:
+    photographs = shots(3)
+    write_colmap(tmp_path, photographs, model_folder=model_folder, images=False)
+    save_images(tmp_path / image_folder, photographs)
+    save_images(tmp_path / "masks", photographs)
+    capture = read_capture(tmp_path, max_size=None)
+    assert capture.format == "colmap"
+    assert [view.source.parent for view in capture.views] == [(tmp_path / image_folder).resolve()] * 3
+
+
+def test_undistorted_photographs_belong_to_the_model_beside_them(tmp_path: Path) -> None:
+    photographs = shots(3)
+    write_colmap(tmp_path, photographs, model_folder="dense/sparse", images=False)
+    save_images(tmp_path / "dense" / "images", photographs)
+    save_images(tmp_path / "images", photographs)
+    capture = read_capture(tmp_path, max_size=None)
+    assert capture.views[0].source.resolve().is_relative_to(tmp_path.resolve() / "dense")
+
+
+def test_of_captures_side_by_side_none_is_taken(tmp_path: Path) -> None:
+    for name in ("monday", "tuesday"):
+        write_colmap(tmp_path / name, shots(3))
+    with pytest.raises(InputError, match="no cameras"):
+        read_capture(tmp_path, max_size=None)
+
+
+def test_the_missing_file_of_a_binary_model_is_named(tmp_path: Path) -> None:
+    root = write_colmap(tmp_path, shots(3))
+    next(root.rglob("images.bin")).unlink()
+    with pytest.raises(InputError, match=r"images\.bin is missing"):
+        read_capture(root, max_size=None)
+
+
 def test_points_lie_where_the_views_show_their_colours(tmp_path: Path) -> None:
     capture = read_capture(write_colmap(tmp_path, shots(3)), max_size=None)
     view = capture.views[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -9,11 +10,15 @@ import numpy as np
 import pytest
 
 from cvdgs.core.capture import read_capture
+from cvdgs.core.capture.images import read_pixels
+from cvdgs.core.capture.sfm import group_by_camera
 from cvdgs.core.capture.sfm_process import SfmSettings
 from cvdgs.core.errors import Cancelled, InputError
 from cvdgs.core.events import Reporter
 
 from .make_captures import save
+
+DEMO = Path(__file__).resolve().parents[3] / "core" / "demo" / "showroom"
 
 
 def save_noise(folder: Path, count: int, size: int) -> None:
@@ -53,6 +58,56 @@ def test_progress_is_told_step_by_step(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         read_capture(tmp_path, max_size=None, sfm=True, reporter=recorder)
     assert recorder.stages == ["capture", "sfm-features", "sfm-matching", "sfm-mapping"]
+
+
+def test_frames_without_exif_share_a_camera_and_its_one_focal_length_is_found(tmp_path: Path) -> None:
+    # The demo's arc is a motion in which two focal lengths could not be told apart.
+    showroom = DEMO / "images"
+    for path in sorted(showroom.iterdir())[::4]:
+        shutil.copy(path, tmp_path)
+    capture = read_capture(tmp_path, max_size=None, sfm=True)
+    assert len(capture.views) == 10
+    assert len({view.camera for view in capture.views}) == 1
+    camera = capture.views[0].camera
+    assert camera.fx == pytest.approx(480.0, rel=0.03)
+    assert camera.fy == pytest.approx(camera.fx, rel=1e-6)
+
+
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_photographs_of_a_telephone_held_upright_are_upright(tmp_path: Path, orientation: int) -> None:
+    turns = {3: 2, 6: 1, 8: 3}[orientation]  # counter-clockwise quarters, which the orientation takes back
+    for path in sorted((DEMO / "images").iterdir())[::4]:
+        stored = np.rot90(read_pixels(path)[0], turns)
+        save(tmp_path / path.name, np.ascontiguousarray(stored), Orientation=orientation)
+    capture = read_capture(tmp_path, max_size=None, sfm=True)
+    assert {warning.name for warning in capture.warnings} >= {"exif-rotated"}
+    for view in capture.views:
+        assert (view.camera.width, view.camera.height) == (480, 360)
+        assert view.image.shape == (360, 480, 3)
+        # Undistortion moves edges, but leaves what is above and what is below; half a turn makes a difference of 30.
+        photograph, _ = read_pixels(DEMO / "images" / view.source.name)
+        shown, expected = (image.reshape(6, 60, 8, 60, 3).mean(axis=(1, 3)) for image in (view.image, photograph))
+        assert np.abs(shown - expected).mean() < 20.0
+        in_camera = capture.points @ view.world_to_camera[:3, :3].T + view.world_to_camera[:3, 3]
+        ahead = in_camera[in_camera[:, 2] > 0.0]
+        x = view.camera.fx * ahead[:, 0] / ahead[:, 2] + view.camera.cx
+        y = view.camera.fy * ahead[:, 1] / ahead[:, 2] + view.camera.cy
+        seen = (x > 0.0) & (x < 480.0) & (y > 0.0) & (y < 360.0)
+        # A place has one colour in all photographs, so the points' colours are the photograph's where they fall.
+        colors = view.image[y[seen].astype(int), x[seen].astype(int)].astype(float)
+        assert np.median(np.abs(colors - capture.point_colors[in_camera[:, 2] > 0.0][seen])) < 22.0
+
+
+def test_photographs_are_told_apart_by_what_took_them(tmp_path: Path) -> None:
+    def take(name: str, size: int, **exif: str) -> None:
+        save(tmp_path / name, np.zeros((size, 20, 3), np.uint8), **exif)
+
+    take("a.jpg", 20)
+    take("b.jpg", 30)
+    take("c.jpg", 20, Model="a telephone")
+    take("d.jpg", 20)
+    groups = group_by_camera(tmp_path, ["a.jpg", "b.jpg", "c.jpg", "d.jpg"])
+    assert groups == [["a.jpg", "d.jpg"], ["b.jpg"], ["c.jpg"]]
 
 
 def test_many_photographs_are_matched_with_their_neighbours() -> None:

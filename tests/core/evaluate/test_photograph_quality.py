@@ -29,6 +29,14 @@ def test_straight_edges_and_clipped_parts_are_no_noise() -> None:
     assert noise_level(np.zeros((64, 64))) == 0.0
 
 
+def test_the_black_around_a_subject_that_is_cut_out_is_no_darkness() -> None:
+    image, alpha = scene(), np.zeros((144, 192), np.uint8)
+    alpha[50:90, 60:120] = 255
+    image[alpha == 0] = 0
+    assert PhotographQuality.of([image]).brightness == 0.0
+    assert PhotographQuality.of([image], [alpha]).brightness == pytest.approx(0.5, abs=0.05)
+
+
 def test_blur_makes_a_photograph_less_sharp() -> None:
     image = scene()
     values = [PhotographQuality.of([image]).sharpness]
