@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -20,3 +20,7 @@ class PinholeCamera:
         """The same camera for an image resampled to `width` x `height`."""
         sx, sy = width / self.width, height / self.height
         return PinholeCamera(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy)
+
+    def zoomed(self, factor: float) -> PinholeCamera:
+        """The same camera with focal lengths that many times as long."""
+        return replace(self, fx=self.fx * factor, fy=self.fy * factor)

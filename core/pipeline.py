@@ -22,6 +22,7 @@ from .run_facts import describe_device, peak_memory_mb, versions
 from .run_files import CAPTURE_FOLDER
 from .settings import Layer, Settings
 from .splats import raster
+from .splats.lens import FOCAL_LENGTH, FocalLength
 from .splats.trainer import TrainingResult
 from .stages import Reconstruction, Stages
 
@@ -60,6 +61,11 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
     raster.load(device, recorder)
     split = _split(capture, settings.holdout, recorder)
     stages = Stages.of(settings, folder, recorder, capture, split, raster.Rasterizer(device), previews=previews)
+    lens = FocalLength()
+    if not earlier:
+        with clock.measure("capture"):
+            lens = stages.check_lens()
+            stages = stages.through(lens)
     with clock.measure("enhance"):
         stages.enhance(enhancers)
     trained: TrainingResult | None = None
@@ -70,7 +76,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
         with clock.measure("geometry"):
             trained = stages.train()
             stages = stages.after(trained)
-            if trained.moved_poses:
+            if lens.was_off or trained.moved_poses:
                 write_cameras(stages.capture, folder / CAPTURE_FOLDER)
             made = stages.reconstruct(trained)
     with clock.measure("layers"):
@@ -91,20 +97,21 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
         "seconds": {**clock.seconds, "blender": None, "total": None},
         "peak_memory_mb": peak_memory_mb(),
         "warnings": recorder.warnings,
-        **(_describe_training(trained, made) if trained else {}),
+        **(_describe_training(lens, trained, made) if trained else {}),
         **figures,
     }
     report = without_non_finite(report)
     return earlier.extend(report) if earlier else report
 
 
-def _describe_training(trained: TrainingResult, made: Reconstruction) -> dict[str, Any]:
+def _describe_training(lens: FocalLength, trained: TrainingResult, made: Reconstruction) -> dict[str, Any]:
+    looked_at = {FOCAL_LENGTH: lens.words} if lens.words else {}
     return {
         "gaussians": len(made.original),
         "gaussians_initial": trained.initial,
         "sh_degree": made.original.sh_degree,
         "curve": trained.curve,
-        "decision": trained.decision,
+        "decision": {**trained.decision, **looked_at},
         "skipped_steps": trained.skipped,
     }
 

@@ -29,6 +29,10 @@ class Preview:
         self._scene, self._view, self._reporter = scene, view, reporter
         self._file = folder / ".preview.png"
 
+    def of(self, scene: SceneRenderer) -> Preview:
+        """The same of a scene with other cameras."""
+        return Preview(scene, self._view, self._file.parent, self._reporter)
+
     def show(self, gaussians: Gaussians) -> None:
         """Show Gaussians in world units."""
         with replacing(self._file) as temporary:

@@ -17,6 +17,7 @@ from .run_files import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussi
 from .settings import Settings
 from .splats.corrections import CORRECTED
 from .splats.gaussians import Gaussians
+from .splats.lens import FOCAL_LENGTH
 from .splats.ply import read_ply
 from .untrusted import MAX_JSON_BYTES, explained, is_file, parse_json, read_text
 
@@ -106,7 +107,7 @@ class EarlierRun:
         """Make sure that `folder` is the capture that the run was made from.
 
         Where the run estimated the cameras itself, these stay, and only the number of photographs is compared; where it
-        corrected them, the poses are not compared.
+        corrected them, the poses or the focal lengths are not compared.
 
         Raises:
             InputError: it is another one, or it has changed.
@@ -118,8 +119,13 @@ class EarlierRun:
         size = max(max(view.camera.width, view.camera.height) for view in self.capture.views)
         quiet = _ProgressOnly(reporter, "capture", 0.0, 1.0, "comparing with the finished run")
         given = read_capture(folder, max_size=size, reporter=quiet)
-        corrected = str(self.report.get("decision", {}).get("poses", "")).startswith(CORRECTED)
-        _compare(given.views, self.capture.views, folder, poses=not corrected)
+        _compare(
+            given.views, self.capture.views, folder, poses=self._as_given("poses"), lens=self._as_given(FOCAL_LENGTH)
+        )
+
+    def _as_given(self, what: str) -> bool:
+        """Whether the run left `what` of the cameras as it was."""
+        return not str(self.report.get("decision", {}).get(what, "")).startswith(CORRECTED)
 
     def extend(self, added: Mapping[str, Any]) -> dict[str, Any]:
         """The run's report with the layers of a report that has only what was added.
@@ -173,13 +179,14 @@ def _shown(value: Any) -> str:
     return "auto" if value is None else str(value)
 
 
-def _compare(given: Sequence[View], used: Sequence[View], folder: Path, *, poses: bool) -> None:
+def _compare(given: Sequence[View], used: Sequence[View], folder: Path, *, poses: bool, lens: bool) -> None:
     _require(len(given) == len(used), f"{len(given)} views, the finished run has {len(used)}", folder)
     for new, old in zip(given, used, strict=True):
         _require(new.key == old.key, f"view '{new.key}' where the finished run has '{old.key}'", folder)
         sizes = [f"{view.camera.width}x{view.camera.height}" for view in (new, old)]
         _require(sizes[0] == sizes[1], f"view '{new.key}' is {sizes[0]}, in the finished run {sizes[1]}", folder)
-        same = np.allclose(_lens(new), _lens(old), rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE)
+        pairs = [(_middle(new), _middle(old)), *([(_focal_lengths(new), _focal_lengths(old))] if lens else [])]
+        same = all(np.allclose(*pair, rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE) for pair in pairs)
         if poses:
             near = np.isclose(new.world_to_camera, old.world_to_camera, rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE)
             same = same and bool(near.all())
@@ -187,9 +194,12 @@ def _compare(given: Sequence[View], used: Sequence[View], folder: Path, *, poses
         _require(np.array_equal(new.image, old.image), f"photograph '{new.key}' has changed since the run", folder)
 
 
-def _lens(view: View) -> list[float]:
-    camera = view.camera
-    return [camera.fx, camera.fy, camera.cx, camera.cy]
+def _middle(view: View) -> tuple[float, float]:
+    return view.camera.cx, view.camera.cy
+
+
+def _focal_lengths(view: View) -> tuple[float, float]:
+    return view.camera.fx, view.camera.fy
 
 
 def _require(condition: bool, what: str, folder: Path) -> None:

@@ -170,6 +170,11 @@ class Settings:
         """Whether cameras that are off will be corrected."""
         return self.mode != "joint" if self.refine_poses is None else self.refine_poses
 
+    @property
+    def checks_lens(self) -> bool:
+        """Whether it will be looked at, and corrected, if the cameras' focal length is off; every mode can do that."""
+        return self.refine_poses is not False
+
     def to_dict(self) -> dict[str, Any]:
         """A JSON-ready dictionary; `from_dict` reads it back."""
         return asdict(self)

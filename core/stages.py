@@ -36,6 +36,7 @@ from .splats.gaussians import Gaussians
 from .splats.guides import ViewGuide
 from .splats.joint import JointPlan, JointTraining
 from .splats.layers import LayerPlan, fit_layer
+from .splats.lens import FocalLength, LensCheck, LensPlan
 from .splats.plan import TrainingPlan, TrainingResult
 from .splats.ply import write_ply
 from .splats.renderer import SceneRenderer
@@ -82,12 +83,14 @@ class Plans:
     """How the fits are done where the settings leave it open; comparisons vary it.
 
     Attributes:
+        lens: how the cameras' focal length is looked at; None takes it as given.
         training: of the geometry; steps, limit, SH degree and poses are those of the settings.
         joint: of the last part of a joint training.
         layer: of a layer's colours.
         guided: whether pixels that vary with the view count less, and the views agree on colours.
     """
 
+    lens: LensPlan | None = field(default_factory=LensPlan)
     training: TrainingPlan = field(default_factory=TrainingPlan)
     joint: JointPlan = field(default_factory=JointPlan)
     layer: LayerPlan = field(default_factory=LayerPlan)
@@ -135,6 +138,27 @@ class Stages:
         if self.preview is not None:
             self.preview.remove()
 
+    def check_lens(self) -> FocalLength:
+        """Look whether the cameras' focal length is right, in runs that are long enough to be worth it."""
+        plan, settings = self.plans.lens, self.settings
+        if plan is None or not settings.checks_lens or settings.iterations < plan.least_steps:
+            return FocalLength()
+        self.reporter.status("capture", "checking the focal length")
+        check = LensCheck(self.rasterizer, self._views(self.split.train), self.background, plan, settings.seed)
+        span = StageSpan(self.reporter, "capture", 0.0, 1.0, "checking the focal length")
+        found = check.find(self.capture.points, self.capture.point_colors, span)
+        if found.was_off:
+            self.reporter.warning(
+                "lens-corrected",
+                f"the cameras' focal length seems to be {found.error}, and is corrected; a better calibration may give "
+                "a sharper scene, and --no-refine-poses takes it as it is",
+            )
+        return found
+
+    def through(self, lens: FocalLength) -> Stages:
+        """The stages that follow, on the capture with the focal length that was found."""
+        return self._on(self.capture.zoomed(lens.factor)) if lens.was_off else self
+
     def enhance(self, enhancers: dict[Layer, Enhancer]) -> None:
         """Write ``enhanced/<layer>/<view>.png`` for every view; the enhancers are fitted to the training views only.
 
@@ -169,8 +193,7 @@ class Stages:
         """The stages that follow, on the capture with the poses that training corrected."""
         if not result.moved_poses:
             return self
-        capture = self.capture.moved(result.moved_poses)
-        return replace(self, capture=capture, scene=SceneRenderer(self.rasterizer, capture.views, self.background))
+        return self._on(self.capture.moved(result.moved_poses))
 
     def reconstruct(self, result: TrainingResult) -> Reconstruction:
         """What training gave, with its views matched; writes ``splats.ply`` in the photographs' colours."""
@@ -215,6 +238,11 @@ class Stages:
         figures = evaluation.run(made.original, pictures, matches)
         figures["notes"] |= MODE_NOTES.get(self.settings.mode, {})
         return figures
+
+    def _on(self, capture: Capture) -> Stages:
+        scene = SceneRenderer(self.rasterizer, capture.views, self.background)
+        preview = self.preview and self.preview.of(scene)
+        return replace(self, capture=capture, scene=scene, preview=preview)
 
     def _train_on_photographs(self) -> TrainingResult:
         trainer = Trainer(

@@ -45,6 +45,7 @@ class TimeModel:
     Attributes:
         start: of the processes.
         read: a megapixel of photographs, at their full size.
+        check: of looking whether the cameras' focal length is right.
         enhance, enhance_view: of fitting the colours of a layer, and a megapixel of views besides.
         step, step_view: of a training step, and a megapixel of its view besides.
         layer, layer_view: of fitting a layer to the geometry, and a megapixel of views besides.
@@ -54,6 +55,7 @@ class TimeModel:
 
     start: float = 3.0
     read: float = 0.2
+    check: float = 2.0
     enhance: float = 6.0
     enhance_view: float = 0.7
     step: float = 0.015
@@ -78,7 +80,7 @@ class TimeModel:
         view = full * scale * scale
         seconds = {
             "start": self.start,
-            "capture": self.read * full * views,
+            "capture": self.read * full * views + self.check,
             "enhance": self.enhance + self.enhance_view * view * views,
             "geometry": quality.iterations * (self.step + self.step_view * view),
             "layers": self.layer + self.layer_view * view * views,

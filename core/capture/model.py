@@ -77,6 +77,10 @@ class Capture:
         views = tuple(view.at(poses[view.key]) if view.key in poses else view for view in self.views)
         return replace(self, views=views)
 
+    def zoomed(self, factor: float) -> Capture:
+        """The same photographs by a lens whose focal length is that many times as long."""
+        return replace(self, views=tuple(replace(view, camera=view.camera.zoomed(factor)) for view in self.views))
+
 
 @dataclass(frozen=True)
 class CaptureSummary:

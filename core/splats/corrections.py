@@ -146,7 +146,7 @@ class ViewCorrections:
 
 @dataclass(frozen=True)
 class ViewCorrection:
-    """The corrections of the view that a step is about; the methods are to be called in this order."""
+    """The exposure and the pose of the view that a step is about, as a `Correction`."""
 
     corrections: ViewCorrections
     view: int

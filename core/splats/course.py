@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from .plan import TrainingPlan
 from .raster import LearningRates
 from .strategy import Schedule
@@ -56,7 +54,5 @@ class Course:
         return step / self.steps
 
     def rates(self, step: int) -> LearningRates:
-        """The step sizes at `step`: exponential from the start's to the end's."""
-        plan, progress = self._plan, self.progress(step)
-        rest = plan.rates.scaled(plan.rates_decay**progress)
-        return replace(rest, means=plan.rates.means * plan.means_decay**progress)
+        """The step sizes at `step`."""
+        return self._plan.rates_at(self.progress(step))

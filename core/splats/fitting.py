@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Protocol
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from .corrections import ViewCorrection
 from .exposure import estimate_log_gains
 from .gaussians import Gaussians
-from .raster import Adam, Frame, LearningRates, Loss, ParameterSet, Rasterizer
+from .raster import Adam, Frame, Gradients, LearningRates, Loss, ParameterSet, RasterCamera, Rasterizer
 from .strategy import Refinement
 from .targets import Background, TrainingView
 
@@ -21,6 +21,26 @@ _LARGEST_PARAMETER = 1e4
 # Looking for numbers that are not finite makes a GPU wait, so there it is done every so many steps. In between the
 # optimiser leaves alone what has no finite gradient.
 _CHECK_EVERY_CUDA = 50
+
+
+class Correction(Protocol):
+    """What is corrected of a view while it is fitted; the methods are called in this order."""
+
+    def camera(self, camera: RasterCamera) -> RasterCamera:
+        """The camera to render from."""
+        ...
+
+    def before_loss(self, frame: Frame) -> None:
+        """Make the rendered image what the photograph is to be compared with."""
+        ...
+
+    def after_loss(self, frame: Frame) -> None:
+        """Undo that, in the image and in its gradient."""
+        ...
+
+    def after_backward(self, parameters: ParameterSet, gradients: Gradients, camera: RasterCamera) -> None:
+        """Move the corrections, before the optimiser moves the Gaussians."""
+        ...
 
 
 class Fit:
@@ -76,7 +96,7 @@ class Fit:
         *,
         gather_gradient: bool = False,
         colors_only: bool = False,
-        correction: ViewCorrection | None = None,
+        correction: Correction | None = None,
         loss: Callable[[Frame, wp.array], Loss] | None = None,
     ) -> None:
         """Render a view, measure the loss, go backward, move the parameters.
@@ -88,7 +108,7 @@ class Fit:
             reduction: level of the view.
             gather_gradient: add the screen-space gradients to those for `mean_gradient`.
             colors_only: move the colours of degree 0 alone.
-            correction: of the view's exposure and pose, which moves along.
+            correction: of the view, which moves along.
             loss: of the frame against the photograph, which fills `frame.grad_color`; None takes the photometric loss.
         """
         self._steps += 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -66,6 +66,11 @@ class TrainingPlan:
     poses: PosePlan | None = field(default_factory=PosePlan)
     curve_points: int = 10
     curve_views: int = 6
+
+    def rates_at(self, progress: float) -> LearningRates:
+        """The step sizes when the fraction `progress` of the run is done: exponential from the start's to the end's."""
+        rest = self.rates.scaled(self.rates_decay**progress)
+        return replace(rest, means=self.rates.means * self.means_decay**progress)
 
 
 @dataclass(frozen=True)

@@ -81,10 +81,10 @@ def pose_gradient(
     The motion M, in camera axes, changes the pose to M @ world_to_camera.
     """
     means, quaternions = parameters.means, parameters.quaternions
-    force = _product_sums(None, gradients.means)[0]
-    torque = _antisymmetric(_product_sums(means, gradients.means))
+    force = product_sums(None, gradients.means)[0]
+    torque = _antisymmetric(product_sums(means, gradients.means))
     # A rotation by the small vector r turns the quaternion (w, v) into itself plus (-r v, w r + r x v) / 2.
-    turning = _product_sums(quaternions, gradients.quaternions)
+    turning = product_sums(quaternions, gradients.quaternions)
     torque += 0.5 * (turning[0, 1:] - turning[1:, 0] + _antisymmetric(turning[1:, 1:]))
     rotation, translation = world_to_camera[:3, :3], world_to_camera[:3, 3]
     center = -rotation.T @ translation
@@ -259,7 +259,7 @@ def _coordinates(camera: RasterCamera) -> NDArray[np.float64]:
     return columns
 
 
-def _product_sums(first: wp.array | None, second: wp.array) -> NDArray[np.float64]:
+def product_sums(first: wp.array | None, second: wp.array) -> NDArray[np.float64]:
     """(A, B) sums over the rows of products of an (N, A) and an (N, B) array's columns; A = 1 of ones for None."""
     right = wp.to_torch(second, requires_grad=False)
     if first is None:

@@ -1,4 +1,4 @@
-"""Cameras that are a little off, through a whole run: corrected for all that follows."""
+"""Cameras that are a little off, and their lens, through a whole run: corrected for all that follows."""
 
 import json
 
@@ -49,3 +49,25 @@ def test_a_run_on_cameras_that_are_off_corrects_them_and_keeps_the_corrected_one
     assert degrees_off(kept, truth) < 0.6 * degrees_off(given, truth)
     psnr = {name: report["reconstruction"]["psnr"] for name, report in results.items()}
     assert psnr["refined"] > psnr["plain"] + 0.5
+
+
+@pytest.mark.slow
+def test_a_run_with_a_lens_that_is_off_corrects_it_and_keeps_the_corrected_one(tmp_path):
+    truth = read_capture(SHOWROOM, max_size=160)
+    write_capture(truth.zoomed(1.08), tmp_path / "given")
+    options = ("--iterations", "300", "--gaussians", "6000", "--sh-degree", "0")
+    results = {}
+    for name, more in (("plain", ("--no-refine-poses",)), ("corrected", ())):
+        run(tmp_path / "given", tmp_path / name, *options, *more)
+        results[name] = json.loads((tmp_path / name / "report.json").read_text())
+    assert results["corrected"]["decision"]["focal_length"].startswith("corrected")
+    assert "focal_length" not in results["plain"]["decision"]
+    warned = {name: {warning["name"] for warning in report["warnings"]} for name, report in results.items()}
+    assert "lens-corrected" in warned["corrected"] - warned["plain"]
+    kept = read_capture(tmp_path / "corrected" / "capture", max_size=None)
+    assert kept.views[0].camera.fx == pytest.approx(truth.views[0].camera.fx, rel=0.01)
+    psnr = {name: report["reconstruction"]["psnr"] for name, report in results.items()}
+    assert psnr["corrected"] > psnr["plain"] + 0.3
+    run(
+        tmp_path / "given", tmp_path / "corrected", "--resume", "--cvd", "tritan"
+    )  # the given lens is not held against it

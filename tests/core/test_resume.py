@@ -185,6 +185,20 @@ def test_poses_that_the_run_corrected_may_differ_from_those_given(run, tmp_path)
     corrected.check_photographs(moved, Reporter())
 
 
+def test_a_focal_length_that_the_run_corrected_may_differ_from_that_given(run, tmp_path):
+    corrected = replace(run, report={**run.report, "decision": {"focal_length": "corrected: it was 5.0% too long"}})
+    longer = changed_capture(
+        tmp_path / "lens", lambda views: tuple(replace(v, camera=v.camera.zoomed(1.05)) for v in views)
+    )
+    corrected.check_photographs(longer, Reporter())
+    aside = changed_capture(
+        tmp_path / "middle",
+        lambda views: tuple(replace(v, camera=replace(v.camera, cx=v.camera.cx + 1)) for v in views),
+    )
+    with pytest.raises(InputError, match="has another camera"):
+        corrected.check_photographs(aside, Reporter())
+
+
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [

@@ -82,6 +82,13 @@ def test_cameras_are_corrected_where_the_mode_can_unless_it_is_switched_off(mode
     assert settings(mode=mode, refine_poses=asked).corrects_poses == corrects
 
 
+@pytest.mark.parametrize(
+    ("mode", "asked", "checks"), [("layers", None, True), ("joint", None, True), ("post", False, False)]
+)
+def test_the_lens_is_looked_at_in_every_mode_unless_cameras_are_to_be_taken_as_they_are(mode, asked, checks):
+    assert settings(mode=mode, refine_poses=asked).checks_lens == checks
+
+
 def test_settings_survive_the_way_to_the_worker():
     original = settings(layers=(Layer("protan", 0.5), Layer("tritan", 1.0)), max_size=320, gaussians=900)
     assert Settings.from_dict(original.to_dict()) == original

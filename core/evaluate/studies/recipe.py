@@ -13,6 +13,7 @@ from ..enhancers.methods import method_label
 
 DEUTAN = Layer("deutan", 1.0)
 PLAIN = Plans(
+    lens=None,
     training=TrainingPlan(strategy=CloneSplitPrune(), exposure=None, stopping=None, poses=None),
     layer=LayerPlan(multi_view_weight=0.0),
     guided=False,
@@ -57,7 +58,7 @@ class Recipe:
     def geometry_key(self) -> str:
         """Equal for recipes whose geometry is the same; that of `joint` depends on the enhanced views as well."""
         fitted_to = self.enhancement_key if self.mode == "joint" else "photographs"
-        fit = self.plans if self.mode == "joint" else self.plans.training
+        fit = self.plans if self.mode == "joint" else (self.plans.lens, self.plans.training)
         return repr((fitted_to, self.iterations, self.gaussians, self.sh_degree, self.seed, fit))
 
     @property

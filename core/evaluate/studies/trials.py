@@ -23,6 +23,7 @@ from ...run_files import ENHANCED_FOLDER
 from ...settings import Layer
 from ...splats import raster
 from ...splats.gaussians import Gaussians
+from ...splats.lens import FocalLength
 from ...splats.renderer import SceneRenderer
 from ...splats.targets import Background
 from ...splats.trainer import TrainingResult
@@ -59,6 +60,7 @@ class _Enhanced:
 class _Geometry:
     """A trained geometry, and the judged capture with the poses from which it shows its photographs."""
 
+    lens: FocalLength
     result: TrainingResult
     made: Reconstruction
     judged: Capture
@@ -172,7 +174,7 @@ class CaptureTrials:
 
     def _stages_after(self, recipe: Recipe, geometry: _Geometry, enhanced: _Enhanced) -> Stages:
         """Those that follow the training."""
-        return self._stages(recipe, enhanced.folder, Reporter()).after(geometry.result)
+        return self._stages(recipe, enhanced.folder, Reporter()).through(geometry.lens).after(geometry.result)
 
     def _enhance(self, recipe: Recipe) -> _Enhanced:
         """The enhancer, fitted to the given training views, and its pictures of all given views."""
@@ -196,12 +198,16 @@ class CaptureTrials:
             recipe = recipe if recipe.mode == "joint" else replace(recipe, mode=_MODE_OF_SHARED_GEOMETRY)
             noted, started = _Warnings(), _Clock()
             stages = self._stages(recipe, enhanced.folder, noted)
+            lens = stages.check_lens()
+            stages = stages.through(lens)
             result = stages.train()
             made = stages.after(result).reconstruct(result)
             cost = started.cost()
-            judged = self.subject.judged.moved(result.moved_poses)
+            # Where the right lens is known, results are judged by it.
+            judged = self.subject.judged.zoomed(lens.factor) if self.subject.is_ordinary else self.subject.judged
+            judged = judged.moved(result.moved_poses)
             scene = SceneRenderer(self._rasterizer, judged.views, self._background)
-            self._geometries[key] = _Geometry(result, made, judged, scene, tuple(noted.names), cost)
+            self._geometries[key] = _Geometry(lens, result, made, judged, scene, tuple(noted.names), cost)
         return self._geometries[key]
 
     def _unenhanced_rwe(self, geometry_key: str) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,10 @@ class RasterCamera:
         """(3,) camera centre in the world."""
         matrix = np.asarray(self.world_to_camera, np.float64)
         return -matrix[:3, :3].T @ matrix[:3, 3]
+
+    def zoomed(self, factor: float) -> RasterCamera:
+        """The same camera with focal lengths that many times as long."""
+        return replace(self, fx=self.fx * factor, fy=self.fy * factor)
 
     def packed(self, background: tuple[float, float, float]) -> NDArray[np.float32]:
         """The floats of `Camera` in projection.h, in its order."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import shift
 from scipy.spatial.transform import Rotation
 
-from ....capture import Capture, PinholeCamera, View
+from ....capture import Capture, View
 from ....color.spaces import image_to_tensor, lab_to_linear, linear_to_srgb, srgb_to_lab, tensor_to_image
 from ....color.srgb import decode, encode
 from ....images import read_png, to_bytes, write_jpeg
@@ -52,7 +52,7 @@ def turned_cameras(capture: Capture, degrees: float, rng: np.random.Generator) -
 
 def wrong_focal_length(capture: Capture, share: float) -> Capture:
     """All focal lengths too long by the share; one camera took all photographs."""
-    return _with_views(capture, lambda view: replace(view, camera=_zoomed(view, 1.0 + share)))
+    return capture.zoomed(1.0 + share)
 
 
 def fewer_points(capture: Capture, share: float, rng: np.random.Generator) -> Capture:
@@ -125,10 +125,6 @@ def saturated(capture: Capture, factor: float) -> Capture:
 
 def _with_views(capture: Capture, change: Callable[[View], View]) -> Capture:
     return replace(capture, views=tuple(map(change, capture.views)))
-
-
-def _zoomed(view: View, factor: float) -> PinholeCamera:
-    return replace(view.camera, fx=view.camera.fx * factor, fy=view.camera.fy * factor)
 
 
 def _blurred(image: Image, pixels: float, angle: float) -> Image:

@@ -1,0 +1,429 @@
+"""A focal length that is off, found before a run by fitting a small scene whose cameras may change theirs.
+
+One lens is taken to have made all photographs, so a single factor of all focal lengths is looked for.
+
+A wrong one hides: the scene shrinks or stretches until hardly any view contradicts it, and what is left is a narrow
+valley of the loss. So the search walks along the valley: whenever the factor changes, the scene moves by the affine
+motion that hides the change best from all views (`hiding_motion`), and the loss tells what cannot be hidden.
+
+Cameras that point a little beside their places look like a long lens, since a smaller scene contradicts itself by fewer
+pixels. What the quick first search finds is therefore looked at again, longer, with poses that may move as well.
+
+Subjects that are cut out are not asked: with no surroundings, a longer lens and a camera farther away look alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+import torch
+import torch.nn.functional as functional
+import warp as wp
+from numpy.typing import NDArray
+
+from ..capture.model import View
+from ..events import Reporter
+from .corrections import CORRECTED
+from .fitting import Fit
+from .initialise import InitialGaussians
+from .plan import TrainingPlan
+from .poses import PoseRefinement, product_sums
+from .raster import Frame, Gradients, ParameterSet, RasterCamera, Rasterizer
+from .scene_frame import SceneFrame
+from .targets import Background, TrainingView, ViewOrder, prepare_targets
+
+FOCAL_LENGTH = "focal_length"
+"""What it is called among the decisions of a report."""
+
+_BETA_1, _BETA_2 = 0.9, 0.99
+_EPSILON = 1e-30
+_SAMPLED = 2000  # Gaussians that decide what hides a change best
+_PROGRESS_EVERY = 10  # steps
+
+
+@dataclass(frozen=True)
+class LensSearch:
+    """One search, in a scene of its own.
+
+    Attributes:
+        steps: of the scene's fit.
+        gaussians: at most so many; they neither grow nor go.
+        side: longer side of the views in pixels, about.
+        started: fraction of the steps after which the factor moves. An unfinished scene is soft and asks for a longer
+            lens than a sharp one.
+        rate: step size of the factor's logarithm at first; `rate_left` of it is left at the end.
+        moves_poses: whether the cameras move along.
+    """
+
+    steps: int
+    gaussians: int
+    side: int
+    started: float
+    rate: float
+    rate_left: float = 0.05
+    moves_poses: bool = False
+
+
+@dataclass(frozen=True)
+class LensPlan:
+    """When a focal length is taken to be off, and how that is found.
+
+    Attributes:
+        first: the search that every run begins with, 1 to 3 seconds on two cores. Good captures were found within
+            0.6 %; of what a lens is off it finds a half, since its scene has not followed by then.
+        suspected: what it has to find for the second search.
+        second: 4 to 14 seconds each. It finds 2 % as 0.9 to 2.2 %, 5 % as 3.1 to 4.6 %, and good lenses within 0.9 %,
+            also of cameras that are turned by up to a degree.
+        least: what that has to find for a correction. A lens that is off by 1 % costs a tenth of a decibel.
+        rounds: the second search begins anew with what it found, at most so often, as long as it finds `least` more.
+        good_poses: where poses moved by less than so many pixels at last, they were good, and one more search without
+            moving them makes the result more exact: 0.1 to 0.4 where they are, 0.7 and more for turns of 0.25°. Where
+            they were not, nothing is corrected.
+        hidden: a capture whose views can hide all but this share of the change does not tell.
+        fewest_views: with fewer there is not much to contradict.
+        most_views: so many of them are looked at.
+        least_steps: of a run that is worth it.
+        poses_rate, poses_rate_left: step sizes of poses, an angle of view in radians.
+    """
+
+    first: LensSearch = LensSearch(400, 6_000, 120, 0.4, 1e-2)
+    suspected: float = 0.007
+    second: LensSearch = LensSearch(800, 9_000, 240, 0.1, 6e-3, moves_poses=True)
+    least: float = 0.01
+    rounds: int = 4
+    good_poses: float = 0.5
+    hidden: float = 0.05
+    fewest_views: int = 6
+    most_views: int = 60
+    least_steps: int = 300
+    poses_rate: float = 3e-3
+    poses_rate_left: float = 0.05
+    initial: InitialGaussians = field(default_factory=InitialGaussians)
+
+
+@dataclass(frozen=True)
+class FocalLength:
+    """What was found out about it.
+
+    Attributes:
+        factor: that makes all focal lengths right; 1 where they are left as given.
+        words: for the report; empty where nobody looked.
+    """
+
+    factor: float = 1.0
+    words: str = ""
+
+    @property
+    def was_off(self) -> bool:
+        """Whether it is to be corrected."""
+        return self.factor != 1.0
+
+    @property
+    def error(self) -> str:
+        """How far it was off, in words."""
+        share = 1.0 / self.factor - 1.0
+        return f"{abs(share):.1%} too {'long' if share > 0.0 else 'short'}"
+
+
+@dataclass(frozen=True)
+class LensCheck:
+    """Looks whether the focal length of a capture is right.
+
+    Attributes:
+        rasterizer: does the arithmetic.
+        views: to fit; all are taken to be by one lens.
+        background: what is behind the Gaussians.
+        plan: how to look.
+        seed: of everything random.
+    """
+
+    rasterizer: Rasterizer
+    views: Sequence[View]
+    background: Background
+    plan: LensPlan
+    seed: int
+
+    def find(self, points: NDArray[np.float32], colors: NDArray[np.uint8], reporter: Reporter) -> FocalLength:
+        """Search from (P, 3) sparse points in world units and their (P, 3) uint8 sRGB colours; P may be 0.
+
+        Args:
+            reporter: told of the progress of a stage that it names itself.
+        """
+        plan = self.plan
+        cut_out = any(self.background.color)
+        if len(self.views) < plan.fewest_views or cut_out:
+            return FocalLength()
+        asked = np.unique(np.linspace(0, len(self.views) - 1, plan.most_views).round().astype(int))
+        views = [self.views[i] for i in asked]
+        search = partial(self._search, views, points, colors, reporter)
+        found = search(plan.first, 0.0)
+        if found is None:
+            return FocalLength(words="as given: these views cannot tell")
+        if abs(found.logarithm) < plan.suspected:
+            return found.as_given
+        again = self._found_again(search)
+        if again.motion > plan.good_poses:
+            return FocalLength(words="as given: cameras that are turned or moved do not tell")
+        if again.logarithm * found.logarithm < 0.0 or abs(again.logarithm) < plan.least:
+            return again.as_given
+        factor = math.exp(again.logarithm)
+        return FocalLength(factor, f"{CORRECTED}: it was {FocalLength(factor).error}")
+
+    def _found_again(self, search: Callable[[LensSearch, float], _Found | None]) -> _Found:
+        """What the longer searches find, each from where the one before ended; the last one leaves poses alone."""
+        plan, found = self.plan, _Found(0.0, 0.0)
+        for _ in range(plan.rounds):
+            found = search(plan.second, found.logarithm) or found
+            if abs(found.step) < plan.least:
+                break
+        if abs(found.logarithm) < plan.least or found.motion > plan.good_poses:
+            return found
+        return search(replace(plan.second, moves_poses=False), found.logarithm) or found
+
+    def _search(
+        self,
+        views: Sequence[View],
+        points: NDArray[np.float32],
+        colors: NDArray[np.uint8],
+        reporter: Reporter,
+        search: LensSearch,
+        logarithm: float,
+    ) -> _Found | None:
+        """What a search finds from a factor on; None where the views cannot tell one lens from another."""
+        zoomed = [replace(view, camera=view.camera.zoomed(math.exp(logarithm))) for view in views]
+        run = _SearchRun.of(self, search, zoomed, points, colors)
+        return run.result(logarithm, reporter) if run else None
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a search found.
+
+    Attributes:
+        logarithm: of the factor.
+        step: of it since the search before.
+        motion: by which poses moved what is seen, in pixels.
+    """
+
+    logarithm: float
+    step: float
+    motion: float = 0.0
+
+    @property
+    def as_given(self) -> FocalLength:
+        """That it is not enough for a correction."""
+        return FocalLength(words=f"as given: a rough scene asks for {math.expm1(self.logarithm):+.1%}")
+
+
+@dataclass(frozen=True)
+class AffineMotion:
+    """A small motion of a scene, per unit of something: x moves by ``linear @ x + offset``.
+
+    Attributes:
+        linear: (3, 3).
+        offset: (3,).
+        seen: what is left of the change that it hides, as a share of all of it (root mean squares of motions in the
+            images): 0 where nobody can tell, 1 where nothing can be hidden.
+    """
+
+    linear: NDArray[np.float64]
+    offset: NDArray[np.float64]
+    seen: float
+
+    @property
+    def growth(self) -> float:
+        """Of a length, in the mean over the directions."""
+        return float(np.trace(self.linear)) / 3.0
+
+    def apply(self, parameters: ParameterSet, amount: float) -> None:
+        """Move the Gaussians so far; they grow or shrink as a whole, whatever their axes."""
+        means = wp.to_torch(parameters.means, requires_grad=False)
+        linear, offset = (means.new_tensor(amount * value) for value in (self.linear, self.offset))
+        means += means @ linear.T + offset
+        wp.to_torch(parameters.log_scales, requires_grad=False).add_(amount * self.growth)
+
+    def slope(self, parameters: ParameterSet, gradients: Gradients) -> float:
+        """Derivative of the loss along the motion."""
+        size = float(product_sums(None, gradients.log_scales).sum())
+        return self.slope_of_means(parameters, gradients) + self.growth * size
+
+    def slope_of_means(self, parameters: ParameterSet, gradients: Gradients) -> float:
+        """The part of it that is due to the Gaussians' places."""
+        products = product_sums(parameters.means, gradients.means)
+        force = product_sums(None, gradients.means)[0]
+        return float((products * self.linear.T).sum() + force @ self.offset)
+
+
+def hiding_motion(means: NDArray[np.float64], cameras: Sequence[RasterCamera]) -> AffineMotion:
+    """The motion of a scene that hides best, in the least squares sense, that all focal lengths grow.
+
+    Args:
+        means: (N, 3) places that stand for the scene.
+        cameras: whose images are compared; a place counts in those that show it.
+    """
+    # Unknowns: the nine of the linear part, row by row, and the offset. All in units of the image at depth one.
+    normal, right, whole = np.zeros((12, 12)), np.zeros(12), 0.0
+    for camera in cameras:
+        rotation, translation = camera.world_to_camera[:3, :3], camera.world_to_camera[:3, 3]
+        local = means @ rotation.T + translation
+        local, places = _shown(local, means, camera)
+        depth = local[:, 2:]
+        image = local[:, :2] / depth  # moves by this when the focal length grows
+        toward = (rotation[None, :2] - image[..., None] * rotation[2]) / depth[..., None]  # (M, 2, 3): by a place's
+        rows = np.concatenate([toward[..., None] * places[:, None, None, :], toward[..., None]], axis=-1)
+        rows = np.concatenate([rows[..., :3].reshape(-1, 9), rows[..., 3].reshape(-1, 3)], axis=1)
+        normal += rows.T @ rows
+        right -= rows.T @ image.ravel()
+        whole += float((image**2).sum())
+    if not whole:
+        return AffineMotion(np.zeros((3, 3)), np.zeros(3), 1.0)
+    solved = np.linalg.lstsq(normal, right, rcond=1e-6)[0]
+    left = float(whole - 2.0 * solved @ right + solved @ normal @ solved)
+    return AffineMotion(solved[:9].reshape(3, 3), solved[9:], math.sqrt(max(left, 0.0) / whole))
+
+
+def zoom_slope(parameters: ParameterSet, gradients: Gradients, camera: RasterCamera) -> float:
+    """Derivative of the loss with respect to the logarithm of the camera's focal length, given a backward pass.
+
+    A longer lens is a scene that is larger across the direction of view, measured from the camera. The Gaussians' axes
+    get longer by it as far as they lie across, and do not turn (which leaves a small term out).
+    """
+    forward = camera.world_to_camera[2, :3]
+    across = np.eye(3) - np.outer(forward, forward)
+    moved = AffineMotion(across, -across @ camera.center, 1.0).slope_of_means(parameters, gradients)
+    along = _in_axes(wp.to_torch(parameters.quaternions, requires_grad=False), forward)
+    grown = wp.to_torch(gradients.log_scales, requires_grad=False) * (1.0 - along**2)
+    return moved + float(grown.sum())
+
+
+class _MovingLens:
+    """The factor of all focal lengths on its way; `Fit.step` takes `of` a view as its correction."""
+
+    def __init__(self, search: LensSearch, plan: LensPlan, motion: AffineMotion, poses: PoseRefinement) -> None:
+        self._search, self._plan, self._motion, self._poses = search, plan, motion, poses
+        self._first = self._second = 0.0
+        self._moves = 0
+        self.logarithm = 0.0
+
+    def camera(self, view: int, camera: RasterCamera) -> RasterCamera:
+        """`camera` of `view` as it is now."""
+        if self._search.moves_poses:
+            camera = self._poses.camera(view, camera)
+        return camera.zoomed(math.exp(self.logarithm))
+
+    def move(
+        self, view: int, progress: float, parameters: ParameterSet, gradients: Gradients, camera: RasterCamera
+    ) -> None:
+        """Move the factor, the scene with it, and the view's pose by their gradients, in Adam's way."""
+        done = (progress - self._search.started) / (1.0 - self._search.started)
+        slope = zoom_slope(parameters, gradients, camera) + self._motion.slope(parameters, gradients)
+        if done < 0.0 or not math.isfinite(slope):
+            return
+        if self._search.moves_poses:
+            rate = self._plan.poses_rate * self._plan.poses_rate_left**done
+            self._poses.step(view, parameters, gradients, camera, rate)
+        self._moves += 1
+        self._first += (1.0 - _BETA_1) * (slope - self._first)
+        self._second += (1.0 - _BETA_2) * (slope**2 - self._second)
+        first = self._first / (1.0 - _BETA_1**self._moves)
+        second = self._second / (1.0 - _BETA_2**self._moves)
+        rate = self._search.rate * self._search.rate_left**done
+        amount = -rate * first / (math.sqrt(second) + _EPSILON)
+        self.logarithm += amount
+        self._motion.apply(parameters, amount)
+
+
+@dataclass(frozen=True)
+class _ViewThroughLens:
+    """What a step needs of a view."""
+
+    lens: _MovingLens
+    view: int
+    progress: float
+
+    def camera(self, camera: RasterCamera) -> RasterCamera:
+        return self.lens.camera(self.view, camera)
+
+    def before_loss(self, frame: Frame) -> None:
+        """Photographs are taken as they are."""
+
+    def after_loss(self, frame: Frame) -> None:
+        """Nothing was changed."""
+
+    def after_backward(self, parameters: ParameterSet, gradients: Gradients, camera: RasterCamera) -> None:
+        self.lens.move(self.view, self.progress, parameters, gradients, camera)
+
+
+@dataclass(frozen=True)
+class _SearchRun:
+    """A search that has its scene."""
+
+    search: LensSearch
+    fit: Fit
+    targets: Sequence[TrainingView]
+    lens: _MovingLens
+    poses: PoseRefinement
+    order: ViewOrder
+
+    @classmethod
+    def of(
+        cls,
+        check: LensCheck,
+        search: LensSearch,
+        views: Sequence[View],
+        points: NDArray[np.float32],
+        colors: NDArray[np.uint8],
+    ) -> _SearchRun | None:
+        """Ready to run; None where the views cannot tell one lens from another."""
+        plan, rng = check.plan, np.random.default_rng(check.seed)
+        frame = SceneFrame.around(views, points)
+        longest = max(side for view in views for side in (view.camera.width, view.camera.height))
+        reduction = max(round(longest / search.side), 1)
+        prepared = prepare_targets(check.rasterizer, views, frame, check.background, {reduction})
+        targets = [TrainingView({1: view.at(reduction)}) for view in prepared]
+        cameras = [view.at(1)[1] for view in targets]
+        gaussians = plan.initial.make(views, points, colors, frame, rng, search.gaussians)
+        if not len(gaussians):
+            return None
+        sampled = rng.permutation(len(gaussians))[:_SAMPLED]
+        motion = hiding_motion(gaussians.means[sampled].astype(np.float64), cameras)
+        if motion.seen < plan.hidden:
+            return None
+        fit = Fit(check.rasterizer, gaussians, check.background, TrainingPlan().ssim_weight)
+        poses = PoseRefinement([camera.world_to_camera for camera in cameras])
+        lens = _MovingLens(search, plan, motion, poses)
+        return cls(search, fit, targets, lens, poses, ViewOrder(len(targets), rng))
+
+    def result(self, logarithm: float, reporter: Reporter) -> _Found:
+        """Fit the scene, whose cameras have a factor of this logarithm already."""
+        plan, steps = TrainingPlan(), self.search.steps
+        for step in range(steps):
+            progress, view = step / steps, self.order.next()
+            correction = _ViewThroughLens(self.lens, view, progress)
+            self.fit.step(self.targets[view], 1, plan.rates_at(progress), correction=correction)
+            if step % _PROGRESS_EVERY == 0:
+                reporter.progress("", progress)
+        motion = self.poses.image_motion([view.at(1)[1] for view in self.targets])
+        return _Found(logarithm + self.lens.logarithm, self.lens.logarithm, motion)
+
+
+def _in_axes(quaternions: torch.Tensor, direction: NDArray[np.float64]) -> torch.Tensor:
+    """(N, 3) components of the (3,) unit vector along the axes of Gaussians with (N, 4) quaternions, wxyz."""
+    real, imaginary = functional.normalize(quaternions).split((1, 3), dim=1)
+    vector = quaternions.new_tensor(direction).expand_as(imaginary)
+    turned = torch.linalg.cross(imaginary, vector)
+    return vector - 2.0 * (real * turned - torch.linalg.cross(imaginary, turned))
+
+
+def _shown(
+    local: NDArray[np.float64], places: NDArray[np.float64], camera: RasterCamera
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Those rows whose place (N, 3) in camera axes lies within the image."""
+    depth = np.where(local[:, 2] > camera.near, local[:, 2], np.inf)
+    x, y = camera.fx * local[:, 0] / depth + camera.cx, camera.fy * local[:, 1] / depth + camera.cy
+    inside = np.isfinite(depth) & (x > 0.0) & (x < camera.width) & (y > 0.0) & (y < camera.height)
+    return local[inside], places[inside]
