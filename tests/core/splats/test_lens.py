@@ -12,9 +12,10 @@ from cvdgs.core.capture import Capture, read_capture
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.events import Reporter
 from cvdgs.core.pinhole import PinholeCamera
-from cvdgs.core.splats.lens import FocalLength, LensCheck, LensPlan, hiding_motion, zoom_slope
+from cvdgs.core.splats.lens import FocalLength, LensCheck, LensPlan
 from cvdgs.core.splats.raster import ParameterSet, RasterCamera, Rasterizer
 from cvdgs.core.splats.targets import Background
+from cvdgs.core.splats.zoom import hiding_motion, zoom_slope
 
 from .test_poses import BLACK, ball, photographs, turned
 
