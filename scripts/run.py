@@ -58,7 +58,7 @@ def build_parser() -> argparse.ArgumentParser:
     add(
         "--refine-poses",
         action=argparse.BooleanOptionalAction,
-        help="correct cameras that are a little off; good ones stay as given (yes, but in mode joint)",
+        help="correct cameras that are a little off and their lens; good ones stay as given (yes; joint: the lens)",
     )
     add(
         "--turntable",
