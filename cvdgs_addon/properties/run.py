@@ -32,7 +32,7 @@ class RunProperties(bpy.types.PropertyGroup):
     )
     refine_poses: bpy.props.BoolProperty(
         name="Correct Cameras",
-        description="Correct cameras that are a little off and their focal length, as from a quick calibration; good ones stay as given",
+        description="Correct cameras that are a little off, and a wrong focal length; good ones stay as given",
         default=True,
     )
     start_over: bpy.props.BoolProperty(
