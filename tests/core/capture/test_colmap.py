@@ -329,6 +329,21 @@ def test_two_images_of_one_name_are_refused(tmp_path: Path) -> None:
         inspect_capture(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("text", "model", "stored"), [(True, "FISHEYE624", b" FISHEYE624 "), (False, "624", struct.pack("<i", 624))]
+)
+def test_unknown_camera_model_is_named_beside_those_that_are_known(
+    tmp_path: Path, text: bool, model: str, stored: bytes
+) -> None:
+    write_colmap(tmp_path, shots(3), text=text)
+    file = tmp_path / "sparse" / "0" / ("cameras.txt" if text else "cameras.bin")
+    data = file.read_bytes()
+    # In a binary file the model's number follows the count and the camera's number.
+    file.write_bytes(data.replace(b" PINHOLE ", stored) if text else data[:12] + stored + data[16:])
+    with pytest.raises(InputError, match=rf"camera model {model} is unknown - export it as one of .*PINHOLE, .*OPENCV"):
+        inspect_capture(tmp_path)
+
+
 def test_full_panorama_is_refused(tmp_path: Path) -> None:
     write_colmap(tmp_path, shots(3), text=True)
     (tmp_path / "sparse" / "0" / "cameras.txt").write_text("1 EQUIRECTANGULAR 96 72 96 72\n")
