@@ -17,7 +17,7 @@ import pycolmap
 from ..errors import InputError
 from ..untrusted import is_file, read_json
 from .colmap import check_camera
-from .files import IMAGE_EXTENSIONS, quote_first, resolve_inside
+from .files import IMAGE_EXTENSIONS, Spelling, quote_first, resolve_inside
 from .images import read_header
 from .points import read_point_cloud
 from .poses import LARGEST_NUMBER, OPENGL_TO_OPENCV, invert_rigid, rigid_pose
@@ -69,9 +69,12 @@ class _Reader:
         self._file = file
         self._document = document
         self._cameras: dict[tuple, pycolmap.Camera] = {}
+        self._spelling = Spelling()
 
     def read(self, frames: list[dict[str, Any]]) -> SourceModel:
         model = SourceModel("transforms", self._file, [])
+        names = (frame.get("file_path") for frame in frames)
+        self._spelling = Spelling(name for name in names if isinstance(name, str))
         missing, reshaped = [], []
         for index, frame in enumerate(frames):
             name = frame.get("file_path")
@@ -118,6 +121,10 @@ class _Reader:
         for extension in ("", *IMAGE_EXTENSIONS, *(extension.upper() for extension in IMAGE_EXTENSIONS)):
             if is_file(path.with_name(path.name + extension)):
                 return resolve_inside(self._file.parent, name + extension, where=self._file)
+        for extension in ("", *IMAGE_EXTENSIONS):
+            respelled = self._spelling.find(self._file.parent, name, extension)
+            if is_file(self._file.parent / respelled):
+                return resolve_inside(self._file.parent, respelled, where=self._file)
         return None
 
     def _pose(self, frame: dict[str, Any], name: str) -> tuple[np.ndarray, bool]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cvdgs.core.capture import inspect_capture, read_capture
-from cvdgs.core.capture.files import list_images, make_keys, natural_key, resolve_inside
+from cvdgs.core.capture.files import Spelling, list_images, make_keys, natural_key, resolve_inside
 from cvdgs.core.errors import InputError
 
 from .make_captures import frames, intrinsics, pinhole, save, save_images, shots, write_colmap, write_transforms
@@ -115,6 +116,56 @@ def test_no_name_resolves_to_a_path_outside(name: str) -> None:
     except InputError:
         return
     assert path.resolve().is_relative_to(root.resolve())
+
+
+# --- names in another case
+
+
+def test_names_in_another_case_than_the_disks_are_found(tmp_path: Path) -> None:
+    photographs = shots(3, pattern="Cam/img_{}.png")
+    listed = frames(photographs)
+    listed[2]["file_path"] = listed[2]["file_path"].removesuffix(".png")  # as in the NeRF synthetic layout
+    write_transforms(tmp_path / "transforms", photographs, {**intrinsics(pinhole()), "frames": listed}, images=False)
+    write_colmap(tmp_path / "colmap", photographs, images=False)
+    for root in (tmp_path / "transforms", tmp_path / "colmap"):
+        save_images(root / "images", shots(3, pattern="cam/IMG_{}.PNG"))
+        capture = read_capture(root, max_size=None)
+        assert [view.source.name for view in capture.views] == ["IMG_1.PNG", "IMG_2.PNG", "IMG_3.PNG"]
+        assert not {warning.name for warning in capture.warnings} & {"missing-images", "unregistered"}
+
+
+def test_another_image_whose_name_differs_in_its_case_alone_is_not_taken(tmp_path: Path) -> None:
+    photographs = [*shots(2), *shots(2, pattern="p{}.png"), *shots(1, pattern="P{}.png")]
+    write_colmap(tmp_path, photographs)
+    if len(list((tmp_path / "images").iterdir())) < len(photographs):
+        pytest.skip("this file system knows no case")
+    (tmp_path / "images" / "P1.png").unlink()  # p1.png is there, and of another camera
+    (tmp_path / "images" / "p2.png").rename(tmp_path / "images" / "P2.png")
+    shutil.copy(tmp_path / "images" / "P2.png", tmp_path / "images" / "p2.PNG")  # either could be meant
+    capture = read_capture(tmp_path, max_size=None)
+    assert [view.source.name for view in capture.views] == ["0001.png", "0002.png", "p1.png"]
+
+
+def test_another_extension_is_no_other_case(tmp_path: Path) -> None:
+    write_colmap(tmp_path, shots(4))
+    (tmp_path / "images" / "0002.png").rename(tmp_path / "images" / "0002.jpg")
+    assert inspect_capture(tmp_path).views == 3
+
+
+def test_link_out_of_the_folder_is_refused_in_another_case_too(tmp_path: Path) -> None:
+    outside = save(tmp_path / "secret.png", np.zeros((72, 96, 3), np.uint8))
+    root = capture_with_name(tmp_path / "capture", "images/link.png")
+    (root / "images" / "LINK.png").symlink_to(outside)
+    assert "leaves the capture folder" in refused(root)
+
+
+def test_thousands_of_missing_names_take_one_listing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    listed: list[Path] = []
+    monkeypatch.setattr(os, "listdir", lambda folder: listed.append(folder) or ["A.PNG"])
+    names = [f"{number}.png" for number in range(1000)]
+    spelling = Spelling(names)
+    assert [spelling.find(tmp_path, name) for name in names] == names
+    assert listed == [tmp_path]
 
 
 # --- keys
