@@ -84,6 +84,21 @@ def _is_absolute(portable: str) -> bool:
     return PurePosixPath(portable).is_absolute() or re.match(r"^[A-Za-z]:", portable) is not None
 
 
+def relative_name(folder: Path, name: str) -> str:
+    """`name` relative to `folder` where it is an absolute path that leads into it; any other name as it is.
+
+    It is for `resolve_inside` to judge: what lies there may be a link, and a name that is still absolute is refused.
+    """
+    path = Path(_portable(name))
+    # A name of Windows' servers is not looked at: that would call the server.
+    if not path.is_absolute() or _portable(name).startswith("//"):
+        return name
+    try:
+        return (path.parent.resolve() / path.name).relative_to(folder.resolve()).as_posix()
+    except (OSError, RuntimeError, ValueError):  # a cycle of links, an unusable name, or elsewhere
+        return name
+
+
 def resolve_inside(folder: Path, name: str, *, where: str | Path, root: Path | None = None) -> Path:
     """The path of `name` below `folder`, for a name that a camera file gives.
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from cvdgs.core.capture import inspect_capture, read_capture
 from cvdgs.core.capture.files import Spelling, list_images, make_keys, natural_key, resolve_inside
+from cvdgs.core.capture.points import write_point_cloud
 from cvdgs.core.errors import InputError
 
 from .make_captures import frames, intrinsics, pinhole, save, save_images, shots, write_colmap, write_transforms
@@ -43,8 +44,36 @@ def test_name_that_climbs_out_is_refused(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "C:\\secret.png", "C:secret.png", "\\\\server\\share\\x.png"])
-def test_absolute_name_is_refused(tmp_path: Path, name: str) -> None:
+def test_absolute_name_that_leads_elsewhere_is_refused(tmp_path: Path, name: str) -> None:
     assert "absolute path" in refused(capture_with_name(tmp_path, name))
+
+
+def test_absolute_name_of_a_capture_beside_is_refused(tmp_path: Path) -> None:
+    other = save(tmp_path / "capture2" / "secret.png", np.zeros((72, 96, 3), np.uint8))
+    assert "absolute path" in refused(capture_with_name(tmp_path / "capture", str(other)))
+    climbing = tmp_path / "capture" / ".." / "capture2" / "secret.png"
+    assert "absolute path" in refused(capture_with_name(tmp_path / "capture", str(climbing)))
+
+
+def test_absolute_name_of_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
+    outside = save(tmp_path / "secret.png", np.zeros((72, 96, 3), np.uint8))
+    root = capture_with_name(tmp_path / "capture", str(tmp_path / "capture" / "images" / "link.png"))
+    (root / "images" / "link.png").symlink_to(outside)
+    assert "leaves the capture folder" in refused(root)
+
+
+def test_absolute_names_give_the_same_views_as_relative_ones(tmp_path: Path) -> None:
+    root, listed = tmp_path / "capture", frames(shots(3))
+    for frame in listed[1:]:
+        frame["file_path"] = str(root / frame["file_path"])
+    document = {**intrinsics(pinhole()), "ply_file_path": str(root / "points.ply"), "frames": listed}
+    write_transforms(root, shots(3), document)
+    write_point_cloud(root / "points.ply", np.ones((5, 3), np.float32), np.zeros((5, 3), np.uint8))
+    (tmp_path / "link").symlink_to(root)
+    for folder in (root, tmp_path / "link"):
+        capture = read_capture(folder, max_size=None)
+        assert [view.key for view in capture.views] == ["0001", "0002", "0003"]
+        assert len(capture.points) == 5
 
 
 def test_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
