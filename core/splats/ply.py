@@ -23,6 +23,7 @@ _BASE_COLOR = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
 _REQUIRED = (*_POSITION, *_BASE_COLOR, "opacity", *_SCALE, *_ROTATION)
+EXPORT_PLAIN = "export a plain PLY (3DGS, not compressed) from the program that it came from"
 _USE_ANOTHER = "choose a 3D Gaussian splatting .ply (from this software, SuperSplat, Postshot, ...)"
 
 
@@ -55,7 +56,7 @@ def read_ply(path: str | Path) -> Gaussians:
     """
     path = Path(path)
     with opened(path, most_bytes=MOST_FILE_BYTES) as file:
-        table = VertexTable(file, path, noun="Gaussians", remedy=_USE_ANOTHER)
+        table = VertexTable(file, path, noun="Gaussians", remedy=_USE_ANOTHER, if_compressed=EXPORT_PLAIN)
         # Flat Gaussians (2DGS) have opacities too, and two scales.
         kind = "Gaussians of another kind" if "opacity" in table.names else "a mesh or point cloud, not Gaussians"
         table.require(_REQUIRED, kind)
