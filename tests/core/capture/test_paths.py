@@ -288,6 +288,39 @@ def test_photographs_without_cameras_name_the_option(tmp_path: Path) -> None:
     assert inspect_capture(tmp_path, sfm=True).format == "sfm"
 
 
+@pytest.mark.parametrize(
+    ("program", "name", "content", "how"),
+    [
+        ("OpenSfM", "opensfm/reconstruction.json", b"[{}]", "opensfm export_colmap"),
+        ("Bundler", "bundle/bundle.out", b"# Bundle file v0.3\n2 10\n", "export a COLMAP model"),
+        ("LLFF", "poses_bounds.npy", b"\x93NUMPY not to be loaded", "COLMAP model that they were made of"),
+        ("Meshroom", "MeshroomCache/StructureFromMotion/0f3a/cameras.sfm", b"{}", "aliceVision_exportColmap"),
+        ("OpenMVG", "reconstruction/sfm_data.json", b"{}", "openMVG_main_openMVG2Colmap"),
+        ("Metashape", "cameras.xml", b'<?xml version="1.0"?>\n<document version="2.0">\n <chunk>', "Export Cameras"),
+    ],
+)
+def test_cameras_of_a_program_that_are_not_read_are_named(
+    tmp_path: Path, program: str, name: str, content: bytes, how: str
+) -> None:
+    save_images(tmp_path / "images", shots(3))
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / name).write_bytes(content)
+    message = refused(tmp_path)
+    assert f"3 photographs, and cameras of {program} ({name})" in message
+    assert how in message
+    assert "--sfm" in message
+    assert inspect_capture(tmp_path, sfm=True).format == "sfm"
+
+
+def test_other_files_are_not_taken_for_cameras(tmp_path: Path) -> None:
+    save_images(tmp_path / "images", shots(3))
+    (tmp_path / "nohup.out").write_text("done\n")
+    (tmp_path / "lens.xml").write_text("<lens/>")
+    (tmp_path / "reconstruction.json").mkdir()
+    os.mkfifo(tmp_path / "pipe.out")
+    assert "no cameras (COLMAP model or transforms.json)" in refused(tmp_path)
+
+
 def test_one_photograph_is_too_few_for_sfm(tmp_path: Path) -> None:
     save_images(tmp_path, shots(1))
     with pytest.raises(InputError, match="one photograph only"):
