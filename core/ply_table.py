@@ -51,6 +51,7 @@ class VertexTable:
         path: of the file, for messages.
         noun: what a vertex stands for, in the plural.
         remedy: what the user can do where the file is something else.
+        if_compressed: likewise where it is one of SuperSplat's compressed PLY files; `remedy` if it is left out.
 
     Attributes:
         count: of the vertices.
@@ -60,8 +61,9 @@ class VertexTable:
         InputError: not a PLY file, cut short, or of a layout that is not read.
     """
 
-    def __init__(self, file: BinaryIO, path: Path, *, noun: str, remedy: str) -> None:
+    def __init__(self, file: BinaryIO, path: Path, *, noun: str, remedy: str, if_compressed: str = "") -> None:
         self._file, self._path, self._noun, self._remedy = file, path, noun, remedy
+        self._if_compressed = if_compressed or remedy
         self.count = -1
         self._encoding = ""
         self._properties: list[tuple[str, str]] = []
@@ -132,7 +134,7 @@ class VertexTable:
                 if element == "vertex":
                     self.count = self._parse_count(words[2])
                 elif self.count < 0:
-                    raise self._refusal(_why_not_first(element))
+                    raise self._not_first(element)
             elif words[:1] == ["property"] and element == "vertex":
                 self._add_property(words)
 
@@ -167,14 +169,14 @@ class VertexTable:
             remedy="copy or export it again",
         )
 
+    def _not_first(self, element: str) -> InputError:
+        if element == "chunk":
+            what = "a compressed PLY (SuperSplat), whose layout is another"
+            return InputError(what, where=self._path, remedy=self._if_compressed)
+        return self._refusal(f"its first element is '{element}', not 'vertex'")
+
     def _refusal(self, what: str) -> InputError:
         return InputError(what, where=self._path, remedy=self._remedy)
-
-
-def _why_not_first(element: str) -> str:
-    if element == "chunk":
-        return "a compressed PLY (SuperSplat), whose layout is another"
-    return f"its first element is '{element}', not 'vertex'"
 
 
 def _numbers(file: BinaryIO, rows: int, columns: int) -> NDArray[np.float64]:

@@ -23,6 +23,10 @@ from .errors import InputError
 MAX_JSON_BYTES = 32 << 20
 _CHECK_PATH = "check the path and its permissions"
 _COPY_AGAIN = "copy or export the file again"
+# What Git leaves in a large file's place where its extension LFS is not installed
+# (https://github.com/git-lfs/git-lfs/blob/main/docs/spec.md); such a pointer has less than 1024 bytes.
+_LFS_POINTER = b"version https://git-lfs"
+_LFS_POINTER_BYTES = 1024
 
 
 def is_file(path: str | Path) -> bool:
@@ -50,7 +54,7 @@ def opened(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) -> I
 
     Raises:
         InputError: the system refuses (no such file, no permission, a damaged disk, also while it is read), or it is a
-            folder, a pipe, a device, or too large.
+            folder, a pipe, a device, too large, or a pointer of Git LFS in the file's place.
     """
     path = Path(path)
     try:
@@ -64,6 +68,12 @@ def opened(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) -> I
                     where=path,
                     remedy="check that it is the right file",
                 )
+            if status.st_size < _LFS_POINTER_BYTES:
+                start = file.read(len(_LFS_POINTER))
+                file.seek(0)
+                if start == _LFS_POINTER:
+                    what = "only a pointer of Git LFS, not the file itself"
+                    raise InputError(what, where=path, remedy="run 'git lfs pull', or download the file itself")
             yield file
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})", where=path, remedy=remedy) from None

@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..events import Reporter
 from ..untrusted import is_file
 from .colmap_model import ColmapModel, read_model
-from .files import list_images, quote_first, resolve_inside
+from .files import Spelling, list_images, quote_first, resolve_inside
 from .poses import rigid_pose
 from .source import SourceModel, SourceView
 
@@ -88,10 +88,14 @@ def add_model(model: SourceModel, read: ColmapModel, image_folder: Path, root: P
     _refuse_repeated_names([image.name for image in images], model.file)
     for number, camera in read.cameras.items():
         check_camera(camera, frame=f"camera {number}", where=model.file)
+    spelling = Spelling(image.name for image in images)
     missing = []
     reshaped = []
     for image in images:
+        # As it is written first: what is refused is not looked for.
         path = resolve_inside(image_folder, image.name, where=model.file, root=root)
+        if not path.exists():
+            path = resolve_inside(image_folder, spelling.find(image_folder, image.name), where=model.file, root=root)
         if not path.exists():
             missing.append(image.name)
             continue
@@ -111,7 +115,9 @@ def add_model(model: SourceModel, read: ColmapModel, image_folder: Path, root: P
             f"{model.file}: slightly skewed rotations are corrected: {quote_first(sorted(reshaped))}",
         )
     registered = {image.name for image in images}
-    unregistered = [name for name in list_images(image_folder) if name not in registered]
+    used = {view.path for view in model.views}
+    names = list_images(image_folder)
+    unregistered = [name for name in names if name not in registered and image_folder / name not in used]
     if unregistered:
         model.warn(
             "unregistered",
@@ -192,11 +198,17 @@ def _image_folder(found: ColmapFolder, read: ColmapModel) -> Path:
     def held(folder: Path) -> int:
         return sum(is_file(folder / name.replace("\\", "/")) for name in names)
 
-    for candidates in (beside, usual, other):
-        folders = [folder for folder in candidates if folder.is_dir()]
-        best = max(folders, key=held, default=None)
-        if best is not None and held(best):
-            return best
+    spelling = Spelling(names)
+
+    def held_in_any_case(folder: Path) -> int:
+        return sum(is_file(folder / spelling.find(folder, name)) for name in names)
+
+    for count in (held, held_in_any_case):
+        for candidates in (beside, usual, other):
+            folders = [folder for folder in candidates if folder.is_dir()]
+            best = max(folders, key=count, default=None)
+            if best is not None and count(best):
+                return best
     return next(folder for folder in usual if folder.is_dir())
 
 

@@ -24,6 +24,7 @@ from .colmap_records import (
     Points,
     make_camera,
     require,
+    require_known_model,
 )
 
 _MOST_NAME_BYTES = 4096  # Linux' own limit for a path
@@ -89,7 +90,7 @@ def binary_cameras(path: Path) -> Iterator[tuple[int, pycolmap.Camera]]:
         walker = _Walker(file, path)
         for _ in walker.records():
             number, model, *size = walker.take(_CAMERA)
-            require(model in _MODEL_NAMES, f"the camera model {model} is unknown", path)
+            require_known_model(model in _MODEL_NAMES, model, path)
             name = _MODEL_NAMES[model]
             params = walker.take(struct.Struct(f"<{PARAMETER_COUNTS[name]}d"))
             yield number, make_camera(number, name, size, params, path)

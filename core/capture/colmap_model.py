@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..events import Reporter
-from ..untrusted import is_file
+from ..untrusted import is_file, is_there
 from .colmap_binary import binary_cameras, binary_images, binary_points
 from .colmap_records import EXPORT_AGAIN, ColmapImage, require
 from .colmap_text import text_cameras, text_images, text_points
@@ -42,21 +42,22 @@ class ColmapModel:
 
 
 def read_model(folder: Path, reporter: Reporter | None = None) -> ColmapModel:
-    """The model in `folder`, binary if it has both forms.
+    """The model in `folder`, binary if it has both forms whole; without points where it has no file of them.
 
     Args:
         reporter: told how far the points are read.
 
     Raises:
-        InputError: a file is missing, cut or damaged.
+        InputError: the cameras or the images are missing, or a file is cut or damaged.
     """
     forms = [[folder / (name + suffix) for name in ("cameras", "images", "points3D")] for suffix in (".bin", ".txt")]
+    whole = [form for form in forms if all(map(is_file, form))]
     # Of a model that is incomplete in both forms, what is missing is said of the one that more is there of.
-    paths = forms[0] if is_file(forms[0][1]) else max(reversed(forms), key=lambda form: sum(map(is_file, form)))
-    for path in paths:
+    most = forms[0] if is_file(forms[0][1]) else max(reversed(forms), key=lambda form: sum(map(is_file, form)))
+    cameras, images, points = whole[0] if whole else most
+    for path in (cameras, images):
         if not is_file(path):
             raise InputError(f"{path.name} is missing", where=folder, remedy=EXPORT_AGAIN)
-    cameras, images, points = paths
     binary = cameras.suffix == ".bin"
     model = ColmapModel()
     for number, camera in (binary_cameras if binary else text_cameras)(cameras):
@@ -68,6 +69,8 @@ def read_model(folder: Path, reporter: Reporter | None = None) -> ColmapModel:
         require(known, f"damaged: {image.name} is of camera {image.camera_id}, which is not there", images)
         require(len(model.images) < MOST_VIEWS, f"it has more than {MOST_VIEWS:,} images", images)
         model.images.append(image)
+    if not is_there(points):
+        return model
     read = (binary_points if binary else text_points)(points, reporter or Reporter())
     model.points = np.frombuffer(read.positions, np.float32).reshape(-1, 3)
     model.point_colors = np.frombuffer(read.colors, np.uint8).reshape(-1, 3)

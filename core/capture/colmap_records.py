@@ -21,6 +21,7 @@ MOST_POINT_BYTES = 1 << 30  # ten million points of ordinary tracks
 # One view alone gives a point no depth; COLMAP writes none with a shorter track.
 LEAST_TRACK_LENGTH = 2
 STAGE = "points"
+_QUOTED = 40  # characters of a camera model's name, which may be anything
 BLOCK = 1 << 16  # points that are read between two reports of progress
 
 PARAMETER_COUNTS = {
@@ -99,6 +100,15 @@ class Points:
 def require(condition: bool, what: str, path: Path) -> None:
     if not condition:
         raise InputError(what, where=path, remedy=EXPORT_AGAIN)
+
+
+def require_known_model(known: bool, model: object, path: Path) -> None:
+    if not known:
+        raise InputError(
+            f"the camera model {str(model)[:_QUOTED]} is unknown",
+            where=path,
+            remedy=f"export it as one of {', '.join(PARAMETER_COUNTS)}, or undistort the photographs",
+        )
 
 
 def make_camera(number: int, model: str, size: Sequence[int], params: Sequence[float], path: Path) -> pycolmap.Camera:

@@ -25,6 +25,7 @@ from .colmap_records import (
     Points,
     make_camera,
     require,
+    require_known_model,
 )
 
 _LONGEST_LINE = 16 << 20  # bytes: the features of an image, hundreds of thousands
@@ -87,7 +88,10 @@ def text_cameras(path: Path) -> Iterator[tuple[int, pycolmap.Camera]]:
             words = line.split()
             if not words:
                 continue
-            if len(words) < 4 or len(words) != 4 + PARAMETER_COUNTS.get(words[1], -1):
+            if len(words) < 4:
+                raise lines.refuse()
+            require_known_model(words[1] in PARAMETER_COUNTS, words[1], path)
+            if len(words) != 4 + PARAMETER_COUNTS[words[1]]:
                 raise lines.refuse()
             number, *size = lines.parse(int, [words[0], *words[2:4]])
             count += 1

@@ -7,10 +7,11 @@ import re
 import stat
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
-from ..untrusted import is_file
+from ..untrusted import is_file, is_there
 
 # What OpenImageIO reads and what cameras, scanners and renderers write.
 IMAGE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm")
@@ -35,6 +36,69 @@ def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
     return tuple((1, int(part), part) if index % 2 else (0, 0, part) for index, part in enumerate(parts))
 
 
+class Spelling:
+    """How the disk spells names of a camera file that was written where upper and lower case are the same.
+
+    Args:
+        names: all that the camera file gives. Those that differ in their case alone are different images.
+    """
+
+    def __init__(self, names: Iterable[str] = ()) -> None:
+        self._counts = Counter(_portable(name).lower() for name in names)
+        # A folder is listed once: thousands of names may be missing from it.
+        self._listings: dict[Path, dict[str, list[str]]] = {}
+
+    def find(self, folder: Path, name: str, ending: str = "") -> str:
+        """`name` with `ending` as it is below `folder`.
+
+        It is unchanged where it is there, climbs up, or not exactly one file or folder has it in another case.
+        """
+        wanted, found = _portable(name) + ending, folder
+        parts = PurePosixPath(wanted).parts
+        climbs = _is_absolute(wanted) or ".." in parts
+        if climbs or is_there(folder / wanted) or self._counts[_portable(name).lower()] > 1:
+            return name + ending
+        for part in parts:
+            if not is_there(found / part):
+                candidates = self._listing(found).get(part.lower(), [])
+                if len(candidates) != 1:
+                    return name + ending
+                part = candidates[0]
+            found /= part
+        return found.relative_to(folder).as_posix()
+
+    def _listing(self, folder: Path) -> dict[str, list[str]]:
+        if folder not in self._listings:
+            listing = self._listings[folder] = {}
+            with suppress(OSError, ValueError):  # no folder, or none that can be read
+                for name in os.listdir(folder):
+                    listing.setdefault(name.lower(), []).append(name)
+        return self._listings[folder]
+
+
+def _portable(name: str) -> str:
+    return name.replace("\\", "/")
+
+
+def _is_absolute(portable: str) -> bool:
+    return PurePosixPath(portable).is_absolute() or re.match(r"^[A-Za-z]:", portable) is not None
+
+
+def relative_name(folder: Path, name: str) -> str:
+    """`name` relative to `folder` where it is an absolute path that leads into it; any other name as it is.
+
+    It is for `resolve_inside` to judge: what lies there may be a link, and a name that is still absolute is refused.
+    """
+    path = Path(_portable(name))
+    # A name of Windows' servers is not looked at: that would call the server.
+    if not path.is_absolute() or _portable(name).startswith("//"):
+        return name
+    try:
+        return (path.parent.resolve() / path.name).relative_to(folder.resolve()).as_posix()
+    except (OSError, RuntimeError, ValueError):  # a cycle of links, an unusable name, or elsewhere
+        return name
+
+
 def resolve_inside(folder: Path, name: str, *, where: str | Path, root: Path | None = None) -> Path:
     """The path of `name` below `folder`, for a name that a camera file gives.
 
@@ -47,11 +111,11 @@ def resolve_inside(folder: Path, name: str, *, where: str | Path, root: Path | N
     Raises:
         InputError: the name is absolute, leaves the capture folder, or names something other than a regular file.
     """
-    portable = name.replace("\\", "/")
+    portable = _portable(name)
     remedy = "use names relative to the capture folder and keep the images inside it"
     if not portable.strip() or "\0" in portable or not _is_encodable(portable):
         raise InputError(f"the image name {name!r} is unusable", where=where, remedy=remedy)
-    if PurePosixPath(portable).is_absolute() or re.match(r"^[A-Za-z]:", portable):
+    if _is_absolute(portable):
         raise InputError(f"the image name {name!r} is an absolute path", where=where, remedy=remedy)
     path = folder / portable
     try:

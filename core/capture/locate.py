@@ -9,6 +9,7 @@ from ..events import Reporter
 from ..untrusted import is_file, is_folder, is_there
 from .colmap import IMAGE_FOLDERS, find_colmap, read_colmap
 from .files import FOREIGN_EXTENSIONS, list_images, quote_first, resolve_inside
+from .foreign import find_foreign_cameras
 from .source import MOST_VIEWS, SourceModel
 from .transforms import find_transforms, read_transforms
 
@@ -62,6 +63,13 @@ def photographs_without_cameras(folder: Path, *, sfm: bool) -> tuple[Path, list[
             raise InputError(what, where=folder, remedy="export them, or a video's frames, as JPEG, PNG or TIFF")
         raise InputError(
             "no photographs and no cameras are there", where=folder, remedy="give the folder with the photographs"
+        )
+    if not sfm and (foreign_cameras := find_foreign_cameras(folder)):
+        file = foreign_cameras.file.relative_to(folder).as_posix()
+        raise InputError(
+            f"{len(names)} photographs, and cameras of {foreign_cameras.program} ({file}), which are not read",
+            where=folder,
+            remedy=f"{foreign_cameras.remedy}, or add --sfm to estimate new ones",
         )
     if not sfm:
         raise InputError(

@@ -17,7 +17,7 @@ import pycolmap
 from ..errors import InputError
 from ..untrusted import is_file, read_json
 from .colmap import check_camera
-from .files import IMAGE_EXTENSIONS, quote_first, resolve_inside
+from .files import IMAGE_EXTENSIONS, Spelling, quote_first, relative_name, resolve_inside
 from .images import read_header
 from .points import read_point_cloud
 from .poses import LARGEST_NUMBER, OPENGL_TO_OPENCV, invert_rigid, rigid_pose
@@ -69,14 +69,14 @@ class _Reader:
         self._file = file
         self._document = document
         self._cameras: dict[tuple, pycolmap.Camera] = {}
+        self._spelling = Spelling()
 
     def read(self, frames: list[dict[str, Any]]) -> SourceModel:
         model = SourceModel("transforms", self._file, [])
+        names = [self._name(index, frame) for index, frame in enumerate(frames)]
+        self._spelling = Spelling(names)
         missing, reshaped = [], []
-        for index, frame in enumerate(frames):
-            name = frame.get("file_path")
-            if not isinstance(name, str) or not name:
-                raise InputError(f"frame {index} has no file_path", where=self._file, remedy=_EXPORT_AGAIN)
+        for name, frame in zip(names, frames, strict=True):
             matrix, repaired = self._pose(frame, name)
             path = self._image(name)
             if path is None:
@@ -112,12 +112,23 @@ class _Reader:
                 remedy="keep one of them",
             )
 
+    def _name(self, index: int, frame: dict[str, Any]) -> str:
+        """What a frame calls its image, relative to the file where that can be."""
+        name = frame.get("file_path")
+        if not isinstance(name, str) or not name:
+            raise InputError(f"frame {index} has no file_path", where=self._file, remedy=_EXPORT_AGAIN)
+        return relative_name(self._file.parent, name)
+
     def _image(self, name: str) -> Path | None:
         """The image file of a frame; the NeRF synthetic layout leaves out the extension."""
         path = resolve_inside(self._file.parent, name, where=self._file)
         for extension in ("", *IMAGE_EXTENSIONS, *(extension.upper() for extension in IMAGE_EXTENSIONS)):
             if is_file(path.with_name(path.name + extension)):
                 return resolve_inside(self._file.parent, name + extension, where=self._file)
+        for extension in ("", *IMAGE_EXTENSIONS):
+            respelled = self._spelling.find(self._file.parent, name, extension)
+            if is_file(self._file.parent / respelled):
+                return resolve_inside(self._file.parent, respelled, where=self._file)
         return None
 
     def _pose(self, frame: dict[str, Any], name: str) -> tuple[np.ndarray, bool]:
@@ -206,7 +217,7 @@ class _Reader:
             return
         if not isinstance(name, str):
             raise InputError("ply_file_path is not a name", where=self._file, remedy=_EXPORT_AGAIN)
-        path = resolve_inside(self._file.parent, name, where=self._file)
+        path = resolve_inside(self._file.parent, relative_name(self._file.parent, name), where=self._file)
         if not is_file(path):
             model.warn("missing-points", f"{self._file}: the points {name} are missing")
             return

@@ -15,12 +15,23 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..untrusted import opened
 from .gaussians import MOST_FILE_BYTES, Gaussians
-from .ply import read_ply, write_ply
+from .ply import EXPORT_PLAIN, read_ply, write_ply
 from .splat_file import read_splat, write_splat
 from .spz import GZIP_MAGIC, MAGIC, read_spz, write_spz
 
 _WRITERS: dict[str, Callable[[Path, Gaussians], None]] = {".ply": write_ply, ".spz": write_spz, ".splat": write_splat}
 SUFFIXES = tuple(_WRITERS)
+# What splat programs write besides, by the ending; most have no first bytes to be known by.
+_OTHER_FORMATS = {
+    ".sog": "SOG (PlayCanvas, SuperSplat)",
+    ".ksplat": "KSPLAT (GaussianSplats3D)",
+    ".lcc": "LCC (XGRIDS)",
+    ".spx": "SPX (Reall3D)",
+    ".rad": "RAD (Spark)",
+    ".glb": "glTF",
+    ".gltf": "glTF",
+}
+_GLTF_MAGIC = b"glTF"
 _HIGHEST_LOGIT = 30.0  # exporters write an opacity of one as an infinite logit; from 17 on float32 sees no difference
 
 
@@ -79,6 +90,8 @@ def require_known_suffix(path: Path) -> None:
 def _reader(path: Path) -> Callable[[Path], Gaussians]:
     with opened(path, most_bytes=MOST_FILE_BYTES) as file:
         start = file.read(4)
+    if not start:
+        raise InputError("the file is empty", where=path, remedy="copy or export it again")
     if start[:3] == b"ply":
         return read_ply
     if start == MAGIC or start[:2] == GZIP_MAGIC:
@@ -86,8 +99,13 @@ def _reader(path: Path) -> Callable[[Path], Gaussians]:
     # A .splat file has nothing to be known by but its ending.
     if path.suffix.lower() == ".splat":
         return read_splat
+    suffix = ".glb" if start == _GLTF_MAGIC else path.suffix.lower()
+    if suffix in _OTHER_FORMATS:
+        raise InputError(f"{_OTHER_FORMATS[suffix]} is not read here", where=path, remedy=EXPORT_PLAIN)
     raise InputError(
-        "not a file of Gaussians that is known here", where=path, remedy=f"choose one of {', '.join(SUFFIXES)}"
+        "not a file of Gaussians that is known here",
+        where=path,
+        remedy=f"choose one of {', '.join(SUFFIXES)}, or {EXPORT_PLAIN}",
     )
 
 

@@ -23,6 +23,9 @@ _BASE_COLOR = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
 _REQUIRED = (*_POSITION, *_BASE_COLOR, "opacity", *_SCALE, *_ROTATION)
+EXPORT_PLAIN = "export a plain PLY (3DGS, not compressed) from the program that it came from"
+_TERMS_READ = (0, 3, 8, 15, 24)  # above degree 0 a channel, of SH degree 0 to 4
+_TERMS_KEPT = 15  # of degree 3, our highest; as of SPZ files, what is above it is left out
 _USE_ANOTHER = "choose a 3D Gaussian splatting .ply (from this software, SuperSplat, Postshot, ...)"
 
 
@@ -48,39 +51,40 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> None:
 
 
 def read_ply(path: str | Path) -> Gaussians:
-    """Read a 3DGS PLY of SH degree 0 to 3.
+    """Read a 3DGS PLY of SH degree 0 to 4; of degree 4, what is above degree 3 is left out.
 
     Raises:
         InputError: not a PLY, not a splat PLY (a mesh, a plain point cloud), cut short, or of an unknown layout.
     """
     path = Path(path)
     with opened(path, most_bytes=MOST_FILE_BYTES) as file:
-        table = VertexTable(file, path, noun="Gaussians", remedy=_USE_ANOTHER)
+        table = VertexTable(file, path, noun="Gaussians", remedy=_USE_ANOTHER, if_compressed=EXPORT_PLAIN)
         # Flat Gaussians (2DGS) have opacities too, and two scales.
         kind = "Gaussians of another kind" if "opacity" in table.names else "a mesh or point cloud, not Gaussians"
         table.require(_REQUIRED, kind)
         rest_count = sum(name.startswith("f_rest_") for name in table.names)
-        if rest_count not in (0, 9, 24, 45):
+        if rest_count not in [3 * terms for terms in _TERMS_READ]:
             raise InputError(
-                f"{rest_count} f_rest properties fit no SH degree from 0 to 3", where=path, remedy=_USE_ANOTHER
+                f"{rest_count} f_rest properties fit no SH degree from 0 to 4", where=path, remedy=_USE_ANOTHER
             )
         table.require(tuple(f"f_rest_{i}" for i in range(rest_count)), "its colour terms are not numbered in a row")
-        require_room(table.count, rest_count // 3, path)
+        require_room(table.count, min(rest_count // 3, _TERMS_KEPT), path)
         return _gather(table, rest_count // 3)
 
 
 def _gather(table: VertexTable, rest: int) -> Gaussians:
-    """The columns of the table as `Gaussians` with `rest` colour terms above degree 0."""
-    count = table.count
+    """The columns of the table, which has `rest` colour terms above degree 0, as `Gaussians`."""
+    count, kept = table.count, min(rest, _TERMS_KEPT)
     means, log_scales = np.empty((count, 3), np.float32), np.empty((count, 3), np.float32)
     quaternions, opacity_logits = np.empty((count, 4), np.float32), np.empty(count, np.float32)
-    sh = np.empty((count, 1 + rest, 3), np.float32)
+    sh = np.empty((count, 1 + kept, 3), np.float32)
     targets = [(means[:, i], name) for i, name in enumerate(_POSITION)]
     targets += [(log_scales[:, i], name) for i, name in enumerate(_SCALE)]
     targets += [(quaternions[:, i], name) for i, name in enumerate(_ROTATION)]
     targets += [(opacity_logits, "opacity")]
     targets += [(sh[:, 0, i], name) for i, name in enumerate(_BASE_COLOR)]
-    targets += [(sh[:, 1 + i % rest, i // rest], f"f_rest_{i}") for i in range(3 * rest)]
+    # Red's terms come first, then green's and blue's, so what is left out lies at the end of each channel.
+    targets += [(sh[:, 1 + i % rest, i // rest], f"f_rest_{i}") for i in range(3 * rest) if i % rest < kept]
     start = 0
     with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, which callers look for
         for block in table.blocks():

@@ -87,6 +87,31 @@ def test_of_captures_side_by_side_none_is_taken(tmp_path: Path) -> None:
         read_capture(tmp_path, max_size=None)
 
 
+@pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])
+def test_a_model_without_a_file_of_points_has_none(tmp_path: Path, text: bool) -> None:
+    root = write_colmap(tmp_path, shots(3), text=text)
+    next(root.rglob("points3D.*")).unlink()
+    capture = read_capture(root, max_size=None)
+    assert (len(capture.views), capture.points.shape, capture.point_colors.shape) == (3, (0, 3), (0, 3))
+    assert "no-points" in warnings_of(capture)
+
+
+def test_text_is_read_where_the_binary_form_alone_lacks_points(tmp_path: Path) -> None:
+    write_colmap(tmp_path, shots(3), text=True)
+    write_colmap(tmp_path, shots(3))
+    next(tmp_path.rglob("points3D.bin")).unlink()
+    assert inspect_capture(tmp_path).points == 30
+
+
+def test_something_else_in_the_place_of_the_points_is_refused(tmp_path: Path) -> None:
+    root = write_colmap(tmp_path, shots(3))
+    file = next(root.rglob("points3D.bin"))
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(InputError, match=r"points3D\.bin"):
+        inspect_capture(root)
+
+
 def test_the_missing_file_of_a_binary_model_is_named(tmp_path: Path) -> None:
     root = write_colmap(tmp_path, shots(3))
     next(root.rglob("images.bin")).unlink()
@@ -326,6 +351,21 @@ def test_image_of_an_absent_camera_is_refused(tmp_path: Path) -> None:
 def test_two_images_of_one_name_are_refused(tmp_path: Path) -> None:
     write_colmap(tmp_path, [*shots(3), shots(1)[0]])
     with pytest.raises(InputError, match=r"same name: 0001\.png"):
+        inspect_capture(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("text", "model", "stored"), [(True, "FISHEYE624", b" FISHEYE624 "), (False, "624", struct.pack("<i", 624))]
+)
+def test_unknown_camera_model_is_named_beside_those_that_are_known(
+    tmp_path: Path, text: bool, model: str, stored: bytes
+) -> None:
+    write_colmap(tmp_path, shots(3), text=text)
+    file = tmp_path / "sparse" / "0" / ("cameras.txt" if text else "cameras.bin")
+    data = file.read_bytes()
+    # In a binary file the model's number follows the count and the camera's number.
+    file.write_bytes(data.replace(b" PINHOLE ", stored) if text else data[:12] + stored + data[16:])
+    with pytest.raises(InputError, match=rf"camera model {model} is unknown - export it as one of .*PINHOLE, .*OPENCV"):
         inspect_capture(tmp_path)
 
 

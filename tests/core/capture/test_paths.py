@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cvdgs.core.capture import inspect_capture, read_capture
-from cvdgs.core.capture.files import list_images, make_keys, natural_key, resolve_inside
+from cvdgs.core.capture.files import Spelling, list_images, make_keys, natural_key, resolve_inside
+from cvdgs.core.capture.points import write_point_cloud
 from cvdgs.core.errors import InputError
 
 from .make_captures import frames, intrinsics, pinhole, save, save_images, shots, write_colmap, write_transforms
@@ -42,8 +44,36 @@ def test_name_that_climbs_out_is_refused(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "C:\\secret.png", "C:secret.png", "\\\\server\\share\\x.png"])
-def test_absolute_name_is_refused(tmp_path: Path, name: str) -> None:
+def test_absolute_name_that_leads_elsewhere_is_refused(tmp_path: Path, name: str) -> None:
     assert "absolute path" in refused(capture_with_name(tmp_path, name))
+
+
+def test_absolute_name_of_a_capture_beside_is_refused(tmp_path: Path) -> None:
+    other = save(tmp_path / "capture2" / "secret.png", np.zeros((72, 96, 3), np.uint8))
+    assert "absolute path" in refused(capture_with_name(tmp_path / "capture", str(other)))
+    climbing = tmp_path / "capture" / ".." / "capture2" / "secret.png"
+    assert "absolute path" in refused(capture_with_name(tmp_path / "capture", str(climbing)))
+
+
+def test_absolute_name_of_a_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
+    outside = save(tmp_path / "secret.png", np.zeros((72, 96, 3), np.uint8))
+    root = capture_with_name(tmp_path / "capture", str(tmp_path / "capture" / "images" / "link.png"))
+    (root / "images" / "link.png").symlink_to(outside)
+    assert "leaves the capture folder" in refused(root)
+
+
+def test_absolute_names_give_the_same_views_as_relative_ones(tmp_path: Path) -> None:
+    root, listed = tmp_path / "capture", frames(shots(3))
+    for frame in listed[1:]:
+        frame["file_path"] = str(root / frame["file_path"])
+    document = {**intrinsics(pinhole()), "ply_file_path": str(root / "points.ply"), "frames": listed}
+    write_transforms(root, shots(3), document)
+    write_point_cloud(root / "points.ply", np.ones((5, 3), np.float32), np.zeros((5, 3), np.uint8))
+    (tmp_path / "link").symlink_to(root)
+    for folder in (root, tmp_path / "link"):
+        capture = read_capture(folder, max_size=None)
+        assert [view.key for view in capture.views] == ["0001", "0002", "0003"]
+        assert len(capture.points) == 5
 
 
 def test_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
@@ -115,6 +145,56 @@ def test_no_name_resolves_to_a_path_outside(name: str) -> None:
     except InputError:
         return
     assert path.resolve().is_relative_to(root.resolve())
+
+
+# --- names in another case
+
+
+def test_names_in_another_case_than_the_disks_are_found(tmp_path: Path) -> None:
+    photographs = shots(3, pattern="Cam/img_{}.png")
+    listed = frames(photographs)
+    listed[2]["file_path"] = listed[2]["file_path"].removesuffix(".png")  # as in the NeRF synthetic layout
+    write_transforms(tmp_path / "transforms", photographs, {**intrinsics(pinhole()), "frames": listed}, images=False)
+    write_colmap(tmp_path / "colmap", photographs, images=False)
+    for root in (tmp_path / "transforms", tmp_path / "colmap"):
+        save_images(root / "images", shots(3, pattern="cam/IMG_{}.PNG"))
+        capture = read_capture(root, max_size=None)
+        assert [view.source.name for view in capture.views] == ["IMG_1.PNG", "IMG_2.PNG", "IMG_3.PNG"]
+        assert not {warning.name for warning in capture.warnings} & {"missing-images", "unregistered"}
+
+
+def test_another_image_whose_name_differs_in_its_case_alone_is_not_taken(tmp_path: Path) -> None:
+    photographs = [*shots(2), *shots(2, pattern="p{}.png"), *shots(1, pattern="P{}.png")]
+    write_colmap(tmp_path, photographs)
+    if len(list((tmp_path / "images").iterdir())) < len(photographs):
+        pytest.skip("this file system knows no case")
+    (tmp_path / "images" / "P1.png").unlink()  # p1.png is there, and of another camera
+    (tmp_path / "images" / "p2.png").rename(tmp_path / "images" / "P2.png")
+    shutil.copy(tmp_path / "images" / "P2.png", tmp_path / "images" / "p2.PNG")  # either could be meant
+    capture = read_capture(tmp_path, max_size=None)
+    assert [view.source.name for view in capture.views] == ["0001.png", "0002.png", "p1.png"]
+
+
+def test_another_extension_is_no_other_case(tmp_path: Path) -> None:
+    write_colmap(tmp_path, shots(4))
+    (tmp_path / "images" / "0002.png").rename(tmp_path / "images" / "0002.jpg")
+    assert inspect_capture(tmp_path).views == 3
+
+
+def test_link_out_of_the_folder_is_refused_in_another_case_too(tmp_path: Path) -> None:
+    outside = save(tmp_path / "secret.png", np.zeros((72, 96, 3), np.uint8))
+    root = capture_with_name(tmp_path / "capture", "images/link.png")
+    (root / "images" / "LINK.png").symlink_to(outside)
+    assert "leaves the capture folder" in refused(root)
+
+
+def test_thousands_of_missing_names_take_one_listing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    listed: list[Path] = []
+    monkeypatch.setattr(os, "listdir", lambda folder: listed.append(folder) or ["A.PNG"])
+    names = [f"{number}.png" for number in range(1000)]
+    spelling = Spelling(names)
+    assert [spelling.find(tmp_path, name) for name in names] == names
+    assert listed == [tmp_path]
 
 
 # --- keys
@@ -206,6 +286,39 @@ def test_photographs_without_cameras_name_the_option(tmp_path: Path) -> None:
     assert "3 photographs but no cameras" in message
     assert "--sfm" in message
     assert inspect_capture(tmp_path, sfm=True).format == "sfm"
+
+
+@pytest.mark.parametrize(
+    ("program", "name", "content", "how"),
+    [
+        ("OpenSfM", "opensfm/reconstruction.json", b"[{}]", "opensfm export_colmap"),
+        ("Bundler", "bundle/bundle.out", b"# Bundle file v0.3\n2 10\n", "export a COLMAP model"),
+        ("LLFF", "poses_bounds.npy", b"\x93NUMPY not to be loaded", "COLMAP model that they were made of"),
+        ("Meshroom", "MeshroomCache/StructureFromMotion/0f3a/cameras.sfm", b"{}", "aliceVision_exportColmap"),
+        ("OpenMVG", "reconstruction/sfm_data.json", b"{}", "openMVG_main_openMVG2Colmap"),
+        ("Metashape", "cameras.xml", b'<?xml version="1.0"?>\n<document version="2.0">\n <chunk>', "Export Cameras"),
+    ],
+)
+def test_cameras_of_a_program_that_are_not_read_are_named(
+    tmp_path: Path, program: str, name: str, content: bytes, how: str
+) -> None:
+    save_images(tmp_path / "images", shots(3))
+    (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / name).write_bytes(content)
+    message = refused(tmp_path)
+    assert f"3 photographs, and cameras of {program} ({name})" in message
+    assert how in message
+    assert "--sfm" in message
+    assert inspect_capture(tmp_path, sfm=True).format == "sfm"
+
+
+def test_other_files_are_not_taken_for_cameras(tmp_path: Path) -> None:
+    save_images(tmp_path / "images", shots(3))
+    (tmp_path / "nohup.out").write_text("done\n")
+    (tmp_path / "lens.xml").write_text("<lens/>")
+    (tmp_path / "reconstruction.json").mkdir()
+    os.mkfifo(tmp_path / "pipe.out")
+    assert "no cameras (COLMAP model or transforms.json)" in refused(tmp_path)
 
 
 def test_one_photograph_is_too_few_for_sfm(tmp_path: Path) -> None:

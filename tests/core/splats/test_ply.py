@@ -35,6 +35,15 @@ def test_what_is_written_is_read_back_bit_by_bit(tmp_path_factory, count, degree
         np.testing.assert_array_equal(getattr(result, name), getattr(original, name))
 
 
+def test_of_degree_4_what_is_above_degree_3_is_left_out(tmp_path):
+    original = random_gaussians(5, 4)
+    write_ply(tmp_path / "s.ply", original)
+    result = read_ply(tmp_path / "s.ply")
+    assert result.sh_degree == 3
+    np.testing.assert_array_equal(result.sh, original.sh[:, :16])
+    np.testing.assert_array_equal(result.quaternions, original.quaternions)
+
+
 def test_an_independent_reader_finds_the_standard_properties(tmp_path):
     original = random_gaussians(5, 1)
     write_ply(tmp_path / "s.ply", original)

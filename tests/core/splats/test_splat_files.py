@@ -118,7 +118,18 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path):
         ("a.splat", bytes(33), "33 bytes are no multiple of 32"),
         ("a.png", b"\x89PNG\r\n", "not a file of Gaussians"),
         ("a.spz", b"ply", "header has no end"),
-        ("a.ply", b"", "not a file of Gaussians"),
+        ("a.png", b"\x89PNG\r\n", "choose one of .*, or export a plain PLY"),
+        ("a.ply", b"", "the file is empty"),
+        ("a.splat", b"", "the file is empty"),
+        ("a.sog", b"PK\3\4", "SOG .* - export a plain PLY"),
+        ("a.KSPLAT", bytes(4096), "KSPLAT .* - export a plain PLY"),
+        ("a.glb", b"glTF\2\0\0\0", "glTF .* - export a plain PLY"),
+        ("a.gltf", b"{}", "glTF .* - export a plain PLY"),
+        (
+            "a.compressed.ply",
+            b"ply\nformat binary_little_endian 1.0\nelement chunk 1\nproperty float min_x\nend_header\n",
+            "compressed PLY .* - export a plain PLY",
+        ),
     ],
 )
 def test_other_files_are_refused_in_one_line(tmp_path, name, content, said):
