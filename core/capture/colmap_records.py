@@ -29,6 +29,7 @@ PARAMETER_COUNTS = {
     for name, model in pycolmap.CameraModelId.__members__.items()
     if name != "INVALID"
 }
+_WELCOME = [name for name in PARAMETER_COUNTS if name != "EQUIRECTANGULAR"]  # a full panorama, which is refused
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ def require_known_model(known: bool, model: object, path: Path) -> None:
         raise InputError(
             f"the camera model {str(model)[:_QUOTED]} is unknown",
             where=path,
-            remedy=f"export it as one of {', '.join(PARAMETER_COUNTS)}, or undistort the photographs",
+            remedy=f"export it as one of {', '.join(_WELCOME)}, or undistort the photographs",
         )
 
 
