@@ -164,10 +164,10 @@ class LensCheck:
         if abs(found.logarithm) < plan.suspected:
             return found.as_given
         again = self._found_again(search)
-        if again.motion > plan.good_poses:
-            return FocalLength(words="as given: cameras that are turned or moved do not tell")
         if again.logarithm * found.logarithm < 0.0 or abs(again.logarithm) < plan.least:
             return again.as_given
+        if again.motion > plan.good_poses:
+            return FocalLength(words="as given: cameras that are turned or moved do not tell")
         factor = math.exp(again.logarithm)
         return FocalLength(factor, f"{CORRECTED}: it was {FocalLength(factor).error}")
 
