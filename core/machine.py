@@ -7,11 +7,11 @@ from typing import Any
 
 import warp as wp
 
-from .devices import choose_device
 from .evaluate.training.step_benchmark import benchmark_random_step
 from .events import Reporter
 from .run_facts import describe_device, versions
 from .splats import raster
+from .warp_device import choose_warp_device
 
 STAGE = "check"
 
@@ -35,7 +35,7 @@ def check_machine(device: str, reporter: Reporter) -> dict[str, Any]:
     Raises:
         InputError: there is no such device.
     """
-    name = choose_device(device, has_cuda=wp.is_cuda_available(), automatic="cpu", where="device")
+    name = choose_warp_device(device, where="device")
     raster.load(name, reporter)
     reporter.progress(STAGE, 0.8, "measuring the speed")
     times = benchmark_random_step(_GAUSSIANS, _WIDTH, _HEIGHT, device=name, repetitions=_REPETITIONS)

@@ -8,10 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import warp as wp
-
 from .capture import Capture, read_capture, write_cameras, write_capture
-from .devices import choose_device
 from .enhance import Enhancer, make_enhancer
 from .evaluate.advice import advise
 from .evaluate.evaluation import Split
@@ -25,6 +22,7 @@ from .splats import raster
 from .splats.lens import FOCAL_LENGTH, FocalLength
 from .splats.trainer import TrainingResult
 from .stages import Reconstruction, Stages
+from .warp_device import choose_warp_device
 
 # Longer side of the training images when --max-size is auto: what two cores train in minutes, and a GPU in one.
 AUTO_MAX_SIZE = {"cpu": 640, "cuda": 1600}
@@ -45,8 +43,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
         InputError: the capture or the options cannot be used.
     """
     clock, recorder = _Clock(), _Recorder(reporter)
-    # The CUDA kernels compile but have not been measured yet, so they run only when asked for.
-    device = choose_device(settings.device, has_cuda=wp.is_cuda_available(), automatic="cpu")
+    device = choose_warp_device(settings.device)
     earlier = EarlierRun.read(folder, settings.out) if settings.resume else None
     settings = earlier.complete(settings) if earlier else settings
     enhancers = _make_enhancers(settings, device)  # refuses what cannot be simulated before anything takes time

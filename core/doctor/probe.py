@@ -59,8 +59,11 @@ def ask_warp() -> dict[str, Any]:
     except (OSError, RuntimeError) as error:
         folder = warp.config.kernel_cache_dir or os.environ.get("WARP_CACHE_PATH")
         return {"cache": {"folder": folder, "problem": str(error).splitlines()[0]}, "cuda": None}
-    devices = [device.name for device in warp.get_cuda_devices()]
-    return {"cache": {"folder": folder, "problem": problem}, "cuda": devices}
+    return {
+        "cache": {"folder": folder, "problem": problem},
+        "cuda": [device.name for device in warp.get_cuda_devices()],
+        "cuda_versions": [warp.get_cuda_driver_version(), warp.get_cuda_toolkit_version()],
+    }
 
 
 if __name__ == "__main__":

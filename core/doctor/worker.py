@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..bootstrap import ROOT
+from ..devices import missing_for_cuda
 from ..environment import LISTED_PYTHONS, PACKAGES, can_make_environments
 from ..errors import InputError
 from ..job import find_python
@@ -63,7 +64,11 @@ def _kernels(answer: Answer) -> Iterator[Finding]:
     else:
         yield Finding("kernels", State.OK, f"kept in {cache['folder']}")
     devices = answer["cuda"]
-    yield Finding("CUDA", State.OK if devices else State.NOTE, ", ".join(devices or ()) or "no device; the CPU is used")
+    if devices:
+        yield Finding("CUDA", State.OK, ", ".join(devices))
+    else:
+        missing = missing_for_cuda(*answer.get("cuda_versions", (None, None)))
+        yield Finding("CUDA", State.NOTE, f"{missing}; the CPU is used")
 
 
 def _what_makes_one() -> Iterator[Finding]:

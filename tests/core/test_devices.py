@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cvdgs.core.devices import choose_device
+from cvdgs.core.devices import choose_device, missing_for_cuda
 from cvdgs.core.errors import InputError
 from cvdgs.core.settings import DEVICES
 
@@ -32,3 +32,17 @@ def test_cuda_where_there_is_none_is_refused_with_the_name_of_the_setting():
 def test_an_unknown_device_is_refused_with_those_there_are():
     with pytest.raises(InputError, match=f"--device: 'tpu' is not known - use {', '.join(DEVICES)}"):
         choose_device("tpu", has_cuda=True)
+
+
+@pytest.mark.parametrize(
+    ("driver", "toolkit", "words"),
+    [
+        ((12, 8), (13, 4), "supports CUDA 12.8, and 13.0 is needed"),
+        ([12, 8], [13, 4], "supports CUDA 12.8, and 13.0 is needed"),
+        ((13, 0), (13, 4), "no CUDA device is found"),
+        (None, (13, 4), "no CUDA device is found"),
+        (None, None, "no CUDA device is found"),
+    ],
+)
+def test_what_is_missing_is_said_of_the_driver_where_it_is_too_old(driver, toolkit, words):
+    assert missing_for_cuda(driver, toolkit).endswith(words)
