@@ -18,7 +18,7 @@ LEAST_SHARE, _LEAST_SECONDS = 0.02, 2.0
 # time left depends on it, and that corrects itself as the run goes on.
 STAGE_SHARES = {
     STARTING: 0.02,
-    "capture": 0.02,
+    "capture": 0.01,
     "geometry": 0.68,
     "enhance": 0.04,
     "layers": 0.06,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .capture import Capture, View, inspect_capture, read_capture
 from .errors import InputError
@@ -185,13 +186,17 @@ def _compare(given: Sequence[View], used: Sequence[View], folder: Path, *, poses
         _require(new.key == old.key, f"view '{new.key}' where the finished run has '{old.key}'", folder)
         sizes = [f"{view.camera.width}x{view.camera.height}" for view in (new, old)]
         _require(sizes[0] == sizes[1], f"view '{new.key}' is {sizes[0]}, in the finished run {sizes[1]}", folder)
-        pairs = [(_middle(new), _middle(old)), *([(_focal_lengths(new), _focal_lengths(old))] if lens else [])]
-        same = all(np.allclose(*pair, rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE) for pair in pairs)
-        if poses:
-            near = np.isclose(new.world_to_camera, old.world_to_camera, rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE)
-            same = same and bool(near.all())
+        same = (
+            _are_near(_middle(new), _middle(old))
+            and (not lens or _are_near(_focal_lengths(new), _focal_lengths(old)))
+            and (not poses or _are_near(new.world_to_camera, old.world_to_camera))
+        )
         _require(same, f"view '{new.key}' has another camera than in the finished run", folder)
         _require(np.array_equal(new.image, old.image), f"photograph '{new.key}' has changed since the run", folder)
+
+
+def _are_near(first: ArrayLike, second: ArrayLike) -> bool:
+    return np.allclose(first, second, rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE)
 
 
 def _middle(view: View) -> tuple[float, float]:

@@ -31,7 +31,7 @@ from .images import read_png, to_bytes, write_png
 from .preview import Preview, PreviewedTraining
 from .run_files import GAUSSIANS_FILE, layer_cube_file, layer_gaussians_file
 from .settings import Layer, Settings
-from .splats import raster
+from .splats import lens, raster
 from .splats.gaussians import Gaussians
 from .splats.guides import ViewGuide
 from .splats.joint import JointPlan, JointTraining
@@ -143,10 +143,9 @@ class Stages:
         plan, settings = self.plans.lens, self.settings
         if plan is None or not settings.checks_lens or settings.iterations < plan.least_steps:
             return FocalLength()
-        self.reporter.status("capture", "checking the focal length")
+        self.reporter.status(lens.STAGE, lens.MESSAGE)
         check = LensCheck(self.rasterizer, self._views(self.split.train), self.background, plan, settings.seed)
-        span = StageSpan(self.reporter, "capture", 0.0, 1.0, "checking the focal length")
-        found = check.find(self.capture.points, self.capture.point_colors, span)
+        found = check.find(self.capture.points, self.capture.point_colors, self.reporter)
         if found.was_off:
             self.reporter.warning(
                 "lens-corrected",
@@ -155,9 +154,9 @@ class Stages:
             )
         return found
 
-    def through(self, lens: FocalLength) -> Stages:
+    def through(self, found: FocalLength) -> Stages:
         """The stages that follow, on the capture with the focal length that was found."""
-        return self._on(self.capture.zoomed(lens.factor)) if lens.was_off else self
+        return self._on(self.capture.zoomed(found.factor)) if found.was_off else self
 
     def enhance(self, enhancers: dict[Layer, Enhancer]) -> None:
         """Write ``enhanced/<layer>/<view>.png`` for every view; the enhancers are fitted to the training views only.

@@ -21,6 +21,7 @@ _STAGES = {
     "start": "Starting",
     "capture": "Reading the photographs",
     "kernels": "Preparing",
+    "lens": "Checking the cameras",
     "enhance": "Finding colours",
     "geometry": "Reconstructing",
     "layers": "Colouring the scene",

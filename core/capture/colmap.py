@@ -137,7 +137,7 @@ def _models_in(folder: Path) -> list[Path]:
 
 
 def _nested_models(folder: Path) -> list[Path]:
-    """The complete models somewhere below `folder`, without those below hidden folders; the nearest ones alone."""
+    """The complete models somewhere below `folder`, not behind links or in hidden folders; the nearest ones alone."""
     level = [folder]
     for _ in range(_SEARCHED_DEPTH):
         level = [path for parent in level for path in _subfolders(parent)]
@@ -149,7 +149,11 @@ def _nested_models(folder: Path) -> list[Path]:
 
 def _subfolders(folder: Path) -> list[Path]:
     try:
-        return sorted(path for path in folder.iterdir() if path.is_dir() and not path.name.startswith("."))
+        return sorted(
+            path
+            for path in folder.iterdir()
+            if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")
+        )
     except OSError:  # a folder that cannot be read holds nothing for us
         return []
 

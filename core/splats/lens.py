@@ -18,12 +18,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.model import View
-from ..events import Reporter
+from ..events import Reporter, StageSpan
 from .corrections import CORRECTED
 from .fitting import Fit
 from .initialise import InitialGaussians
@@ -37,10 +38,13 @@ from .zoom import AffineMotion, hiding_motion, zoom_slope
 FOCAL_LENGTH = "focal_length"
 """What it is called among the decisions of a report."""
 
+STAGE, MESSAGE = "lens", "checking the focal length"
+
 _BETA_1, _BETA_2 = 0.9, 0.99
 _EPSILON = 1e-30
 _SAMPLED = 2000  # Gaussians that decide what hides a change best
 _PROGRESS_EVERY = 10  # steps
+_USUAL_SEARCHES = 3  # after the first one, where a lens is off
 
 
 @dataclass(frozen=True)
@@ -149,7 +153,7 @@ class LensCheck:
         """Search from (P, 3) sparse points in world units and their (P, 3) uint8 sRGB colours; P may be 0.
 
         Args:
-            reporter: told of the progress of a stage that it names itself.
+            reporter: told of the progress, which falls back where there is more to do than was expected.
         """
         plan = self.plan
         cut_out = any(self.background.color)
@@ -157,13 +161,13 @@ class LensCheck:
             return FocalLength()
         asked = np.unique(np.linspace(0, len(self.views) - 1, plan.most_views).round().astype(int))
         views = [self.views[i] for i in asked]
-        search = partial(self._search, views, points, colors, reporter)
-        found = search(plan.first, 0.0)
+        search = partial(self._search, views, points, colors)
+        found = search(plan.first, 0.0, StageSpan(reporter, STAGE, 0.0, 1.0, MESSAGE))
         if found is None:
             return FocalLength(words="as given: these views cannot tell")
         if abs(found.logarithm) < plan.suspected:
             return found.as_given
-        again = self._found_again(search)
+        again = self._found_again(search, reporter)
         if again.logarithm * found.logarithm < 0.0 or abs(again.logarithm) < plan.least:
             return again.as_given
         if again.motion > plan.good_poses:
@@ -171,25 +175,29 @@ class LensCheck:
         factor = math.exp(again.logarithm)
         return FocalLength(factor, f"{CORRECTED}: it was {FocalLength(factor).error}")
 
-    def _found_again(self, search: Callable[[LensSearch, float], _Found | None]) -> _Found:
+    def _found_again(
+        self, search: Callable[[LensSearch, float, Reporter], _Found | None], reporter: Reporter
+    ) -> _Found:
         """What the longer searches find, each from where the one before ended; the last one leaves poses alone."""
         plan, found = self.plan, _Found(0.0, 0.0)
-        for _ in range(plan.rounds):
-            found = search(plan.second, found.logarithm) or found
+        ends = [min(number / _USUAL_SEARCHES, 1.0) for number in range(plan.rounds + 2)]
+        spans = [StageSpan(reporter, STAGE, start, end, MESSAGE) for start, end in pairwise(ends)]
+        for span in spans[:-1]:
+            found = search(plan.second, found.logarithm, span) or found
             if abs(found.step) < plan.least:
                 break
         if abs(found.logarithm) < plan.least or found.motion > plan.good_poses:
             return found
-        return search(replace(plan.second, moves_poses=False), found.logarithm) or found
+        return search(replace(plan.second, moves_poses=False), found.logarithm, spans[-1]) or found
 
     def _search(
         self,
         views: Sequence[View],
         points: NDArray[np.float32],
         colors: NDArray[np.uint8],
-        reporter: Reporter,
         search: LensSearch,
         logarithm: float,
+        reporter: Reporter,
     ) -> _Found | None:
         """What a search finds from a factor on; None where the views cannot tell one lens from another."""
         zoomed = [replace(view, camera=view.camera.zoomed(math.exp(logarithm))) for view in views]
@@ -237,8 +245,10 @@ class _MovingLens:
     ) -> None:
         """Move the factor, the scene with it, and the view's pose by their gradients, in Adam's way."""
         done = (progress - self._search.started) / (1.0 - self._search.started)
+        if done < 0.0:
+            return
         slope = zoom_slope(parameters, gradients, camera) + self._motion.slope(parameters, gradients)
-        if done < 0.0 or not math.isfinite(slope):
+        if not math.isfinite(slope):
             return
         if self._search.moves_poses:
             rate = self._plan.poses_rate * self._plan.poses_rate_left**done
@@ -323,6 +333,6 @@ class _SearchRun:
             correction = _ViewThroughLens(self.lens, view, progress)
             self.fit.step(self.targets[view], 1, plan.rates_at(progress), correction=correction)
             if step % _PROGRESS_EVERY == 0:
-                reporter.progress("", progress)
+                reporter.progress(STAGE, progress)
         motion = self.poses.image_motion([view.at(1)[1] for view in self.targets])
         return _Found(logarithm + self.lens.logarithm, self.lens.logarithm, motion)

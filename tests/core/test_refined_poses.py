@@ -1,6 +1,8 @@
 """Cameras that are a little off, and their lens, through a whole run: corrected for all that follows."""
 
 import json
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,23 +34,29 @@ def degrees_off(capture: Capture, truth: Capture) -> float:
     return float(np.degrees((between.mean().inv() * between).magnitude().mean()))
 
 
+def with_and_without_correction(folder: Path, *options: str) -> dict[str, dict[str, Any]]:
+    """The reports of two runs on ``folder/given``, made in folders of their names beside it."""
+    results = {}
+    for name, more in (("plain", ("--no-refine-poses",)), ("corrected", ())):
+        run(folder / "given", folder / name, *options, *more)
+        results[name] = json.loads((folder / name / "report.json").read_text())
+    return results
+
+
 @pytest.mark.slow
 def test_a_run_on_cameras_that_are_off_corrects_them_and_keeps_the_corrected_ones(tmp_path):
     truth = read_capture(SHOWROOM, max_size=160)
     write_capture(turned(truth), tmp_path / "given")
     options = ("--iterations", "700", "--gaussians", "6000", "--sh-degree", "0")
-    results = {}
-    for name, more in (("plain", ("--no-refine-poses",)), ("refined", ())):
-        run(tmp_path / "given", tmp_path / name, *options, *more)
-        results[name] = json.loads((tmp_path / name / "report.json").read_text())
-    assert results["refined"]["decision"]["poses"].startswith("corrected")
+    results = with_and_without_correction(tmp_path, *options)
+    assert results["corrected"]["decision"]["poses"].startswith("corrected")
     warned = {name: {warning["name"] for warning in report["warnings"]} for name, report in results.items()}
-    assert "cameras-corrected" in warned["refined"] - warned["plain"]
-    kept = read_capture(tmp_path / "refined" / "capture", max_size=None)
+    assert "cameras-corrected" in warned["corrected"] - warned["plain"]
+    kept = read_capture(tmp_path / "corrected" / "capture", max_size=None)
     given = read_capture(tmp_path / "given", max_size=None)
     assert degrees_off(kept, truth) < 0.6 * degrees_off(given, truth)
     psnr = {name: report["reconstruction"]["psnr"] for name, report in results.items()}
-    assert psnr["refined"] > psnr["plain"] + 0.5
+    assert psnr["corrected"] > psnr["plain"] + 0.5
 
 
 @pytest.mark.slow
@@ -56,10 +64,7 @@ def test_a_run_with_a_lens_that_is_off_corrects_it_and_keeps_the_corrected_one(t
     truth = read_capture(SHOWROOM, max_size=160)
     write_capture(truth.zoomed(1.08), tmp_path / "given")
     options = ("--iterations", "300", "--gaussians", "6000", "--sh-degree", "0")
-    results = {}
-    for name, more in (("plain", ("--no-refine-poses",)), ("corrected", ())):
-        run(tmp_path / "given", tmp_path / name, *options, *more)
-        results[name] = json.loads((tmp_path / name / "report.json").read_text())
+    results = with_and_without_correction(tmp_path, *options)
     assert results["corrected"]["decision"]["focal_length"].startswith("corrected")
     assert "focal_length" not in results["plain"]["decision"]
     warned = {name: {warning["name"] for warning in report["warnings"]} for name, report in results.items()}

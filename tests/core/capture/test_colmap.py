@@ -80,6 +80,15 @@ def test_undistorted_photographs_belong_to_the_model_beside_them(tmp_path: Path)
     assert capture.views[0].source.resolve().is_relative_to(tmp_path.resolve() / "dense")
 
 
+def test_models_behind_links_are_not_looked_for(tmp_path: Path) -> None:
+    photographs = shots(3)
+    write_colmap(tmp_path / "elsewhere", photographs, model_folder="model", images=False)
+    save_images(tmp_path / "capture" / "images", photographs)
+    (tmp_path / "capture" / "linked").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="photographs but no cameras"):
+        read_capture(tmp_path / "capture", max_size=None)
+
+
 def test_of_captures_side_by_side_none_is_taken(tmp_path: Path) -> None:
     for name in ("monday", "tuesday"):
         write_colmap(tmp_path / name, shots(3))

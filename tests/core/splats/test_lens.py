@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from cvdgs.core.capture import Capture, read_capture
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.events import Reporter
 from cvdgs.core.pinhole import PinholeCamera
-from cvdgs.core.splats.lens import FocalLength, LensCheck, LensPlan
+from cvdgs.core.splats.lens import FocalLength, LensCheck, LensPlan, LensSearch
 from cvdgs.core.splats.raster import ParameterSet, RasterCamera, Rasterizer
 from cvdgs.core.splats.targets import Background
 from cvdgs.core.splats.zoom import hiding_motion, zoom_slope
@@ -35,9 +36,19 @@ def showroom() -> Capture:
     return read_capture(SHOWROOM, max_size=160)
 
 
-def find(capture: Capture) -> FocalLength:
-    check = LensCheck(Rasterizer("cpu", 2), capture.views, Background.of(capture.views), LensPlan(), seed=0)
-    return check.find(capture.points, capture.point_colors, Reporter())
+class Fractions(Reporter):
+    """Keeps what it is told of the progress."""
+
+    def __init__(self) -> None:
+        self.told: list[float] = []
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        self.told.append(fraction)
+
+
+def find(capture: Capture, plan: LensPlan | None = None, reporter: Reporter | None = None) -> FocalLength:
+    check = LensCheck(Rasterizer("cpu", 2), capture.views, Background.of(capture.views), plan or LensPlan(), seed=0)
+    return check.find(capture.points, capture.point_colors, reporter or Reporter())
 
 
 def raster_camera(camera: PinholeCamera, world_to_camera: np.ndarray) -> RasterCamera:
@@ -121,6 +132,17 @@ def test_a_good_one_stays_to_the_last_digit(showroom):
 def test_cameras_that_are_turned_are_not_taken_for_another_lens(showroom, degrees):
     views = tuple(turned(list(showroom.views), degrees))
     assert not find(replace(showroom, views=views)).was_off
+
+
+def test_the_progress_falls_back_once_when_there_is_more_to_do_and_never_passes_the_end(showroom):
+    short = LensSearch(20, 500, 80, 0.1, 6e-3, moves_poses=True)
+    plan = LensPlan(first=replace(short, moves_poses=False), suspected=0.0, second=short, least=0.0)
+    fractions = Fractions()
+    find(showroom, plan, fractions)
+    falls = [number for number, (a, b) in enumerate(pairwise(fractions.told)) if b < a]
+    assert len(falls) == 1
+    assert fractions.told[falls[0] + 1] == 0.0
+    assert max(fractions.told) <= 1.0
 
 
 def test_few_views_are_not_asked(showroom):
