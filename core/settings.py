@@ -1,15 +1,19 @@
-"""What a run is asked to do: one validated object for all front ends. Standard library only."""
+"""What a run is asked to do: one validated object for all front ends. Standard library only.
+
+Each field of `Settings` carries an `Option`: what it means, its range, and where it may be given. The command lines,
+``--resume``, batch files and the panel are made from these.
+"""
 
 from __future__ import annotations
 
 import math
 import typing
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 from .errors import InputError
-from .untrusted import explained
+from .files.untrusted import explained
 
 CVD_TYPES = ("protan", "deutan", "tritan", "achromat")
 SIMULATIONS = ("machado", "vienot", "brettel")
@@ -20,6 +24,10 @@ ENHANCERS = ("cgan", "lut", "none")
 WEIGHTS_SUFFIX = ".safetensors"
 PLUGIN_PREFIX = "plugin:"
 """Before the name of an enhancer that an installed package offers; see docs/extending.md."""
+AUTO = "auto"
+"""How front ends spell `None`, "decide automatically"."""
+MIN_SIZE = 32  # pixels of the longer side; below that SSIM's 11-pixel window sees little else than its own border
+
 _UPDATE = "update the program that sends them"
 _MOST_EXACT = 2**53  # of whole numbers as floating-point ones
 _TYPE_NAMES: Mapping[type, str] = {
@@ -27,10 +35,37 @@ _TYPE_NAMES: Mapping[type, str] = {
     int: "a whole number",
     float: "a number",
     str: "text",
-    type(None): '"auto"',
+    type(None): f'"{AUTO}"',
 }
 
-MIN_SIZE = 32  # pixels of the longer side; below that SSIM's 11-pixel window sees little else than its own border
+
+@dataclass(frozen=True)
+class Option:
+    """How a setting is asked for.
+
+    Attributes:
+        text: what it is, for the command line's help and the panel.
+        label: its name in the panel; "" where the panel does not have it.
+        metavar: what stands for its value in the command line's help; its choices where it has some.
+        choices: the values it may have.
+        low, high: the range of a number.
+        in_batch: whether a batch file's ``[train]`` may hold it.
+        fixed: whether it shaped a finished run, so that ``--resume`` takes the run's own value.
+    """
+
+    text: str
+    label: str = ""
+    metavar: str = ""
+    choices: tuple[Any, ...] = ()
+    low: float = -math.inf
+    high: float = math.inf
+    in_batch: bool = False
+    fixed: bool = False
+
+
+def _option(default: Any, text: str, *, trains: bool = False, fixed: bool = False, **others: Any) -> Any:
+    """A field of `Settings`; `trains`: it may stand in a batch file."""
+    return field(default=default, metadata={"option": Option(text, in_batch=trains, fixed=fixed, **others)})
 
 
 @dataclass(frozen=True)
@@ -64,52 +99,61 @@ class Layer:
 
 @dataclass(frozen=True)
 class Settings:
-    """The options of ``scripts/run.py`` (design: "Command line"); `None` means "decide automatically".
+    """The options of ``scripts/run.py`` (docs/command-line.md); `None` means "decide automatically".
 
-    Attributes:
-        capture: the capture folder.
-        out: the output folder.
-        layers: the colour layers to make, in order, without repeats.
-        simulation: model behind the CVD simulation.
-        strength: 0 (leave as is) to 1 (full enhancement).
-        enhancer: one of `ENHANCERS`, the path of a .safetensors file, or `PLUGIN_PREFIX` and a name.
-        mode: how colour and geometry are fitted.
-        iterations: optimisation steps of the geometry stage.
-        gaussians: upper bound of their number.
-        sh_degree: degree of the spherical harmonics of the original colours.
-        max_size: longer side of the training images in pixels.
-        holdout: every Nth view is kept for testing; 0 keeps none.
-        device: "auto", "cpu" or "cuda".
-        seed: of everything random.
-        refine_poses: whether to correct cameras that are a little off; those that are good stay as given. None does it
-            where the mode can.
-        turntable: pictures of a turn around the subject, of each layer; 0 renders none.
-        engine: Blender's render engine for the turntable; stills are by Cycles.
-        blend: whether to build scene.blend and render stills.
-        resume: whether to add to a finished run.
-        sfm: whether to estimate cameras when the folder has none.
+    Raises (on construction):
+        InputError: a value is out of range, or values do not go together.
     """
 
     capture: str
     out: str
     layers: tuple[Layer, ...] = (Layer("deutan", 1.0),)
-    simulation: str = "machado"
-    strength: float = 1.0
-    enhancer: str = "lut"
-    mode: str = "layers"
-    iterations: int = 5000
-    gaussians: int | None = None
-    sh_degree: int | None = None
-    max_size: int | None = None
-    holdout: int = 8
-    device: str = "auto"
-    seed: int = 0
-    refine_poses: bool | None = None
-    turntable: int = 0
-    engine: str = "cycles"
-    blend: bool = True
-    resume: bool = False
-    sfm: bool = False
+    """The colour layers to make, in order, without repeats."""
+    simulation: str = _option(
+        "machado", "model behind the CVD simulation", label="Model", choices=SIMULATIONS, trains=True, fixed=True
+    )
+    strength: float = _option(
+        1.0,
+        "0 leaves the colours as they are, 1 enhances them fully",
+        label="Strength",
+        metavar="0..1",
+        low=0.0,
+        high=1.0,
+        trains=True,
+    )
+    enhancer: str = _option("lut", "|".join(ENHANCERS) + f"|FILE{WEIGHTS_SUFFIX}", metavar="NAME", trains=True)
+    mode: str = _option("layers", "how geometry and colours are fitted", choices=MODES, trains=True, fixed=True)
+    iterations: int = _option(5000, "optimisation steps of the geometry", metavar="N", low=1, trains=True, fixed=True)
+    gaussians: int | None = _option(None, "the most Gaussians to fit", metavar="N", low=1, trains=True, fixed=True)
+    sh_degree: int | None = _option(
+        None,
+        "degree of the spherical harmonics of the original colours",
+        metavar="0..3",
+        low=0,
+        high=3,
+        trains=True,
+        fixed=True,
+    )
+    max_size: int | None = _option(
+        None, "longer side of the training images", metavar="PIXELS", low=MIN_SIZE, trains=True, fixed=True
+    )
+    holdout: int = _option(
+        8, "keep every Nth view for testing; 0 keeps none", metavar="N", low=0, trains=True, fixed=True
+    )
+    device: str = _option("auto", "compute device", choices=DEVICES, trains=True)
+    seed: int = _option(0, "random seed", metavar="N", low=0, high=2**31 - 1, trains=True, fixed=True)
+    refine_poses: bool | None = _option(
+        None,
+        "correct camera poses and the focal length where they are off; good ones stay as given",
+        label="Correct Cameras",
+        trains=True,
+        fixed=True,
+    )
+    turntable: int = _option(0, "frames of a turntable of each layer; 0 renders none", metavar="FRAMES", low=0)
+    engine: str = _option("cycles", "render engine of the turntable", choices=ENGINES)
+    blend: bool = _option(True, "write scene.blend and stills with Blender", label="Scene File and Stills")
+    resume: bool = _option(False, "add the layers to the finished run in DIR")
+    sfm: bool = _option(False, "estimate the cameras of a folder that has none (pycolmap)", trains=True, fixed=True)
 
     def __post_init__(self) -> None:
         _check(bool(self.capture), "no capture folder is given", "CAPTURE", "name a folder of photographs with cameras")
@@ -119,49 +163,34 @@ class Settings:
             _one_of(layer.cvd, CVD_TYPES, "--cvd")
             _within(layer.severity, 0.0, 1.0, "--severity")
         names = [layer.name for layer in self.layers]
-        _check(
-            len(set(names)) == len(names),
-            f"'{', '.join(names)}' names a layer twice",
-            "--cvd",
-            "ask for each layer once",
-        )
-        _one_of(self.simulation, SIMULATIONS, "--simulation")
-        _within(self.strength, 0.0, 1.0, "--strength")
+        distinct = len(set(names)) == len(names)
+        _check(distinct, f"'{', '.join(names)}' names a layer twice", "--cvd", "ask for each layer once")
+        for name, option in OPTIONS.items():
+            _check_range(getattr(self, name), option, flag(name))
         _check(
             is_enhancer(self.enhancer),
             f"'{self.enhancer}' is not known",
             "--enhancer",
             f"use one of {', '.join(ENHANCERS)}, or a {WEIGHTS_SUFFIX} file that train_enhancer.py made",
         )
-        _one_of(self.mode, MODES, "--mode")
-        _at_least(self.iterations, 1, "--iterations")
-        _at_least(self.gaussians, 1, "--gaussians")
-        if self.sh_degree is not None:
-            _one_of(self.sh_degree, (0, 1, 2, 3), "--sh-degree")
         _check(
             self.mode != "joint" or not self.sh_degree,
-            "colours that enhanced views are fitted to jointly are the same from every side",
+            "mode joint has no view-dependent colours",
             "--sh-degree",
             "use degree 0, or --mode layers",
         )
         _check(
             self.mode != "joint" or not self.refine_poses,
-            "cameras are not corrected when geometry and colours are fitted together",
+            "mode joint does not correct cameras",
             "--refine-poses",
             "leave it out, or use --mode layers",
         )
-        _at_least(self.max_size, MIN_SIZE, "--max-size")
         _check(
-            self.holdout == 0 or self.holdout >= 2,
-            f"{self.holdout} would keep every view for testing",
+            self.holdout != 1,
+            "1 would keep every view for testing",
             "--holdout",
             "give 0 for none, or 2 and more",
         )
-        _at_least(self.holdout, 0, "--holdout")
-        _one_of(self.device, DEVICES, "--device")
-        _within(self.seed, 0, 2**31 - 1, "--seed")
-        _at_least(self.turntable, 0, "--turntable")
-        _one_of(self.engine, ENGINES, "--engine")
         _check(self.turntable != 1, "one picture is no turn", "--turntable", "give 2 or more, or 0 for none")
         _check(self.blend or not self.turntable, "Blender renders it", "--turntable", "leave out --no-blend")
 
@@ -186,7 +215,7 @@ class Settings:
         Raises:
             InputError: an unknown key or an unusable value.
         """
-        unknown = sorted(set(values) - {field.name for field in fields(cls)})
+        unknown = sorted(set(values) - {entry.name for entry in fields(cls)})
         _check(not unknown, f"unknown settings {', '.join(unknown)}", "settings", _UPDATE)
         typed: dict[str, Any] = {
             name: typed_value(cls, name, value) for name, value in values.items() if name != "layers"
@@ -210,7 +239,7 @@ def typed_value(owner: type, name: str, value: Any) -> Any:
         return float(value)
     if type(value) not in allowed:
         remedy = f"give {' or '.join(_TYPE_NAMES[one] for one in allowed)}"
-        raise InputError(f"{repr(value)[:40]} is unusable", where=f"--{name.replace('_', '-')}", remedy=remedy)
+        raise InputError(f"{repr(value)[:40]} is unusable", where=flag(name), remedy=remedy)
     return value
 
 
@@ -218,6 +247,26 @@ def is_enhancer(name: str) -> bool:
     """Whether `name` is one of `ENHANCERS` or names a file of weights or a plug-in, which may still be missing."""
     is_plugin = name.startswith(PLUGIN_PREFIX) and name.removeprefix(PLUGIN_PREFIX).isidentifier()
     return name in ENHANCERS or name.endswith(WEIGHTS_SUFFIX) or is_plugin
+
+
+OPTIONS: Mapping[str, Option] = {
+    entry.name: entry.metadata["option"] for entry in fields(Settings) if "option" in entry.metadata
+}
+"""How each setting is asked for, by its field's name; capture, output folder and layers have their own ways."""
+
+
+def flag(name: str) -> str:
+    """The command line's option of a setting, e.g. ``--sh-degree``."""
+    return f"--{name.replace('_', '-')}"
+
+
+def _check_range(value: Any, option: Option, where: str) -> None:
+    if value is None:
+        return
+    if option.choices:
+        _one_of(value, option.choices, where)
+    if isinstance(value, int | float) and (option.low, option.high) != (-math.inf, math.inf):
+        _within(value, option.low, option.high, where)
 
 
 def _check(condition: bool, what: str, where: str, remedy: str) -> None:
@@ -230,13 +279,5 @@ def _one_of(value: Any, allowed: tuple[Any, ...], option: str) -> None:
 
 
 def _within(value: float, low: float, high: float, option: str) -> None:
-    _check(
-        math.isfinite(value) and low <= value <= high,
-        f"{value:g} is out of range",
-        option,
-        f"give a number from {low:g} to {high:g}",
-    )
-
-
-def _at_least(value: int | None, low: int, option: str) -> None:
-    _check(value is None or value >= low, f"{value} is too small", option, f"give {low} or more")
+    accepted = f"give {low:g} or more" if high == math.inf else f"give a number from {low:g} to {high:g}"
+    _check(math.isfinite(value) and low <= value <= high, f"{value:g} is out of range", option, accepted)

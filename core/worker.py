@@ -28,14 +28,13 @@ from types import MappingProxyType
 from typing import Any
 
 from .errors import Cancelled, InputError
-from .events import JsonReporter, claim_stdout
-from .faults import explain_fault
-from .job import GRACE_SECONDS
-from .job_console import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
-from .parent import follow_parent
+from .files.untrusted import parse_json
 from .photographs.front import EnhanceRequest
+from .runtime.devices import explain_fault
+from .runtime.process import GRACE_SECONDS, follow_parent
+from .runtime.protocol import JsonReporter, claim_stdout
+from .runtime.supervisor import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
 from .settings import Settings
-from .untrusted import parse_json
 
 # What a request must have besides its job, and what it may have.
 _REQUESTS: Mapping[str, Mapping[str, type]] = {
@@ -125,17 +124,17 @@ def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
         return _normalise(Path(request["capture"]), Path(request["folder"]), bool(request.get("sfm")), reporter)
     if job == "check":
         reporter.status("check", "loading")
-        from .machine import check_machine
+        from .pipeline.device import check_machine
 
         return {"machine": check_machine(str(request["device"]), reporter)}
     if job == "make-environment":
-        from .environment import make_environment
+        from .runtime.environment import make_environment
 
         return {"python": str(make_environment(Path(request["folder"]), reporter, request.get("packages")))}
     if job == "run":
         settings = Settings.from_dict(request["settings"])
         reporter.status("start", "loading")
-        from .pipeline import run
+        from .pipeline.run import run
 
         previews = bool(request.get("previews"))
         return {"report": run(settings, Path(request["folder"]), reporter, previews=previews)}
@@ -149,8 +148,7 @@ def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
 
 
 def _inspect(capture: Path, sfm: bool, thumbnails: dict[str, Any] | None, reporter: JsonReporter) -> dict[str, Any]:
-    from .capture import inspect_capture
-    from .capture.thumbnails import write_thumbnails
+    from .capture.reader import inspect_capture, write_thumbnails
 
     summary = asdict(inspect_capture(capture, sfm=sfm, reporter=reporter))
     summary["source"] = str(summary["source"])
@@ -162,7 +160,7 @@ def _inspect(capture: Path, sfm: bool, thumbnails: dict[str, Any] | None, report
 
 
 def _inspect_all(captures: list[dict[str, Any]], reporter: JsonReporter) -> list[str | None]:
-    from .capture import inspect_capture
+    from .capture.reader import inspect_capture
 
     refusals: list[str | None] = []
     for entry in captures:
@@ -178,7 +176,8 @@ def _inspect_all(captures: list[dict[str, Any]], reporter: JsonReporter) -> list
 
 def _normalise(source: Path, folder: Path, sfm: bool, reporter: JsonReporter) -> dict[str, Any]:
     reporter.status("capture", "loading")
-    from .capture import read_capture, write_capture
+    from .capture.normalised import write_capture
+    from .capture.reader import read_capture
 
     capture = read_capture(source, max_size=None, sfm=sfm, reporter=reporter)
     reporter.status("capture", f"writing {len(capture.views)} photographs")

@@ -15,11 +15,11 @@ from enum import Enum
 from typing import Any
 
 from ..core.errors import Cancelled, InputError
-from ..core.job import Event, Workers
-from ..core.job_console import Listener, WorkerDefect
-from ..core.progress import STAGE_SHARES, RunProgress
+from ..core.runtime.process import Event, Workers
+from ..core.runtime.progress import STAGE_SHARES, RunProgress
+from ..core.runtime.supervisor import Listener, WorkerDefect
 
-# A worker has 1.2 s to end by itself (`core.job`); then its folder is tidied up.
+# A worker has 1.2 s to end by itself (`core.runtime.process`); then its folder is tidied up.
 _END_SECONDS = 4.0
 
 Work = Callable[[Workers, Listener], Any]

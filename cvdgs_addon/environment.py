@@ -13,10 +13,10 @@ from typing import Any
 import bpy
 
 from ..core.bootstrap import OLDEST_PYTHON
-from ..core.environment import STAGE, can_make_environments, is_complete, python_in
 from ..core.errors import InputError
-from ..core.job import WORKER, Workers, find_python
-from ..core.job_console import Listener, finish
+from ..core.runtime.environment import STAGE, can_make_environments, is_complete, python_in
+from ..core.runtime.process import WORKER, Workers, find_python
+from ..core.runtime.supervisor import Listener, finish
 from .activity import ACTIVITY
 from .background import BackgroundJob, State
 from .messages import show_information, show_problem

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.run_files import ORIGINAL, layer_cube_file
-from ..core.splats.files import write_gaussians
+from ..core.runs.layout import ORIGINAL, layer_cube_file
 from ..core.splats.gaussians import SH_C0, Gaussians
+from ..core.splats.io.files import write_gaussians
 from .scene.harmonics_nodes import coefficient_attribute, coefficient_count
 from .scene.selection import inside_crop_box, within_budget
 from .scene.splat_attributes import Attribute, Frame, color_attribute

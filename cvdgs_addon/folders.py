@@ -7,7 +7,7 @@ from pathlib import Path
 
 import bpy
 
-from ..core.job import ROOT
+from ..core.runtime.process import ROOT
 
 
 def normalised_folder(folder: str) -> str:

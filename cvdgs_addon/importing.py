@@ -14,10 +14,10 @@ from typing import Any
 import bpy
 
 from ..core.errors import InputError
-from ..core.job import Workers
-from ..core.job_console import Listener, Log, all_or_nothing, finish
-from ..core.run_files import CAMERAS_FILE, CAPTURE_FOLDER, IMAGES_FOLDER, POINTS_FILE
-from ..core.run_folder import RunFolder
+from ..core.runs.folder import RunFolder
+from ..core.runs.layout import CAMERAS_FILE, CAPTURE_FOLDER, IMAGES_FOLDER, POINTS_FILE
+from ..core.runtime.process import Workers
+from ..core.runtime.supervisor import Listener, Log, all_or_nothing, finish
 from .activity import ACTIVITY, redraw_panels
 from .background import BackgroundJob, State
 from .environment import make_workers

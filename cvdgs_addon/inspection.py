@@ -8,8 +8,8 @@ from pathlib import Path
 
 import bpy
 
-from ..core.job import Workers
-from ..core.job_console import Listener, finish
+from ..core.runtime.process import Workers
+from ..core.runtime.supervisor import Listener, finish
 from .activity import ACTIVITY
 from .background import BackgroundJob, State
 from .environment import make_workers

@@ -8,12 +8,12 @@ from typing import Any
 
 import bpy
 
-from ..core import front
 from ..core.color.matrices import check_simulation
 from ..core.errors import InputError
-from ..core.job import Workers
-from ..core.job_console import Listener
-from ..core.run_files import CAPTURE_FOLDER
+from ..core.pipeline import launch
+from ..core.runs.layout import CAPTURE_FOLDER
+from ..core.runtime.process import Workers
+from ..core.runtime.supervisor import Listener
 from ..core.settings import Layer, Settings
 from .activity import ACTIVITY, redraw_panels
 from .background import BackgroundJob, State
@@ -22,7 +22,13 @@ from .folders import folder_beside, normalised_folder
 from .messages import show_information, show_problem
 from .pictures import PICTURES
 from .preferences import get_preferences, machine_speed, shrink_cache
-from .quality import TIME_MODEL, Quality, in_words, learned_speed, quality_called
+from .quality import (
+    TIME_MODEL,
+    Quality,
+    in_words,
+    learned_speed,
+    quality_called,
+)
 from .results import is_finished_run, read_report, show_run
 from .scene.lookup import scene_by_uid
 
@@ -104,7 +110,7 @@ def start_run(scene: bpy.types.Scene) -> None:
     PICTURES.forget(PREVIEW)
     expected = _reference_seconds(scene, quality_called(scene.cvdgs.run.quality))
     job = BackgroundJob(
-        "Make CVD-friendly", partial(_run, settings), make_workers(), front.stages_of(settings), expected
+        "Make CVD-friendly", partial(_run, settings), make_workers(), launch.stages_of(settings), expected
     )
     known = sum(expected.values()) if scene.cvdgs.capture.inspected else None
     take_over = partial(_take_over, scene.session_uid, settings, known)
@@ -157,7 +163,7 @@ class _PreviewLoader:
 
 
 def _run(settings: Settings, workers: Workers, listen: Listener) -> dict[str, Any]:
-    return front.run(settings, listen, workers, previews=True)
+    return launch.run(settings, listen, workers, previews=True)
 
 
 def has_layer(scene: bpy.types.Scene) -> bool:
@@ -194,7 +200,7 @@ def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: 
         show_problem(job.title, job.problem)
     if job.state is not State.DONE:
         return
-    seconds = front.latest_seconds(job.result)["total"] or 0.0
+    seconds = launch.latest_seconds(job.result)["total"] or 0.0
     if seconds and expected:
         preferences = get_preferences()
         preferences.speed = learned_speed(preferences.speed, expected, seconds)

@@ -62,7 +62,7 @@ def machine_speed() -> float:
 
 
 def known_machine() -> dict[str, Any]:
-    """What the last check found (see `core.machine`), or an empty dictionary."""
+    """What the last check found (see `core.pipeline.device`), or an empty dictionary."""
     try:
         return dict(json.loads(get_preferences().machine or "{}"))
     except ValueError:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.progress import format_seconds
-from ..core.run_files import REPORT_FILE
-from ..core.untrusted import is_file, read_json
+from ..core.files.untrusted import is_file, read_json
+from ..core.runs.layout import REPORT_FILE
+from ..core.runtime.progress import format_seconds
 from .graphics import has_graphics_card, views_3d
 from .scene.convert import load_run
 from .scene.finished_run import RUN_PROPERTY, FinishedRun, read_run

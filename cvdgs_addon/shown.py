@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..core.errors import InputError
-from ..core.run_files import ORIGINAL
+from ..core.runs.layout import ORIGINAL
 from .folders import normalised_folder
 from .scene.finished_run import RUN_PROPERTY
 from .scene.splat_attributes import color_attribute

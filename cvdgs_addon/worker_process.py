@@ -1,6 +1,6 @@
 """A process that does one piece of Blender's work, whoever started it. Imports bpy only through the work itself.
 
-Speaks the protocol of ``core/events.py`` on stdout; everything that Blender prints goes to stderr. Exit codes: 0 done,
+Speaks the protocol of ``core/runtime/protocol.py`` on stdout; what Blender prints goes to stderr. Exit codes: 0 done,
 2 unusable input or arguments, 130 cancelled by SIGINT or SIGTERM, 1 a defect of ours.
 """
 
@@ -18,9 +18,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, NoReturn, TypeVar
 
 from ..core.errors import InputError
-from ..core.events import JsonReporter, Reporter, claim_stdout
-from ..core.job_console import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
-from ..core.parent import follow_parent
+from ..core.runtime.process import follow_parent
+from ..core.runtime.protocol import JsonReporter, Reporter, claim_stdout
+from ..core.runtime.supervisor import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
 
 Request = TypeVar("Request")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
-from ..core.run_files import ORIGINAL
+from ..core.runs.layout import ORIGINAL
 from ..cvdgs_addon.export import (
     export_cube,
     export_gaussians,

@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 
 from ..core.errors import InputError
-from ..core.run_files import REPORT_PAGE
+from ..core.runs.layout import REPORT_PAGE
 from ..cvdgs_addon.shown import shown_run
 from .needs import NeedsRun
 from .reporting import reports_errors

@@ -8,7 +8,7 @@ from functools import wraps
 import bpy
 
 from ..core.errors import InputError
-from ..core.job_console import WorkerDefect
+from ..core.runtime.supervisor import WorkerDefect
 from ..cvdgs_addon.messages import in_panel_words
 
 Method = Callable[..., set[str]]

@@ -9,7 +9,13 @@ import bpy
 
 from ..core.errors import InputError
 from ..cvdgs_addon.scene.render_settings import Engine
-from ..cvdgs_addon.scene.turntable import Turntable, add_turntable, remove_turntable, render_turntable, turntable_of
+from ..cvdgs_addon.scene.turntable import (
+    Turntable,
+    add_turntable,
+    remove_turntable,
+    render_turntable,
+    turntable_of,
+)
 from ..cvdgs_addon.shown import shown_splats
 from .needs import NeedsGaussians
 from .reporting import reports_errors

@@ -9,50 +9,23 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
-bootstrap.load(modules=("torch", "warp", "OpenImageIO"))
-from cvdgs.core.arguments import OneLineParser, exit_code  # noqa: E402
-from cvdgs.scripts.benchmarks import (  # noqa: E402
-    ablation,
-    batch,
-    budget,
-    display,
-    drift,
-    enhancer,
-    everything,
-    figure,
-    files,
-    pareto,
-    select,
-    step,
-    stress,
-    table,
-    trainer,
-)
+bootstrap.load(modules=("torch", "warp", "OpenImageIO", "pandas"))
+from cvdgs.core.runtime.cli import OneLineParser, exit_code
+from cvdgs.scripts.benchmarks import everything
+from cvdgs.scripts.benchmarks.enhancers import comparison as enhancer
+from cvdgs.scripts.benchmarks.enhancers import drift
+from cvdgs.scripts.benchmarks.enhancers import frames as select
+from cvdgs.scripts.benchmarks.stress import command as stress
+from cvdgs.scripts.benchmarks.studies import ablation, budget, figure, pareto, table
+from cvdgs.scripts.benchmarks.timing import batch, files, step, trainer
+from cvdgs.scripts.benchmarks.timing import stills as display
 
-PARTS = tuple(
-    module.PART
-    for module in (
-        everything,
-        table,
-        pareto,
-        budget,
-        ablation,
-        figure,
-        stress,
-        step,
-        trainer,
-        display,
-        files,
-        enhancer,
-        drift,
-        select,
-        batch,
-    )
-)
+STUDIES = (everything, table, pareto, budget, ablation, figure, stress)
+PARTS = tuple(module.PART for module in (*STUDIES, step, trainer, display, files, enhancer, drift, select, batch))
 
 
 def main(arguments: list[str]) -> int:
-    """Run one part; returns the exit code."""
+    """Run one part and return the exit code."""
 
     def work() -> None:
         options = build_parser().parse_args(arguments)
@@ -63,7 +36,7 @@ def main(arguments: list[str]) -> int:
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """A subcommand for each part, all with --out."""
+    """The parser, with a subcommand for each part."""
     parser = OneLineParser(prog="benchmark.py", description=__doc__)
     subparsers = parser.add_subparsers(dest="part", required=True, metavar="PART")
     for part in PARTS:

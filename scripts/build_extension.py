@@ -24,8 +24,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
-from cvdgs.core.arguments import exit_code  # noqa: E402
-from cvdgs.core.errors import InputError  # noqa: E402
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.cli import exit_code
 
 MANIFEST = bootstrap.ROOT / "blender_manifest.toml"
 _TOOL_IN_WHEEL = "*/scripts/addons_core/bl_pkg/cli/blender_ext.py"

@@ -18,9 +18,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load(modules=("numpy",))
-from cvdgs.core.arguments import OneLineParser, exit_code  # noqa: E402
-from cvdgs.core.errors import InputError  # noqa: E402
-from cvdgs.core.splats.files import read_gaussians, require_known_suffix, write_gaussians  # noqa: E402
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.cli import OneLineParser, exit_code
+from cvdgs.core.splats.io.files import read_gaussians, require_known_suffix, write_gaussians
 
 
 def main(arguments: list[str]) -> int:

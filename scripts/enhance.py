@@ -6,7 +6,7 @@
 For example: python scripts/enhance.py fabrics/ --out friendly --cvd protan --severity 0.7
 
 Writes DIR/<name>.png for every photograph, metrics.csv and sheet.html (before, after, and both as the observer sees
-them). Needs the standard library only: a worker process with its own interpreter does the work (see core/job.py).
+them). Needs the standard library only: a worker process with its own interpreter does the work.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
-from cvdgs.core.arguments import OneLineParser, script_arguments  # noqa: E402
-from cvdgs.core.errors import InputError  # noqa: E402
-from cvdgs.core.photographs.front import EnhanceRequest, enhance_in_console  # noqa: E402
-from cvdgs.core.settings import CVD_TYPES, DEVICES, ENHANCERS, SIMULATIONS, WEIGHTS_SUFFIX  # noqa: E402
+from cvdgs.core.errors import InputError
+from cvdgs.core.photographs.front import EnhanceRequest, enhance_in_console
+from cvdgs.core.runtime.cli import OneLineParser, add_settings, script_arguments
+from cvdgs.core.settings import CVD_TYPES
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -33,27 +33,12 @@ def build_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    default = EnhanceRequest(inputs=(), out="")
     add = parser.add_argument
     add("inputs", nargs="+", metavar="IMAGES|FOLDER", help="photographs; folders are searched with their subfolders")
     add("--out", required=True, metavar="DIR", help="folder for the results; replaced only when all succeeds")
-    add("--cvd", default=default.cvd, metavar="TYPE", help=f"{'|'.join(CVD_TYPES)} ({default.cvd})")
-    add("--severity", type=float, default=default.severity, metavar="0..1", help=f"({default.severity:g})")
-    add(
-        "--simulation",
-        default=default.simulation,
-        metavar="MODEL",
-        help=f"{'|'.join(SIMULATIONS)} ({default.simulation})",
-    )
-    add("--strength", type=float, default=default.strength, metavar="0..1", help=f"({default.strength:g})")
-    add(
-        "--enhancer",
-        default=default.enhancer,
-        metavar="NAME",
-        help=f"{'|'.join(ENHANCERS)}|FILE{WEIGHTS_SUFFIX} ({default.enhancer})",
-    )
-    add("--seed", type=int, default=default.seed, metavar="N", help=f"of everything random ({default.seed})")
-    add("--device", default=default.device, metavar="DEVICE", help=f"{'|'.join(DEVICES)} ({default.device})")
+    add("--cvd", default="deutan", metavar="TYPE", help=f"{'|'.join(CVD_TYPES)} (deutan)")
+    add("--severity", type=float, default=1.0, metavar="0..1", help="(1)")
+    add_settings(parser, ("simulation", "strength", "enhancer", "seed", "device"))
     add("--separately", action="store_true", help="each photograph on its own; by default all are one scene")
     add("--skip-unreadable", action="store_true", help="leave damaged photographs out; by default they are refused")
     add("--json", action="store_true", help="events on stdout, one JSON object a line, instead of a progress bar")

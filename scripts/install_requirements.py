@@ -16,10 +16,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
-from cvdgs.core.arguments import exit_code  # noqa: E402
-from cvdgs.core.console import ConsoleReporter  # noqa: E402
-from cvdgs.core.environment import LISTED_PYTHONS, REQUIREMENTS, install_locked  # noqa: E402
-from cvdgs.core.errors import InputError  # noqa: E402
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.cli import ConsoleReporter, exit_code
+from cvdgs.core.runtime.environment import LISTED_PYTHONS, REQUIREMENTS, install_locked
 
 
 def main() -> int:

@@ -3,33 +3,45 @@
     .venv/bin/python scripts/licences.py            # write the page
     .venv/bin/python scripts/licences.py --check    # say whether the page is up to date, and write nothing
 
-Exit codes: 0 done, 2 a licence that is not free or not compatible with ours, or a page that is out of date.
+pip-licenses reads the packages' metadata. Exit codes: 0 done, 2 a licence that is not free or not compatible with ours,
+or a page that is out of date.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import re
+import subprocess
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
-bootstrap.load()
-from cvdgs.core.arguments import exit_code  # noqa: E402
-from cvdgs.core.environment import REQUIREMENTS, TORCH_REQUIREMENTS  # noqa: E402
-from cvdgs.core.errors import InputError  # noqa: E402
-from cvdgs.core.licences import Licence, licences_of, listed_packages  # noqa: E402
+bootstrap.load(modules=("piplicenses",))
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.cli import exit_code
+from cvdgs.core.runtime.environment import REQUIREMENTS, TORCH_REQUIREMENTS
 
 PAGE = bootstrap.ROOT / "docs" / "licences.md"
 DEVELOPMENT_REQUIREMENTS = bootstrap.ROOT / "requirements-dev.txt"
 
+# Free, and compatible with GPL-3.0-or-later by the list of licences of the Free Software Foundation.
+COMPATIBLE = (
+    r"0BSD|([23]-Clause )?BSD|BSD[- ][23][- ]Clause( License)?|BSD License|MIT( License)?|MIT-CMU|HPND|ISC|Zlib|"
+    r"Unlicense|CC0-1\.0|Apache[- ]2\.0( WITH LLVM-exception)?|Apache Software License|BSL-1\.0|PSF-2\.0|"
+    r"Python Software Foundation License|MPL-2\.0|Mozilla Public License 2\.0 \(MPL 2\.0\)|"
+    r"L?GPL-(2\.[01]|3\.0)-or-later|L?GPL-3\.0(-only)?|GNU General Public License v3 or later \(GPLv3\+\)"
+)
+_ENTRY = re.compile(r"^([\w.-]+)==", re.MULTILINE)
+
 _HEAD = """\
 # Licences
 
-cvdgs is GPL-3.0-or-later. It ships no code of others; these packages are installed beside it, by exact version and
-hash (`requirements*.txt`). The page is written by `make licences`, from what the packages say of themselves, and
-`make licences` fails on a licence that is not free or not compatible with ours.
+cvdgs is GPL-3.0-or-later. It ships no third-party code; these packages are installed beside it, by exact version and
+hash (`requirements*.txt`). `make licences` writes this page from the packages' own metadata and fails on a licence that
+is not free or not compatible with ours.
 """
 _CUDA = """\
 ## With an NVIDIA card
@@ -41,6 +53,35 @@ terms; on a CPU it is not used.
 """
 
 
+def listed_packages(requirements: Path) -> list[str]:
+    """The packages of a requirements file, without those of the files that it includes."""
+    return list(dict.fromkeys(_ENTRY.findall(requirements.read_text(encoding="utf-8"))))  # one may be there per Python
+
+
+def licences_of(packages: list[str]) -> list[tuple[str, str, str]]:
+    """Name, version and licence of the packages that are installed here; others are for other systems."""
+    command = [sys.executable, "-m", "piplicenses", "--format=json", "--from=mixed", "--with-system"]
+    found = json.loads(subprocess.run([*command, "--packages", *packages], capture_output=True, check=True).stdout)
+    order = {re.sub(r"[-_.]+", "-", name).lower(): place for place, name in enumerate(packages)}
+    found.sort(key=lambda entry: order[re.sub(r"[-_.]+", "-", entry["Name"]).lower()])
+    return [(entry["Name"], entry["Version"], _as_expression(entry["License"])) for entry in found]
+
+
+def _as_expression(licence: str) -> str:
+    """What pip-licenses says as an SPDX-like expression: it separates classifiers, all of which hold, by semicolons."""
+    return " AND ".join(part for part in licence.split("; ") if part != "DFSG approved")
+
+
+def is_compatible(licence: str) -> bool:
+    """Whether one of the alternatives that an SPDX expression offers consists of `COMPATIBLE` licences."""
+    if re.fullmatch(COMPATIBLE, licence):
+        return True
+    return any(
+        all(re.fullmatch(COMPATIBLE, part.strip("( )")) for part in alternative.split(" AND "))
+        for alternative in licence.split(" OR ")
+    )
+
+
 def page() -> str:
     """The text of the page.
 
@@ -49,18 +90,18 @@ def page() -> str:
     """
     worker = licences_of([*listed_packages(REQUIREMENTS), *listed_packages(TORCH_REQUIREMENTS)])
     development = licences_of(listed_packages(DEVELOPMENT_REQUIREMENTS))
-    for entry in [*worker, *development]:
-        if not entry.is_compatible:
-            what = f"the licence '{entry.licence}' is not known to be free and compatible with GPL-3.0-or-later"
-            raise InputError(what, where=entry.package, remedy="do without it, or add the licence to core/licences.py")
+    for package, _, licence in [*worker, *development]:
+        if not is_compatible(licence):
+            what = f"the licence '{licence}' is not known to be free and compatible with GPL-3.0-or-later"
+            raise InputError(what, where=package, remedy="do without it, or add the licence to scripts/licences.py")
     parts = [_HEAD, "## The worker\n", table(worker), "## Blender's module, tests and lint\n", table(development)]
     return "\n".join([*parts, _CUDA])
 
 
-def table(licences: list[Licence]) -> str:
+def table(licences: list[tuple[str, str, str]]) -> str:
     """One package a line."""
     # A build's local label differs from machine to machine.
-    rows = [f"| {entry.package} | {entry.version.partition('+')[0]} | {entry.licence} |" for entry in licences]
+    rows = [f"| {package} | {version.partition('+')[0]} | {licence} |" for package, version, licence in licences]
     return "\n".join(["| package | version | licence |", "|---|---|---|", *rows]) + "\n"
 
 

@@ -22,9 +22,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
-from cvdgs.core.arguments import exit_code  # noqa: E402
-from cvdgs.core.environment import CUDA_REQUIREMENTS, LISTED_PYTHONS, REQUIREMENTS, TORCH_REQUIREMENTS  # noqa: E402
-from cvdgs.core.errors import InputError  # noqa: E402
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.cli import exit_code
+from cvdgs.core.runtime.environment import (
+    CUDA_REQUIREMENTS,
+    LISTED_PYTHONS,
+    REQUIREMENTS,
+    TORCH_REQUIREMENTS,
+)
 
 DEVELOPMENT_REQUIREMENTS = bootstrap.ROOT / "requirements-dev.txt"
 BPY45_REQUIREMENTS = bootstrap.ROOT / "requirements-bpy45.txt"
@@ -142,7 +147,7 @@ def lock_all(*, upgrade: bool) -> None:
     development = without(everything, worker) | without(build, worker)
     worker = without(worker, cuda | torch)
     write(REQUIREMENTS, "The worker's packages besides torch", worker)
-    write(TORCH_REQUIREMENTS, "torch, which core/environment.py installs first", torch)
+    write(TORCH_REQUIREMENTS, "torch, which core/runtime/environment.py installs first", torch)
     write(CUDA_REQUIREMENTS, "What torch's builds with CUDA load besides, on Linux", cuda)
     write(DEVELOPMENT_REQUIREMENTS, "What make venv installs", development, includes=REQUIREMENTS)
     write(FUZZ_REQUIREMENTS, "What tests/fuzz/campaign.py needs besides what make venv installs", fuzz)

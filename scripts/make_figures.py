@@ -18,16 +18,16 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load(modules=("torch", "OpenImageIO", "matplotlib"))
-import numpy as np  # noqa: E402
+import numpy as np
 
-from cvdgs.core.arguments import exit_code  # noqa: E402
-from cvdgs.core.color.simulation import simulate  # noqa: E402
-from cvdgs.core.color.spaces import image_to_tensor, srgb_to_lab  # noqa: E402
-from cvdgs.core.errors import InputError  # noqa: E402
-from cvdgs.core.evaluate.charts import Theme, plot_series, write_charts  # noqa: E402
-from cvdgs.core.images import read_png  # noqa: E402
-from cvdgs.core.run_files import CAPTURE_FOLDER, ENHANCED_FOLDER, IMAGES_FOLDER, REPORT_FILE  # noqa: E402
-from cvdgs.core.settings import Layer  # noqa: E402
+from cvdgs.core.color.simulation import simulate
+from cvdgs.core.color.spaces import image_to_tensor, srgb_to_lab
+from cvdgs.core.errors import InputError
+from cvdgs.core.files.images import read_png
+from cvdgs.core.runs.layout import CAPTURE_FOLDER, ENHANCED_FOLDER, IMAGES_FOLDER, REPORT_FILE
+from cvdgs.core.runtime.cli import exit_code
+from cvdgs.core.settings import Layer
+from cvdgs.scripts.benchmarks.charts import Theme, plot_series, write_charts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

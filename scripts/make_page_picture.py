@@ -16,9 +16,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load(modules=("OpenImageIO",))
-import numpy as np  # noqa: E402
+import numpy as np
 
-from cvdgs.core.images import read_png, write_png  # noqa: E402
+from cvdgs.core.files.images import read_png, write_png
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 SIZE = (620, 820)  # of the window, in pixels: the page's head, one turntable and its controls

@@ -13,12 +13,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load(modules=("OpenImageIO",))
-import numpy as np  # noqa: E402
+import numpy as np
 
-from cvdgs.core.arguments import exit_code  # noqa: E402
-from cvdgs.core.errors import InputError  # noqa: E402
-from cvdgs.core.images import read_png, write_png  # noqa: E402
-from cvdgs.core.run_files import (  # noqa: E402
+from cvdgs.core.errors import InputError
+from cvdgs.core.files.images import read_png, write_png
+from cvdgs.core.files.untrusted import read_json
+from cvdgs.core.runs.layout import (
     CAPTURE_FOLDER,
     IMAGES_FOLDER,
     RENDERS_FOLDER,
@@ -26,7 +26,7 @@ from cvdgs.core.run_files import (  # noqa: E402
     SIMULATED_FOLDER,
     SIMULATED_INPUT_FOLDER,
 )
-from cvdgs.core.untrusted import read_json  # noqa: E402
+from cvdgs.core.runtime.cli import exit_code
 
 GAP = 6  # pixels of white between the pictures
 

@@ -18,11 +18,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
-from cvdgs.core.arguments import OneLineParser, exit_code, script_arguments  # noqa: E402
-from cvdgs.core.errors import InputError  # noqa: E402
-from cvdgs.core.events import Reporter  # noqa: E402
-from cvdgs.core.progress import format_seconds  # noqa: E402
-from cvdgs.scripts.showroom.settings import VARIANTS, CaptureSettings, SceneSettings  # noqa: E402
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.cli import OneLineParser, exit_code, script_arguments
+from cvdgs.core.runtime.progress import format_seconds
+from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.scripts.showroom.settings import VARIANTS, CaptureSettings, SceneSettings
 
 PREVIEW_SAMPLES = 3
 

@@ -23,21 +23,20 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load(modules=("torch", "OpenImageIO"))
-import torch  # noqa: E402
+import torch
 
-from cvdgs.core.arguments import OneLineParser, exit_code  # noqa: E402
-from cvdgs.core.console import ConsoleReporter  # noqa: E402
-from cvdgs.core.devices import choose_device  # noqa: E402
-from cvdgs.core.enhance.data.dataset import DatasetSettings, PairedDataset, make_dataset  # noqa: E402
-from cvdgs.core.enhance.gan.batches import Examples  # noqa: E402
-from cvdgs.core.enhance.gan.model_card import publish  # noqa: E402
-from cvdgs.core.enhance.gan.presets import PRESETS  # noqa: E402
-from cvdgs.core.enhance.gan.sweep import CHANGES, changed, sweep  # noqa: E402
-from cvdgs.core.enhance.gan.training import Training, TrainingSettings  # noqa: E402
-from cvdgs.core.enhance.gan.weights import load_generator, read_notes  # noqa: E402
-from cvdgs.core.errors import InputError  # noqa: E402
-from cvdgs.core.events import Reporter  # noqa: E402
-from cvdgs.core.settings import DEVICES  # noqa: E402
+from cvdgs.core.enhance.gan.training.batches import Examples
+from cvdgs.core.enhance.gan.training.training import Training, TrainingSettings
+from cvdgs.core.enhance.gan.weights import load_generator, read_notes
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.cli import ConsoleReporter, OneLineParser, exit_code
+from cvdgs.core.runtime.devices import choose_device
+from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.core.settings import DEVICES
+from cvdgs.scripts.training.data.dataset import DatasetSettings, PairedDataset, make_dataset
+from cvdgs.scripts.training.model_card import publish
+from cvdgs.scripts.training.presets import PRESETS
+from cvdgs.scripts.training.sweep import CHANGES, changed, sweep
 
 VALIDATION_SHARE = 24  # every so manieth sample is kept from training
 SWEEP_STEPS = 1500

@@ -20,19 +20,24 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load()
-from cvdgs.core.arguments import OneLineParser, script_arguments  # noqa: E402
-from cvdgs.core.batch.batch_file import read_batch  # noqa: E402
-from cvdgs.core.batch.console import export, print_plan, run_in_console, start_display  # noqa: E402
-from cvdgs.core.batch.example import write_example  # noqa: E402
-from cvdgs.core.batch.inspection import STAGE as INSPECTION  # noqa: E402
-from cvdgs.core.batch.inspection import check_captures  # noqa: E402
-from cvdgs.core.batch.machine import Resources, this_machine  # noqa: E402
-from cvdgs.core.batch.plan import make_plan  # noqa: E402
-from cvdgs.core.batch.table_reader import UnusableFile  # noqa: E402
-from cvdgs.core.batch.task import Plan  # noqa: E402
-from cvdgs.core.batch.task_process import run_task_in_console  # noqa: E402
-from cvdgs.core.errors import InputError  # noqa: E402
-from cvdgs.core.job_console import (  # noqa: E402
+from cvdgs.core.batch.batch_file import read_batch
+from cvdgs.core.batch.console import CHECK_STAGE as INSPECTION
+from cvdgs.core.batch.console import (
+    check_captures,
+    export,
+    print_plan,
+    run_in_console,
+    start_display,
+)
+from cvdgs.core.batch.example import write_example
+from cvdgs.core.batch.plan import make_plan
+from cvdgs.core.batch.task import Plan
+from cvdgs.core.batch.task_process import run_task_in_console
+from cvdgs.core.batch.toml_reader import UnusableFile
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.cli import OneLineParser, script_arguments
+from cvdgs.core.runtime.resources import Resources, this_machine
+from cvdgs.core.runtime.supervisor import (
     EXIT_CANCELLED,
     EXIT_DEFECT,
     EXIT_DONE,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..core.errors import InputError
-from ..core.progress import format_seconds
+from ..core.runtime.progress import format_seconds
 from ..cvdgs_addon import making
 from ..cvdgs_addon.background import BackgroundJob, State
 from ..cvdgs_addon.environment import worker_python

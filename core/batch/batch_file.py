@@ -34,14 +34,22 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..run_files import ORIGINAL
-from ..settings import CVD_TYPES, ENGINES, Layer, Settings
-from ..untrusted import is_file, is_folder, read_text
-from .arguments import DIGITS
-from .finished import check_finished_run
-from .model import Batch, CameraPath, Item, Needs, Output, TurntableSettings, layer_of
-from .table_reader import Problem, Problems, TableReader, UnusableFile
-from .train_options import read_train_options
+from ..files.untrusted import is_file, is_folder, read_text
+from ..rendering.requests import CameraPath
+from ..runs.layout import DIGITS, ORIGINAL
+from ..runs.report import check_finished_run
+from ..settings import (
+    AUTO,
+    CVD_TYPES,
+    ENGINES,
+    OPTIONS,
+    WEIGHTS_SUFFIX,
+    Layer,
+    Settings,
+    typed_value,
+)
+from .model import Batch, Item, Needs, Output, TurntableSettings, layer_of
+from .toml_reader import Problem, Problems, TableReader, UnusableFile
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9_-]+")
@@ -259,3 +267,40 @@ def _syntax_problem(message: str) -> Problem:
     what = message[: found.start()] if found else message
     column = f" at column {found[2]}" if found and found[2] else ""
     return Problem(line, f"no valid TOML{column}: {what} - {_REASONABLE_SYNTAX}")
+
+
+_TRAIN_OPTIONS = tuple(name for name, option in OPTIONS.items() if option.in_batch)
+
+
+def read_train_options(table: TableReader, default: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The options by their names in `Settings`, those of `table` before those of `default`.
+
+    Args:
+        folder: that the paths in the table start from.
+    """
+    options = dict(default)
+    for name in _TRAIN_OPTIONS:
+        if name in table:
+            try:
+                options[name] = _checked(name, table.values[name], folder)
+            except InputError as error:
+                table.add(name, error.what, error.remedy)
+    table.refuse_others(_TRAIN_OPTIONS)
+    return options
+
+
+def _checked(name: str, value: Any, folder: Path) -> Any:
+    """The value of an option, which `Settings` accepts.
+
+    Raises:
+        InputError: it does not.
+    """
+    if value == AUTO and getattr(Settings, name) is None:
+        return None
+    value = typed_value(Settings, name, value)
+    if name == "enhancer" and value.endswith(WEIGHTS_SUFFIX):
+        value = os.path.normpath(folder / value)
+        if not is_file(value):
+            raise InputError(f"no such file: {value}", remedy=f"give a {WEIGHTS_SUFFIX} file that is there")
+    Settings("capture", "out", (Layer("deutan", 1.0),), **{name: value})
+    return value

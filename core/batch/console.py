@@ -6,19 +6,27 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 from ..errors import InputError
-from ..job import Event
-from ..job_console import EXIT_DONE, BarDisplay, JsonDisplay, Listener, in_console
-from ..progress import RunProgress, format_seconds
-from .course import STAGE
-from .done import is_done
-from .estimates import measured_pace
+from ..runtime.process import Event, Workers
+from ..runtime.progress import RunProgress, format_seconds
+from ..runtime.resources import Resources
+from ..runtime.supervisor import (
+    EXIT_DONE,
+    BarDisplay,
+    JsonDisplay,
+    Listener,
+    finish,
+    in_console,
+)
 from .local_pool import alone, run_locally
-from .machine import Resources
-from .outcome import BatchOutcome, summary
-from .progress import estimated_seconds
+from .model import Batch
+from .progress import estimated_seconds, measured_pace
+from .records import is_done
+from .scheduler import STAGE, BatchOutcome, summary
 from .task import Plan, Task, write_plan
+from .toml_reader import LineNumbers, Problem, UnusableFile
 
 _CANCELLED = "cancelled; what is done is kept, and the same command goes on from there"
 
@@ -51,7 +59,7 @@ def start_display(stage: str, *, json_events: bool) -> Listener:
 
 
 def _run_on(cluster: str, plan: Plan, listen: Listener) -> BatchOutcome:
-    from .dask_cluster import run_on_cluster  # Dask is there where the extra "farm" was asked for
+    from .dask import run_on_cluster  # Dask is there where the extra "farm" was asked for
 
     return run_on_cluster(plan, cluster, listen)
 
@@ -62,8 +70,7 @@ def export(plan: Plan, farm: str) -> int:
     Raises:
         InputError: it cannot be written.
     """
-    from .flamenco import export_flamenco
-    from .openjd import export_openjd
+    from .export import export_flamenco, export_openjd
 
     try:
         print({"openjd": export_openjd, "flamenco": export_flamenco}[farm](plan))
@@ -122,3 +129,39 @@ def _alone(plan: Plan) -> Iterator[None]:
 def _unwritable(plan: Plan, error: OSError) -> InputError:
     remedy = "free space or choose another folder with --out"
     return InputError(f"cannot be written to ({error.strerror})", where=plan.out, remedy=remedy)
+
+
+CHECK_STAGE = "check"
+
+
+def check_captures(batch: Batch, path: Path, listen: Listener) -> None:
+    """Make sure that every capture of `batch`, which the file `path` describes, can be read.
+
+    Raises:
+        UnusableFile: with what is wrong with each of them, photographs' pixels aside.
+        InputError: there is no Python that could train.
+        WorkerDefect: the worker failed.
+    """
+    places = [place for place, item in enumerate(batch.items) if item.capture is not None]
+    if not places:
+        return
+    items = [batch.items[place] for place in places]
+    captures = [{"capture": str(item.capture), "sfm": bool(item.train.get("sfm", False))} for item in items]
+    listen({"event": "status", "stage": CHECK_STAGE, "message": f"captures to look at: {len(captures)}"})
+    request = {"job": "inspect-all", "captures": captures}
+    refusals = finish(Workers().start(request, _log), listen)["refusals"]
+    if any(refusals):
+        lines = LineNumbers(path.read_text(encoding="utf-8"))
+        found = zip(places, refusals, strict=True)
+        raise UnusableFile(
+            path,
+            [
+                Problem(lines[("items", place, "capture")], f"items[{place + 1}].capture: {refusal}")
+                for place, refusal in found
+                if refusal
+            ],
+        )
+
+
+def _log(line: str) -> None:
+    print(line, file=sys.stderr)

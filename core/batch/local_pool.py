@@ -17,14 +17,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from ..errors import InputError
-from ..job import Event, Job
-from ..job_console import EXIT_DONE, EXIT_INPUT, Listener
-from ..run_folder import lock_exclusively, open_lock
-from .course import TELL_SECONDS, Course
-from .machine import Resources
-from .outcome import BatchOutcome
+from ..runs.folder import lock_exclusively, open_lock
+from ..runtime.process import Event, Job
+from ..runtime.resources import Resources
+from ..runtime.supervisor import EXIT_DONE, EXIT_INPUT, Listener
+from .scheduler import TELL_SECONDS, BatchOutcome, Course
 from .task import BATCH_FOLDER, Plan, Task, plan_path
-from .task_job import start_task
+from .task_process import start_task
 
 _LOCK_FILE = "lock"
 # A task that needs much of the machine lets small ones go first for so long; then it is its turn.
@@ -102,7 +101,7 @@ class _Pool:
         """Start ready tasks in the plan's order, later ones where an earlier one does not fit."""
         for task in self._course.ready():
             since = self._ready_since.setdefault(task.name, time.monotonic())
-            if self._free.covers(self._machine.share_of(task)):
+            if self._free.covers(task.resources.capped(self._machine)):
                 self._start(task)
             elif time.monotonic() - since > _PATIENCE_SECONDS:
                 break
@@ -110,7 +109,7 @@ class _Pool:
                 break
 
     def _start(self, task: Task) -> None:
-        share = self._machine.share_of(task)
+        share = task.resources.capped(self._machine)
         cards = tuple(self._cards[: share.gpus])
         job = start_task(plan_path(self._plan.out), task.name, _variables(share, cards))
         attempt = self._running[task.name] = _Attempt(task, job, share, cards)

@@ -9,9 +9,10 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from ..run_files import ORIGINAL
+from ..files.untrusted import is_file
+from ..rendering.requests import CameraPath
+from ..runs.layout import ORIGINAL
 from ..settings import CVD_TYPES, Layer
-from ..untrusted import is_file
 
 _LAYER = re.compile(rf"({'|'.join(CVD_TYPES)})(?:-([0-9.]+))?")
 
@@ -28,25 +29,6 @@ class Output(StrEnum):
     CONTACT_SHEET = "contact-sheet"
     PAGE = "page"
     """The item is shown on the batch's page."""
-
-
-@dataclass(frozen=True)
-class CameraPath:
-    """A camera on its way around the subject.
-
-    Attributes:
-        name: in file names.
-        radius: from the axis in scene units; 0: as far as the photographs were taken from.
-        height: above the subject's centre, as a share of the radius.
-        focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
-        arc: in degrees; 360 goes around, less swings to and fro, 0: as far around as the photographs were taken.
-    """
-
-    name: str = "turn"
-    radius: float = 0.0
-    height: float = 0.25
-    focal_length: float = 0.0
-    arc: float = 0.0
 
 
 @dataclass(frozen=True)

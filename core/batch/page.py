@@ -9,13 +9,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from ..job_console import Listener
-from ..run_files import ORIGINAL
-from ..whole_file import replacing
-from .arguments import PageArguments, picture_name
-from .captions import vision
-from .finished import report_or_nothing
-from .frames import simulation_model
+from ..files.untrusted import replacing
+from ..rendering.frames import simulation_model
+from ..rendering.requests import PageArguments, vision
+from ..runs.layout import ORIGINAL, picture_name
+from ..runs.report import report_or_nothing
+from ..runtime.supervisor import Listener
 from .page_html import ShownItem, ShownPage, ShownTurn, page_text
 from .previews import Preview, PreviewFiles, make_previews
 from .task import Task

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from ..report import SCORED_PICTURES
-from .captions import seen_by, vision
+from ..rendering.requests import seen_by, vision
+from ..runs.report import SCORED_PICTURES
 from .previews import Preview, PreviewFiles
 
 _GLOSSARY = {

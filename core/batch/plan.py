@@ -18,21 +18,36 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from ..run_files import GAUSSIANS_FILE, ORIGINAL, REPORT_FILE, layer_gaussians_file
-from ..settings import Settings
-from . import estimates
-from .arguments import (
+from ..rendering.requests import (
+    CameraPath,
     FramesArguments,
     LayerArguments,
     PageArguments,
     SheetArguments,
     TrainArguments,
     VideoArguments,
+    beside_each_other,
+    seen_by,
+)
+from ..runs.layout import (
+    GAUSSIANS_FILE,
+    ORIGINAL,
+    REPORT_FILE,
+    layer_gaussians_file,
     pictures,
 )
-from .captions import beside_each_other, seen_by
-from .finished import CAMERAS
-from .model import Batch, CameraPath, Item, Needs, Output, layer_of
+from ..runs.report import CAMERAS
+from ..settings import Settings
+from .model import Batch, Item, Needs, Output, layer_of
+from .progress import (
+    LAYER_KEPT_SECONDS,
+    frames_seconds,
+    layer_seconds,
+    page_seconds,
+    sheet_seconds,
+    train_seconds,
+    video_seconds,
+)
 from .task import Kind, Plan, Task
 
 PAGE_FILE = "index.html"
@@ -67,7 +82,7 @@ def _page(batch: Batch, shown: Sequence[_PlannedItem]) -> Task:
         arguments=PageArguments(batch.title, items, PAGE_FILE).to_dict(),
         inputs=tuple(name for planned in shown for name in planned.shown_files),
         outputs=(PAGE_FILE,),
-        seconds=estimates.page_seconds(len(shown)),
+        seconds=page_seconds(len(shown)),
         memory_mb=_SMALL_MEMORY_MB,
     )
 
@@ -212,7 +227,7 @@ class _PlannedItem:
                 inputs=(str(item.source),),
                 # The layers made along are vouched for by tasks of their own: one that is lost costs no training.
                 outputs=tuple(f"{run}/{file}" for file in (GAUSSIANS_FILE, CAMERAS)),
-                seconds=estimates.train_seconds(item.train, len(layers)),
+                seconds=train_seconds(item.train, len(layers)),
             )
             after = (f"{name}.train",)
         for index, layer in enumerate(layers):
@@ -228,7 +243,7 @@ class _PlannedItem:
                 LayerArguments(settings, source).to_dict(),
                 inputs=(f"{source or run}/{GAUSSIANS_FILE}",),
                 outputs=tuple(outputs),
-                seconds=estimates.layer_seconds() if item.run else estimates.LAYER_KEPT_SECONDS,
+                seconds=layer_seconds() if item.run else LAYER_KEPT_SECONDS,
                 after=after,
             )
             after = (f"{name}.layer.{layer.name}",)  # one after the other: they write the same folder
@@ -277,9 +292,7 @@ class _PlannedItem:
                 inputs=tuple(f"{self.run}/{file}" for file in files),
                 outputs=tuple(pictures(folder, first, last) for folder in folders),
                 item=self.item.name,
-                seconds=estimates.frames_seconds(
-                    last - first + 1, settings.size, len(turn.simulated), self.needs.frame_cores
-                ),
+                seconds=frames_seconds(last - first + 1, settings.size, len(turn.simulated), self.needs.frame_cores),
                 cores=self.needs.frame_cores,
                 memory_mb=self.needs.frame_memory_mb,
             )
@@ -305,7 +318,7 @@ class _PlannedItem:
             inputs=tuple(pictures(folder, 1, settings.frames) for folder in sequences),
             outputs=(file,),
             item=self.item.name,
-            seconds=estimates.video_seconds(settings.frames, settings.size, len(sequences)),
+            seconds=video_seconds(settings.frames, settings.size, len(sequences)),
             memory_mb=_SMALL_MEMORY_MB,
         )
 
@@ -325,7 +338,7 @@ class _PlannedItem:
             inputs=tuple(pictures(row["folder"], 1, frames) for row in rows),
             outputs=(file,),
             item=self.item.name,
-            seconds=estimates.sheet_seconds(),
+            seconds=sheet_seconds(),
             memory_mb=_SMALL_MEMORY_MB,
         )
 

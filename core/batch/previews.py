@@ -17,9 +17,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from ..job_console import Listener
-from .arguments import picture_name
-from .pictures import make_pictures
+from ..rendering.frames import make_pictures
+from ..runs.layout import picture_name
+from ..runtime.supervisor import Listener
 from .task import BATCH_FOLDER
 
 PREVIEWS_FOLDER = f"{BATCH_FOLDER}/previews"

@@ -1,35 +1,27 @@
-"""Does one task of a plan, unless it is done: the one place where engines and kinds of work meet.
-
-Standard library only; the module of a kind is imported when a task of that kind is run.
-"""
+"""Does one task of a plan, unless it is done: where engines and kinds of work meet. Standard library only."""
 
 from __future__ import annotations
 
 import contextlib
-import importlib
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
-from ..job_console import Listener, WorkerDefect
-from ..run_folder import lock_exclusively, open_lock
-from .done import forget, is_done, sign_inputs, write_record
+from ..pipeline.launch import run as run_settings
+from ..rendering.frames import make_pictures, render, simulation_model
+from ..rendering.requests import FramesArguments, LayerArguments, TrainArguments
+from ..runs.folder import RunFolder, lock_exclusively, open_lock
+from ..runs.layout import LOG_FILE
+from ..runs.report import check_finished_run
+from ..runtime.supervisor import Listener, WorkerDefect, all_or_nothing
+from ..settings import Settings
+from . import page
+from .records import forget, is_done, sign_inputs, write_record
 from .task import BATCH_FOLDER, Kind, Plan, Task
 
 LOCK_FOLDER = "locks"
 _LOCK_POLL_SECONDS = 0.5
-
-_Function = Callable[[Task, Path, Listener], None]
-
-# The module of this package whose `run` does tasks of a kind.
-_MODULES = {
-    Kind.TRAIN: "train",
-    Kind.LAYER: "layer",
-    Kind.FRAMES: "frames",
-    Kind.VIDEO: "video",
-    Kind.SHEET: "contact_sheet",
-    Kind.PAGE: "page",
-}
 
 
 def run_task(plan: Plan, name: str, listen: Listener) -> bool:
@@ -54,16 +46,12 @@ def run_task(plan: Plan, name: str, listen: Listener) -> bool:
         forget(task, plan.out)
         inputs = sign_inputs(task, plan.out)
         started = time.monotonic()
-        _function(task.kind)(task, plan.out, listen)
+        _WORK[task.kind](task, plan.out, listen)
         try:
             write_record(task, plan.out, inputs, time.monotonic() - started)
         except FileNotFoundError as error:
             raise WorkerDefect(f"{task.name} left no {error.filename}") from None
     return True
-
-
-def _function(kind: Kind) -> _Function:
-    return importlib.import_module(f".{_MODULES[kind]}", __package__).run
 
 
 @contextlib.contextmanager
@@ -84,3 +72,57 @@ def _alone(task: Task, out: Path, listen: Listener) -> Iterator[None]:
                     told = True
                 time.sleep(_LOCK_POLL_SECONDS)
         yield
+
+
+def _train(task: Task, out: Path, listen: Listener) -> None:
+    """Make a run; what an earlier one left in its folder is replaced when this one succeeds."""
+    arguments = TrainArguments.from_dict(task.arguments)
+    run_settings(_settings_in(out, {**arguments.settings, "layers": arguments.layers}), listen)
+
+
+def _add_layer(task: Task, out: Path, listen: Listener) -> None:
+    """Add a layer to a run, unless the run was made with it."""
+    arguments = LayerArguments.from_dict(task.arguments)
+    settings = _settings_in(out, {**arguments.settings})
+    if arguments.source:
+        listen({"event": "status", "stage": "start", "message": f"copying {arguments.source}"})
+        _copy_run(out / arguments.source, Path(settings.out))
+    if settings.layers[0].name not in check_finished_run(Path(settings.out)):
+        run_settings(settings, listen)
+
+
+def _settings_in(out: Path, values: dict[str, Any]) -> Settings:
+    """The settings of a run; relative paths start from `out`."""
+    return Settings.from_dict({**values, "out": str(out / values["out"]), "capture": str(out / values["capture"])})
+
+
+def _copy_run(source: Path, target: Path) -> None:
+    """Copy a finished run, whole or not at all, in place of one that was there."""
+    check_finished_run(source)
+    folder = RunFolder(target)
+    with all_or_nothing(folder, str(target), LOG_FILE):
+        folder.carry_over(source)
+
+
+def _render_frames(task: Task, out: Path, listen: Listener) -> None:
+    """Render pictures of a turntable with as many threads as the task has cores."""
+    arguments = FramesArguments.from_dict(task.arguments)
+    render(arguments, out, listen, threads=task.cores, model=simulation_model(out / arguments.run))
+
+
+def _make_video(task: Task, out: Path, listen: Listener) -> None:
+    make_pictures("video", task.arguments, out, listen)
+
+
+def _make_sheet(task: Task, out: Path, listen: Listener) -> None:
+    make_pictures("sheet", task.arguments, out, listen)
+
+
+_WORK: dict[Kind, Callable[[Task, Path, Listener], None]] = {
+    Kind.TRAIN: _train,
+    Kind.LAYER: _add_layer,
+    Kind.FRAMES: _render_frames,
+    Kind.VIDEO: _make_video,
+    Kind.SHEET: _make_sheet,
+    Kind.PAGE: page.run,
+}

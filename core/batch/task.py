@@ -7,7 +7,7 @@ what it does is a function ``run(task: Task, out: Path, listen: Listener) -> Non
 `run_task`), which
 
 - writes its outputs under temporary names in the folder where they belong, and renames them when they are complete;
-- tells `listen` of its progress in the events of ``core/events.py``;
+- tells `listen` of its progress in the events of ``core/runtime/protocol.py``;
 - raises `InputError` for unusable input, `WorkerDefect` for a worker that failed, and lets `Cancelled` pass.
 
 It need not ask whether there is anything to do: `run_task` does, and vouches for the outputs afterwards.
@@ -30,8 +30,8 @@ from typing import Any
 
 from ..bootstrap import ROOT
 from ..errors import InputError
-from ..untrusted import explained, read_json
-from ..whole_file import replacing
+from ..files.untrusted import explained, read_json, replacing
+from ..runtime.resources import Resources
 
 SCRIPT = ROOT / "scripts" / "turntable.py"
 BATCH_FOLDER = ".batch"
@@ -102,6 +102,11 @@ class Task:
             parts = path.replace("\\", "/").split("/")
             if os.path.isabs(path) or ".." in parts or ":" in parts[0]:
                 raise ValueError(f"the output {path} of '{self.name}' lies outside of the batch's folder")
+
+    @property
+    def resources(self) -> Resources:
+        """What it may take of a machine."""
+        return Resources(self.cores, self.memory_mb, self.gpu)
 
     def input_paths(self, out: Path) -> Iterator[Path]:
         """The inputs in the folder `out`, those of a sequence one by one."""

@@ -7,17 +7,25 @@ import signal
 import sys
 import time
 import traceback
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TextIO
 
 from ..errors import Cancelled, InputError
-from ..job import Event
-from ..job_console import BarDisplay, JsonDisplay, Listener, Log, WorkerDefect, in_console
-from ..parent import follow_parent
-from ..progress import RunProgress
-from .outcome import log_path
+from ..runtime.process import GRACE_SECONDS, Event, Job, follow_parent
+from ..runtime.progress import RunProgress
+from ..runtime.supervisor import (
+    BarDisplay,
+    JsonDisplay,
+    Listener,
+    Log,
+    WorkerDefect,
+    in_console,
+)
 from .run_task import run_task
-from .task import read_plan
+from .scheduler import log_path
+from .task import read_plan, task_command
 
 
 def run_task_in_console(plan_file: Path, name: str, *, json_events: bool, parent: int | None = None) -> int:
@@ -56,3 +64,42 @@ def run_task_in_console(plan_file: Path, name: str, *, json_events: bool, parent
 def _bar(stream: TextIO) -> Listener:
     progress = RunProgress(("task",), shares={"task": 1.0})
     return BarDisplay(stream, "turntable.py", progress, lambda result: f"done: {result['task']}")
+
+
+# A cancelled task first ends its own workers, which takes it `GRACE_SECONDS`. On a busy machine everything takes
+# longer, and a task that is killed cannot end them.
+_GRACE_SECONDS = 10.0 * GRACE_SECONDS
+
+
+def start_task(
+    plan_file: Path, name: str, variables: Mapping[str, str] = MappingProxyType({}), *, note: str = ""
+) -> Job:
+    """Start the process that does the task called `name`; it ends when this process does, however that ends.
+
+    What it prints beside its events is added to the task's log.
+
+    Args:
+        plan_file: as `write_plan` wrote it.
+        variables: environment variables of the process, beside this process's.
+        note: for the task's log, about where it is done.
+
+    Raises:
+        InputError: it cannot be started.
+    """
+    log = TaskLog(name, plan_file.absolute().parent.parent)
+    if note:
+        log(note)
+    command = [*task_command(sys.executable, plan_file, name), "--parent", str(os.getpid())]
+    return Job(command, log=log, variables=variables, grace_seconds=_GRACE_SECONDS)
+
+
+class TaskLog:
+    """Adds lines to the log of the task called `name`, beside those that its process writes."""
+
+    def __init__(self, name: str, out: Path) -> None:
+        self._path = log_path(name, out)
+
+    def __call__(self, line: str) -> None:
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        with open(self._path, "a", encoding="utf-8") as file:
+            file.write(f"          {line}\n")

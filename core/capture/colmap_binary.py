@@ -12,8 +12,8 @@ import numpy as np
 import pycolmap
 
 from ..errors import InputError
-from ..events import Reporter
-from ..untrusted import opened
+from ..files.untrusted import opened
+from ..runtime.protocol import Reporter
 from .colmap_records import (
     BLOCK,
     MOST_BYTES,

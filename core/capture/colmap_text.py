@@ -12,8 +12,8 @@ from typing import BinaryIO
 import pycolmap
 
 from ..errors import InputError
-from ..events import Reporter
-from ..untrusted import opened
+from ..files.untrusted import opened
+from ..runtime.protocol import Reporter
 from .colmap_records import (
     BLOCK,
     EXPORT_AGAIN,

@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
-from ..untrusted import is_file, is_there
+from ..files.untrusted import is_file, is_there
 
 # What OpenImageIO reads and what cameras, scanners and renderers write.
 IMAGE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import InputError
-from ..untrusted import is_file, opened
+from ..files.untrusted import is_file, opened
 
 _SEARCHED_DEPTH = 3  # folders: MeshroomCache/StructureFromMotion/<a number>/cameras.sfm
 _START_BYTES = 1024  # that are looked at; Metashape's chunk stands in the second or third line

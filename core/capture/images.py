@@ -13,7 +13,7 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..untrusted import opened
+from ..files.untrusted import opened
 
 # Above every camera on sale (the largest sensors have 151 MP, 14,204 px a side), and 600 MB when decoded.
 MAX_SIDE = 16_384

@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ..images import write_png
-from ..run_files import CAMERAS_FILE, IMAGES_FOLDER, POINTS_FILE
-from ..whole_file import replacing
+from ..files.images import write_png
+from ..files.untrusted import replacing
+from ..runs.layout import CAMERAS_FILE, IMAGES_FOLDER, POINTS_FILE
 from .model import Capture, View
 from .points import write_point_cloud
-from .poses import OPENGL_TO_OPENCV, invert_rigid
+from .source import OPENGL_TO_OPENCV, invert_rigid
 
 
 def write_capture(capture: Capture, folder: str | Path) -> None:

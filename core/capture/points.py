@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement
 
-from ..ply_table import VertexTable
-from ..untrusted import opened
+from ..files.ply import VertexTable
+from ..files.untrusted import opened
 
 _POSITION = ("x", "y", "z")
 _COLOR = ("red", "green", "blue")

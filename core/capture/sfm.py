@@ -13,10 +13,10 @@ from dataclasses import replace
 from pathlib import Path
 from threading import Thread
 
+from ..bootstrap import ROOT
 from ..errors import InputError
-from ..events import Reporter
-from .colmap import add_model
-from .colmap_model import read_model
+from ..runtime.protocol import Reporter
+from .colmap import add_model, read_model
 from .images import read_header
 from .sfm_process import DATABASE, RESULT, SfmJob, SfmSettings
 from .source import SourceModel
@@ -82,9 +82,8 @@ def group_by_camera(folder: Path, names: Sequence[str]) -> list[list[str]]:
 
 def _start(job: SfmJob) -> subprocess.Popen[str]:
     """Start the process with this interpreter, this very tree and the job."""
-    core = Path(__file__).resolve().parents[1]
     program = (
-        f"import sys; sys.path.insert(0, {str(core)!r}); import bootstrap; bootstrap.load(); "
+        f"import sys; sys.path.insert(0, {str(ROOT / 'core')!r}); import bootstrap; bootstrap.load(); "
         "from cvdgs.core.capture.sfm_process import main; main()"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pycolmap
 
-from ..parent import follow_parent
+from ..runtime.process import follow_parent
 
 DATABASE = "database.db"
 RESULT = "result"

@@ -15,13 +15,26 @@ import numpy as np
 import pycolmap
 
 from ..errors import InputError
-from ..untrusted import is_file, read_json
+from ..files.untrusted import is_file, read_json
 from .colmap import check_camera
-from .files import IMAGE_EXTENSIONS, Spelling, quote_first, relative_name, resolve_inside
+from .files import (
+    IMAGE_EXTENSIONS,
+    Spelling,
+    quote_first,
+    relative_name,
+    resolve_inside,
+)
 from .images import read_header
 from .points import read_point_cloud
-from .poses import LARGEST_NUMBER, OPENGL_TO_OPENCV, invert_rigid, rigid_pose
-from .source import MOST_VIEWS, SourceModel, SourceView
+from .source import (
+    LARGEST_NUMBER,
+    MOST_VIEWS,
+    OPENGL_TO_OPENCV,
+    SourceModel,
+    SourceView,
+    invert_rigid,
+    rigid_pose,
+)
 
 # One file is read; the splits of the NeRF synthetic layout overlap in purpose with our own held-out views.
 _FILE_NAMES = ("transforms.json", "transforms_train.json", "transforms_test.json", "transforms_val.json")

@@ -12,7 +12,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..pinhole import PinholeCamera
+from .model import PinholeCamera
 
 # Beyond 60 degrees off the axis a pinhole image stretches more than it shows; fisheye photographs are cut there.
 _MAX_TANGENT = np.tan(np.radians(60.0))

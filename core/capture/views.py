@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
-from ..events import Reporter
-from ..pinhole import PinholeCamera
+from ..runtime.protocol import Reporter
 from .files import make_keys, natural_key
 from .images import (
     MIN_SIDE,
@@ -23,7 +22,7 @@ from .images import (
     read_pixels,
     upright_rotation,
 )
-from .model import View
+from .model import PinholeCamera, View
 from .source import SourceModel, SourceView
 from .undistort import Undistorter
 

@@ -2,8 +2,8 @@
 
 "A Physiologically-based Model for Simulation of Color Vision Deficiency", IEEE TVCG 15(6), table of the authors' web
 page for severities 0, 0.1 ... 1 (cone shifts of 0 to 20 nm). The numbers are those of colour-science's data set
-`colour.blindness.CVD_MATRICES_MACHADO2010`; a test compares the two. They stand here because Blender's Python has numpy
-and no colour-science.
+`colour.blindness.CVD_MATRICES_MACHADO2010`, as a test checks; they are repeated here because Blender's Python does not
+have colour-science.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ MATRICES: dict[str, NDArray[np.float64]] = {
     "deutan": np.array(_DEUTAN),
     "tritan": np.array(_TRITAN),
 }
-"""(11, 3, 3) per type: linear sRGB to linear sRGB, one matrix for each severity."""
+"""(11, 3, 3) for each type: from linear sRGB to linear sRGB, one matrix for each severity."""
 
 for _table in MATRICES.values():
     _table.setflags(write=False)

@@ -1,6 +1,6 @@
-"""What a colour vision deficiency does to linear sRGB, as matrices. numpy only: Blender's Python imports this.
+"""Models of colour vision deficiency as matrices on linear sRGB. numpy only: Blender's Python imports this.
 
-Three models are available. None of them defines achromatopsia, which is the linear luminance under each of them.
+Three models are available. None of them covers achromatopsia, which is simulated as linear luminance under each.
 
 - `machado`: Machado et al. 2009. The severity is a shift of a cone's spectral sensitivity; the published matrices for
   severities 0, 0.1 ... 1 are interpolated linearly. The only model that describes anomalous trichromacy.
@@ -10,7 +10,7 @@ Three models are available. None of them defines achromatopsia, which is the lin
   half-planes in cone space; the accepted model of tritanopia.
 
 Viénot and Brettel describe dichromats. For severities below 1 their result is blended linearly with the original in
-linear RGB, as DaltonLens does; the same is done for achromatopsia. That is a convention, not a model of the eye.
+linear RGB, as DaltonLens does, and so is achromatopsia. That is a convention, not a model of the eye.
 """
 
 from __future__ import annotations
@@ -30,18 +30,15 @@ Matrix = NDArray[np.float64]
 _REC709_PRIMARIES = np.array([[0.64, 0.33], [0.30, 0.60], [0.15, 0.06]])  # ITU-R BT.709, xy of red, green, blue
 _D65 = np.array([0.95047, 1.0, 1.08883])  # ASTM E308, XYZ of white for the 2° observer
 
-_CONE_AXIS = {"protan": 0, "deutan": 1, "tritan": 2}  # which of L, M, S is missing
+_CONE_AXIS = {"protan": 0, "deutan": 1, "tritan": 2}  # the missing one of L, M and S
 
-# Smith and Pokorny 1975 cone fundamentals as Viénot et al. 1999 give them.
+# Cone fundamentals of Smith and Pokorny 1975, as given by Viénot et al. 1999.
 _XYZ_TO_LMS = np.array([[0.15514, 0.54312, -0.03286], [-0.15514, 0.45684, 0.03286], [0.0, 0.0, 0.01608]])
 
-# CIE 1931 2° tristimulus values of the monochromatic anchors of Brettel et al. 1997 (475 and 575, 485 and 660 nm): the
-# hues that a dichromat and a trichromat are believed to see alike.
-_BRETTEL_ANCHORS_XYZ = {
-    "protan": np.array([[0.1421, 0.1126, 1.0419], [0.8425, 0.9154, 0.0018]]),
-    "deutan": np.array([[0.1421, 0.1126, 1.0419], [0.8425, 0.9154, 0.0018]]),
-    "tritan": np.array([[0.05795, 0.1693, 0.6162], [0.1649, 0.0610, 0.0000]]),
-}
+# CIE 1931 2° tristimulus values of the monochromatic anchors of Brettel et al. 1997: the hues that dichromats and
+# trichromats are believed to see alike.
+_RED_GREEN_ANCHORS = np.array([[0.1421, 0.1126, 1.0419], [0.8425, 0.9154, 0.0018]])  # 475 and 575 nm
+_TRITAN_ANCHORS = np.array([[0.05795, 0.1693, 0.6162], [0.1649, 0.0610, 0.0000]])  # 485 and 660 nm
 
 
 def _rgb_to_xyz() -> Matrix:
@@ -62,12 +59,12 @@ _RGB_TO_LMS = _XYZ_TO_LMS @ RGB_TO_XYZ
 
 @dataclass(frozen=True)
 class LinearSimulation:
-    """A simulation as a piecewise linear map of linear sRGB; before clipping.
+    """A simulation as a piecewise linear map of linear sRGB, before clipping.
 
     Attributes:
         matrix: (3, 3), used where `separator` · rgb >= 0.
         matrix_below: (3, 3), used elsewhere; None where one matrix serves all colours.
-        separator: (3,) normal of the plane between the two, in linear sRGB; None with `matrix_below`.
+        separator: (3,) normal of the plane between the two, in linear sRGB; None where `matrix_below` is.
     """
 
     matrix: Matrix
@@ -125,7 +122,7 @@ def _machado(cvd: str, severity: float) -> Matrix:
 
 
 def _vienot(cvd: str) -> LinearSimulation:
-    """Projection along the missing cone's axis onto the plane through black, the blue primary and yellow."""
+    """Projection along the axis of the missing cone onto the plane through black, the blue primary and yellow."""
     blue, yellow = _RGB_TO_LMS @ [0.0, 0.0, 1.0], _RGB_TO_LMS @ [1.0, 1.0, 0.0]
     return LinearSimulation(_in_rgb(_projection(np.cross(yellow, blue), cvd)))
 
@@ -133,11 +130,12 @@ def _vienot(cvd: str) -> LinearSimulation:
 def _brettel(cvd: str) -> LinearSimulation:
     """Projection onto one of two half-planes through black, white and an anchor: the one on the colour's side of white.
 
-    White stands for the neutral axis instead of the equal-energy stimulus, so that displayed greys stay grey.
+    White replaces the equal-energy stimulus as the neutral axis, so that displayed greys stay grey.
     """
     white = _RGB_TO_LMS @ np.ones(3)
     separator = np.cross(white, np.eye(3)[_CONE_AXIS[cvd]])
-    anchors = sorted(_BRETTEL_ANCHORS_XYZ[cvd] @ _XYZ_TO_LMS.T, key=lambda anchor: -float(separator @ anchor))
+    anchors_xyz = _TRITAN_ANCHORS if cvd == "tritan" else _RED_GREEN_ANCHORS
+    anchors = sorted(anchors_xyz @ _XYZ_TO_LMS.T, key=lambda anchor: -float(separator @ anchor))
     above, below = (_in_rgb(_projection(np.cross(white, anchor), cvd)) for anchor in anchors)
     return LinearSimulation(above, below, separator @ _RGB_TO_LMS)
 

@@ -1,7 +1,7 @@
 """Image metrics: contrast preservation under a deficiency (CCPR and its relatives) and closeness to the original.
 
 Images are (3, H, W) sRGB tensors in [0, 1]. A mask, (H, W) bool, restricts a metric to covered pixels; a pair of pixels
-counts when both are covered. What cannot be computed (no pair, no pixel) is NaN, never a perfect score.
+counts if both are covered. A metric that cannot be computed (no pair, no pixel) is NaN, never a perfect score.
 
 CCPR and CCFR follow Lu, Xu and Jia, "Contrast preserving decolorization" (2012; IJCV 2014), with ΔE76 between
 8-neighbours.
@@ -16,8 +16,7 @@ import torch
 from kornia.metrics import ssim as ssim_map
 from torch import Tensor
 
-from .difference import delta_e_76, delta_e_2000
-from .spaces import srgb_to_lab
+from .spaces import delta_e_76, delta_e_2000, srgb_to_lab
 
 CCPR_THRESHOLD = 6.0
 """ΔE76 from which two neighbours count as distinct in headline figures."""
@@ -34,15 +33,15 @@ SSIM_WINDOW = 11
 
 @dataclass(frozen=True)
 class ContrastScores:
-    """How far the contrasts of an image survive in its simulation. Ratios in [0, 1]; NaN where no pair is distinct.
+    """How well the contrasts of an image survive in its simulation. Ratios in [0, 1]; NaN where no pair is distinct.
 
     Attributes:
         ccpr: share of neighbour pairs distinct in the original that are distinct in the simulation.
         pairs: |Ω|, the number of neighbour pairs distinct in the original.
         ccpr_mean: CCPR averaged over `CCPR_MEAN_THRESHOLDS`.
         ccpr_global: CCPR over random pairs of pixels anywhere in the image.
-        ccfr: 1 - share of pairs distinct in the simulation that were not in the original (invented contrast).
-        e_score: harmonic mean of `ccpr` and `ccfr`.
+        ccfr: share of neighbour pairs distinct in the simulation that are distinct in the original; the rest is
+            invented contrast.
     """
 
     ccpr: float
@@ -50,7 +49,6 @@ class ContrastScores:
     ccpr_mean: float
     ccpr_global: float
     ccfr: float
-    e_score: float
 
 
 @dataclass(frozen=True)
@@ -76,30 +74,28 @@ def contrast_scores(
 
     Args:
         original: what normal vision sees.
-        simulated: S(candidate), clipped; the candidate is the enhanced or rendered image, or the original itself.
+        simulated: S(candidate), clipped, of the enhanced or rendered image, or of the original itself.
         threshold: τ, the ΔE76 from which a pair is distinct.
         mask: (H, W) bool, the pixels that count.
-        global_pairs, seed: random pairs of the global CCPR and the seed that draws them.
+        global_pairs, seed: number of random pairs for the global CCPR, and their seed.
     """
     before_lab, after_lab = srgb_to_lab(original), srgb_to_lab(simulated)
     before, after = _neighbour_differences(before_lab, mask), _neighbour_differences(after_lab, mask)
     distinct, still = before >= threshold, after >= threshold
-    both = int((distinct & still).sum())
-    ccpr, ccfr = _share(both, int(distinct.sum())), _share(both, int(still.sum()))
+    both, pairs = int((distinct & still).sum()), int(distinct.sum())
     return ContrastScores(
-        ccpr=ccpr,
-        pairs=int(distinct.sum()),
+        ccpr=_share(both, pairs),
+        pairs=pairs,
         ccpr_mean=_mean_preserved(before, after),
         ccpr_global=_global_preserved(before_lab, after_lab, threshold, mask, global_pairs, seed),
-        ccfr=ccfr,
-        e_score=0.0 if ccpr + ccfr == 0.0 else 2.0 * ccpr * ccfr / (ccpr + ccfr),
+        ccfr=_share(both, int(still.sum())),
     )
 
 
 def ccpr(
     original: Tensor, simulated: Tensor, threshold: float = CCPR_THRESHOLD, *, mask: Tensor | None = None
 ) -> tuple[float, int]:
-    """CCPR(τ) alone and |Ω|; see `ContrastScores`. About three times as fast as all of `contrast_scores`."""
+    """CCPR(τ) and |Ω| alone, see `ContrastScores`; about three times as fast as `contrast_scores`."""
     before = _neighbour_differences(srgb_to_lab(original), mask)
     after = _neighbour_differences(srgb_to_lab(simulated), mask)
     distinct = before >= threshold
@@ -108,9 +104,9 @@ def ccpr(
 
 
 def ssim(first: Tensor, second: Tensor, *, mask: Tensor | None = None) -> float:
-    """Mean SSIM over RGB and over the windows that lie inside the image (and are centred on a covered pixel).
+    """Mean SSIM over RGB and over all windows inside the image, or those centred on a covered pixel.
 
-    NaN when the image is smaller than the window of 11 pixels.
+    NaN if the image is smaller than the 11-pixel window.
     """
     if min(first.shape[-2:]) < SSIM_WINDOW:
         return math.nan
@@ -158,8 +154,8 @@ def _neighbour_pairs(image: Tensor) -> list[tuple[Tensor, Tensor]]:
 
 
 def _mean_preserved(before: Tensor, after: Tensor) -> float:
-    """CCPR averaged over `CCPR_MEAN_THRESHOLDS`; thresholds that no pair reaches are left out."""
-    # A pair is preserved at τ when min(before, after) >= τ, so two cumulative histograms over whole τ serve every τ.
+    """CCPR averaged over `CCPR_MEAN_THRESHOLDS`, without thresholds that no pair reaches."""
+    # A pair is preserved at τ if min(before, after) >= τ, so two cumulative histograms over whole τ serve every τ.
     top = len(CCPR_MEAN_THRESHOLDS)
     distinct, preserved = (
         torch.bincount(values.clamp(max=top).to(torch.int32), minlength=top + 1).flip(0).cumsum(0).flip(0)[1:]
@@ -191,5 +187,5 @@ def _share(part: int, whole: int) -> float:
 
 
 def _mean(values: Tensor, mask: Tensor | None) -> float:
-    """Mean over the covered pixels of an (H, W) map; NaN without one."""
+    """Mean over the covered pixels of an (H, W) map; NaN if there are none."""
     return float((values if mask is None else values[mask]).double().mean())

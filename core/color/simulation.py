@@ -6,16 +6,37 @@ nothing was clipped. See `matrices` for the models and their sources.
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
+
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from ..errors import InputError
 from .matrices import LinearSimulation, linear_simulation
-from .spaces import apply_matrix, linear_to_srgb, srgb_to_linear
+from .spaces import apply_matrix, linear_to_lab, linear_to_srgb, srgb_to_linear
 
 SIMULATION_SPACES = ("linear", "encoded")
+
+
+@dataclass(frozen=True)
+class Observer:
+    """Somebody with a colour vision deficiency, and the model that simulates it; arguments of `simulate`."""
+
+    cvd: str
+    severity: float
+    simulation: str = "machado"
+
+    def simulate(self, image: Tensor) -> Tensor:
+        """S(image) of a (..., 3, H, W) sRGB image."""
+        return simulate(image, self.cvd, self.severity, self.simulation)
+
+    def simulate_linear(self, linear: Tensor) -> Tensor:
+        """S between (..., 3, H, W) linear sRGB images."""
+        return simulate_linear(linear, self.cvd, self.severity, self.simulation)
+
+    def lab(self, linear: Tensor) -> Tensor:
+        """CIELAB of what the observer sees of (..., 3, H, W) linear sRGB."""
+        return linear_to_lab(self.simulate_linear(linear))
 
 
 def simulate(image: Tensor, cvd: str, severity: float, model: str = "machado", space: str = "linear") -> Tensor:
@@ -27,7 +48,7 @@ def simulate(image: Tensor, cvd: str, severity: float, model: str = "machado", s
         severity: 0 (normal vision; the image itself) to 1 (dichromacy or achromatopsia).
         model: "machado", "vienot" (protan, deutan) or "brettel".
         space: where the matrices apply: "linear" light, as the models define it, or the "encoded" values, as some
-            papers do; for comparison with those only (mean ΔE00 of 5 to 6 from "linear").
+            papers do; only for comparison with those (mean ΔE00 of 5 to 6 from "linear").
 
     Returns:
         Tensor of the shape and type of `image`, in [0, 1].
@@ -48,14 +69,6 @@ def simulate(image: Tensor, cvd: str, severity: float, model: str = "machado", s
 def simulate_linear(linear: Tensor, cvd: str, severity: float, model: str = "machado") -> Tensor:
     """S between linear images: (..., 3, H, W) linear sRGB to the same, clipped to [0, 1]; errors as for `simulate`."""
     return _apply(linear_simulation(cvd, float(severity), model), linear).clamp(0.0, 1.0)
-
-
-def simulate_colors(
-    colors: NDArray, cvd: str, severity: float, model: str = "machado", space: str = "linear"
-) -> NDArray[np.float64]:
-    """S for a (..., 3) array of sRGB colours in [0, 1], in float64; arguments and errors as for `simulate`."""
-    flat = torch.from_numpy(np.array(colors, np.float64).reshape(-1, 3).T.copy())[..., None]
-    return simulate(flat, cvd, severity, model, space)[..., 0].numpy().T.reshape(np.shape(colors))
 
 
 def _apply(simulation: LinearSimulation, rgb: Tensor) -> Tensor:

@@ -1,8 +1,7 @@
-"""Do the views of a scene agree? Correspondences between views, what agrees with the others, and the warping error."""
+"""Whether the views of a scene agree: correspondences between views, their consensus, and the warping error."""
 
 from .agreement import AgreementSettings, Consensus, SceneAgreement
-from .correspondence import Correspondences, CorrespondenceSettings, find_correspondences, view_pairs
-from .scene import SceneCorrespondences, nearest_views
+from .correspondence import Correspondences, CorrespondenceSettings, SceneCorrespondences, nearest_views, view_pairs
 from .warping_error import WarpingError, relative_warping_error
 
 __all__ = [
@@ -13,7 +12,6 @@ __all__ = [
     "SceneAgreement",
     "SceneCorrespondences",
     "WarpingError",
-    "find_correspondences",
     "nearest_views",
     "relative_warping_error",
     "view_pairs",

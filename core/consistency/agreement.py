@@ -1,9 +1,8 @@
-"""What the other views say of a view's pixels: the colour they agree on, and whether they agree at all.
-numpy and scipy only.
+"""Whether views agree on their pixels, and on which colour.
 
 Two questions on the same correspondences. Where the *photographs* differ between views (gloss, glass, a wrong depth),
-nobody can ask the enhanced views to agree: such pixels are given less weight. Elsewhere the *enhanced* views differ
-because each was enhanced on its own, and the median of them all is what a view should have shown.
+the enhanced views cannot be expected to agree: such pixels get a lower weight. Elsewhere the *enhanced* views differ
+because each was enhanced on its own, and their median is what a view should have shown.
 """
 
 from __future__ import annotations
@@ -15,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from ..events import Reporter
-from .correspondence import sample_bilinear
-from .scene import SceneCorrespondences, nearest_views
+from ..runtime.protocol import Reporter
+from .correspondence import SceneCorrespondences, nearest_views, sample_bilinear
 
 Image = NDArray[np.uint8]
 Weights = NDArray[np.float32]
@@ -29,14 +27,14 @@ class AgreementSettings:
 
     Attributes:
         neighbours: other views that each view is compared with.
-        blur: pixels of the box over which photographs are averaged before they are compared, so that a texture that is
-            matched half a pixel beside itself does not count as gloss.
-        drift_blur: pixels of the box over which a view's disagreement with the others is averaged: drift is smooth, and
-            the texture, which resampling softens, stays the view's own.
-        tolerance: difference of the photographs in units of the scene's median difference at which a weight is 1/2;
+        blur: side of the box, in pixels, over which photographs are averaged before they are compared, so that a
+            texture matched half a pixel off does not count as gloss.
+        drift_blur: side of the box, in pixels, over which a view's disagreement with the others is averaged: drift is
+            smooth, and the texture, which resampling softens, stays the view's own.
+        tolerance: difference of the photographs, in units of the scene's median difference, at which a weight is 1/2;
             noise, resampling and exposure, which are everywhere, stay below.
         least_tolerance: the same in [0, 1], for scenes that agree perfectly.
-        least_weight: of a pixel whose photographs differ by any amount; it still has to get some colour.
+        least_weight: of a pixel, however much its photographs differ: it still needs some colour.
     """
 
     neighbours: int = 4
@@ -49,11 +47,11 @@ class AgreementSettings:
 
 @dataclass(frozen=True)
 class Consensus:
-    """What a view should show in the eyes of the others.
+    """What a view should show according to the others.
 
     Attributes:
-        colors: (H, W, 3) uint8 sRGB; the view's own colours where no other view has a say.
-        weights: (H, W) float32 in [0, 1]; 0 where no other view has a say.
+        colors: (H, W, 3) uint8 sRGB; the view's own colours where no other view corresponds.
+        weights: (H, W) float32 in [0, 1]; 0 where no other view corresponds.
     """
 
     colors: Image
@@ -65,12 +63,12 @@ class SceneAgreement:
 
     Args:
         correspondences: of the scene.
-        photographs: (H, W, 3) uint8 unenhanced images by index of the view; these views are compared.
-        settings: how.
-        reporter, stage: progress goes there under this name.
+        photographs: (H, W, 3) uint8 unenhanced images of the views to compare, by index.
+        settings: how they are compared.
+        reporter, stage: for the progress.
 
     Attributes:
-        weights: (H, W) float32 by index of the view, 1 where the photographs agree or nothing is known, down to
+        weights: (H, W) float32 by index of the view: 1 where the photographs agree or nothing is known, down to
             `least_weight` where they vary with the view.
     """
 
@@ -90,9 +88,9 @@ class SceneAgreement:
         self.weights = self._weigh(photographs)
 
     def consensus(self, images: Mapping[int, Image]) -> dict[int, Consensus]:
-        """What each view of (H, W, 3) enhanced `images` should show.
+        """The consensus for each of the (H, W, 3) enhanced `images`.
 
-        Its own texture, moved to the colours of the median of itself and its neighbours.
+        Its own texture, shifted to the colours of the median of itself and its neighbours.
         """
         return {view: self._consensus(images, view) for view in self._neighbours}
 
@@ -110,7 +108,7 @@ class SceneAgreement:
         return Consensus(colors, np.where(near, self.weights[view], 0.0).astype(np.float32))
 
     def _seen_by(self, images: Mapping[int, NDArray], view: int, other: int) -> NDArray[np.float32]:
-        """(H * W, 3) colours of the view's pixels in another view, NaN where that does not see them."""
+        """(H * W, 3) colours of the view's pixels in another view, NaN where it does not see them."""
         found = self._correspondences.between(view, other)
         seen = np.full((images[view].shape[0] * images[view].shape[1], 3), np.nan, np.float32)
         seen[found.first_pixels] = sample_bilinear(images[other], found.second_positions)
@@ -136,7 +134,7 @@ class SceneAgreement:
     def _variation(self, smooth: Mapping[int, NDArray[np.float32]], view: int) -> NDArray[np.float32]:
         """(H, W) median over the neighbours of the mean absolute difference of the channels, NaN where unknown.
 
-        What a match one pixel beside the right one would explain is taken off: edges are not gloss.
+        A difference that a match one pixel off would explain is subtracted: edges are not gloss.
         """
         own = smooth[view].reshape(-1, 3)
         apart = np.stack(
@@ -150,7 +148,7 @@ class SceneAgreement:
 def _mean_over(
     side: int, image: NDArray[np.float32], known: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """(H, W, 3) means over boxes of `side` pixels of what is known, and (H, W) whether a box has anything known.
+    """(H, W, 3) means of the known pixels over boxes of `side` pixels, and (H, W) whether a box has any.
 
     Args:
         image: (H, W, 3), zero where nothing is known.
@@ -162,7 +160,7 @@ def _mean_over(
 
 
 def _median(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Median along the first axis of what is not NaN; NaN where nothing is. Many times as fast as numpy's."""
+    """Median along the first axis ignoring NaN; NaN if all are. Many times as fast as numpy's nanmedian."""
     ordered = np.sort(values, axis=0)  # NaN comes last
     count = np.isfinite(values).sum(axis=0)
     low, high = np.maximum(count - 1, 0) // 2, count // 2

@@ -1,33 +1,38 @@
-"""Which pixels of two views show the same surface point: correspondences from depth, coverage and cameras. numpy only.
+"""Which pixels of two views show the same surface point: correspondences from depth, coverage and cameras.
 
-A pixel's depth is unprojected, projected into the other view, that view's depth is sampled there and projected back.
-The pair is accepted when it returns to within a pixel and to the same depth, lies on covered surface in both views and
-is not at a depth edge, where rendered depth is a mixture of two surfaces.
+A pixel is unprojected by its depth and projected into the other view; that view's depth is sampled there, and the point
+it gives is projected back. The pair is accepted if it returns to within a pixel and to the same depth, lies on covered
+surface in both views, and is not at a depth edge, where rendered depth is a mixture of two surfaces.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
-from ..events import Reporter
-from ..pinhole import PinholeCamera
+from ..capture.model import PinholeCamera
+from ..runtime.protocol import Reporter
 
 SHORT_RANGE_STEP = 1
-"""Adjacent views, in file order."""
-
+"""Between adjacent views, in file order."""
 LONG_RANGE_STEP = 7
-"""Views so far apart, in file order, test long-range consistency."""
+"""Between views, in file order, that test long-range consistency."""
+MOST_TRIED_PIXELS = 40_000
+"""Per view: drift and gloss are smooth and more samples change no mean, but time and memory grow with their number."""
 
 Floats = NDArray[np.float64]
+DepthOfView = Callable[[int], tuple[NDArray, NDArray]]
+"""Index of a view to its (H, W) planar depth, divided by alpha and arbitrary where nothing is seen, and its alpha."""
 
 
 class PosedCamera(Protocol):
-    """What is needed of a view; `View` is one."""
+    """The part of a `View` that is needed here."""
 
     @property
     def camera(self) -> PinholeCamera:
@@ -48,8 +53,8 @@ class CorrespondenceSettings:
         min_alpha: coverage in both views.
         max_disparity_bend: second difference of the inverse depth over one pixel, relative to the inverse depth; more
             is a depth edge. The inverse depth of a plane is linear in the image, however slanted the plane is.
-        edge_margin: pixels around a depth edge that are left out as well.
-        stride: only every so many rows and columns of the first view are tried; 1 tries every pixel.
+        edge_margin: pixels around a depth edge that are rejected as well.
+        stride: between the rows and columns of the first view that are tried; 1 tries every pixel.
     """
 
     max_reprojection_error: float = 1.0
@@ -65,7 +70,7 @@ class Correspondences:
     """M surface points that two views both see.
 
     Attributes:
-        first, second: numbers of the views.
+        first, second: indices of the views.
         first_pixels: (M,) int32, flat indices (row * width + column) of pixels in the first view.
         second_positions: (M, 2) float32, x and y in the second view; pixel centres lie at +0.5.
     """
@@ -79,42 +84,94 @@ class Correspondences:
         return len(self.first_pixels)
 
 
-def view_pairs(count: int, step: int, limit: int | None = None) -> list[tuple[int, int]]:
-    """Pairs (i, i + step) of `count` views in file order; at most `limit` of them, evenly spread."""
-    pairs = [(first, first + step) for first in range(count - step)]
-    if limit is None or len(pairs) <= limit:
-        return pairs
-    return [pairs[round(index)] for index in np.linspace(0, len(pairs) - 1, limit)]
-
-
-def find_correspondences(
-    depths: Sequence[NDArray],
-    alphas: Sequence[NDArray],
-    views: Sequence[PosedCamera],
-    pairs: Sequence[tuple[int, int]],
-    settings: CorrespondenceSettings = CorrespondenceSettings(),
-    reporter: Reporter | None = None,
-    stage: str = "correspondences",
-) -> list[Correspondences]:
-    """Correspondences of each pair of views; once per scene, for any number of image sets.
+class SceneCorrespondences:
+    """The correspondences between `views`, each pair matched on first request and kept.
 
     Args:
-        depths: (H, W) planar camera z per view, already divided by alpha; any value where nothing is seen.
-        alphas: (H, W) coverage in [0, 1] per view.
-        views: the cameras of the depth maps.
-        pairs: numbers of the first and the second view.
-        settings: when a correspondence is accepted.
-        reporter, stage: progress goes there under this name.
+        views: the cameras.
+        depth: called at most once for each view.
+        settings: when a correspondence is accepted; None takes the defaults with a stride that tries at most
+            `MOST_TRIED_PIXELS` of a view.
     """
-    reporter = reporter or Reporter()
-    needed = sorted({index for pair in pairs for index in pair})
-    surfaces = {index: trusted_surface(depths[index], alphas[index], settings) for index in needed}
-    found = []
-    for number, (first, second) in enumerate(pairs):
-        pixels, positions = match_surfaces(surfaces[first], views[first], surfaces[second], views[second], settings)
-        found.append(Correspondences(first, second, pixels, positions))
-        reporter.progress(stage, (number + 1) / len(pairs))
-    return found
+
+    def __init__(
+        self, views: Sequence[PosedCamera], depth: DepthOfView, settings: CorrespondenceSettings | None = None
+    ) -> None:
+        self.views = views
+        self.settings = settings or CorrespondenceSettings(stride=_stride(views))
+        self._depth = depth
+        self._surfaces: dict[int, NDArray[np.float32]] = {}
+        self._found: dict[tuple[int, int], Correspondences] = {}
+
+    def between(self, first: int, second: int) -> Correspondences:
+        """The points that two views both see, from the pixels of the first."""
+        if (first, second) not in self._found:
+            self._found[first, second] = self._match(first, second)
+        return self._found[first, second]
+
+    def of_pairs(
+        self, pairs: Sequence[tuple[int, int]], reporter: Reporter | None = None, stage: str = "correspondences"
+    ) -> list[Correspondences]:
+        """`between` for each pair; reports progress of `stage`."""
+        reporter = reporter or Reporter()
+        found = []
+        for number, (first, second) in enumerate(pairs):
+            found.append(self.between(first, second))
+            reporter.progress(stage, (number + 1) / len(pairs), "matching points between views")
+        return found
+
+    def _surface(self, index: int) -> NDArray[np.float32]:
+        if index not in self._surfaces:
+            self._surfaces[index] = _trusted_surface(*self._depth(index), self.settings)
+        return self._surfaces[index]
+
+    def _match(self, first: int, second: int) -> Correspondences:
+        settings = self.settings
+        surface, other_surface = self._surface(first), self._surface(second)
+        pose, other_pose = self.views[first].world_to_camera, self.views[second].world_to_camera
+        camera, other = self.views[first].camera, self.views[second].camera
+        tried = np.zeros(surface.shape, bool)
+        tried[:: settings.stride, :: settings.stride] = True
+        pixels = np.flatnonzero(tried & np.isfinite(surface))
+        centers = np.stack([pixels % camera.width, pixels // camera.width], -1) + 0.5
+        depth = 1.0 / surface.reshape(-1)[pixels].astype(np.float64)
+
+        forward = other_pose @ np.linalg.inv(pose)
+        positions, expected = _project(other, _transformed(forward, _unproject(camera, centers, depth)))
+        inside = (
+            (expected > 0.0) & (positions >= 0.5).all(1) & (positions <= [other.width - 0.5, other.height - 0.5]).all(1)
+        )
+        pixels, centers, depth, positions = pixels[inside], centers[inside], depth[inside], positions[inside]
+
+        met = 1.0 / sample_bilinear(other_surface, positions).astype(np.float64)
+        back = _transformed(np.linalg.inv(forward), _unproject(other, positions, met))
+        returned, returned_depth = _project(camera, back)
+        with np.errstate(invalid="ignore"):  # NaN, where the other surface is not to be trusted, compares false
+            accepted = np.linalg.norm(returned - centers, axis=1) < settings.max_reprojection_error
+            accepted &= np.abs(returned_depth - depth) < settings.max_relative_depth_error * depth
+        return Correspondences(first, second, pixels[accepted].astype(np.int32), positions[accepted].astype(np.float32))
+
+
+def view_pairs(count: int, step: int) -> list[tuple[int, int]]:
+    """Pairs (i, i + step) of `count` views in file order."""
+    return [(first, first + step) for first in range(count - step)]
+
+
+def nearest_views(views: Sequence[PosedCamera], among: Sequence[int], count: int) -> dict[int, list[int]]:
+    """For each of the views `among`, the `count` others that look most alike, nearest first.
+
+    Nearness is the distance of the centres, in units of the farthest camera's distance from their mean, plus the angle
+    between the viewing directions in radians: either changes what is seen.
+    """
+    poses = [views[index].world_to_camera for index in among]
+    centers = np.stack([-pose[:3, :3].T @ pose[:3, 3] for pose in poses])
+    forward = np.stack([pose[2, :3] for pose in poses])
+    extent = np.linalg.norm(centers - centers.mean(0), axis=1).max() or 1.0
+    distance = np.linalg.norm(centers[:, None] - centers[None], axis=2) / extent
+    distance += np.arccos(np.clip(forward @ forward.T, -1.0, 1.0))
+    np.fill_diagonal(distance, np.inf)
+    order = np.argsort(distance, axis=1, kind="stable")[:, : min(count, len(among) - 1)]
+    return {index: [among[other] for other in row] for index, row in zip(among, order, strict=True)}
 
 
 def sample_bilinear(image: NDArray, positions: NDArray) -> NDArray:
@@ -133,11 +190,16 @@ def sample_bilinear(image: NDArray, positions: NDArray) -> NDArray:
     return upper * (1 - dy) + lower * dy
 
 
-def trusted_surface(depth: NDArray, alpha: NDArray, settings: CorrespondenceSettings) -> NDArray[np.float32]:
+def _stride(views: Sequence[PosedCamera]) -> int:
+    most = max(view.camera.width * view.camera.height for view in views)
+    return max(math.ceil(math.sqrt(most / MOST_TRIED_PIXELS)), 1)
+
+
+def _trusted_surface(depth: NDArray, alpha: NDArray, settings: CorrespondenceSettings) -> NDArray[np.float32]:
     """(H, W) inverse depth where the surface can be trusted, NaN elsewhere.
 
-    Inverse depth, because it is what bilinear interpolation gets right on a plane; NaN, because it spreads to every
-    position that is interpolated from an untrusted pixel.
+    Inverse depth, because bilinear interpolation of it is exact on a plane; NaN, because it spreads to every position
+    interpolated from an untrusted pixel.
     """
     trusted = (alpha > settings.min_alpha) & (depth > 0.0) & np.isfinite(depth)
     disparity = np.full(trusted.shape, np.nan)
@@ -150,56 +212,8 @@ def trusted_surface(depth: NDArray, alpha: NDArray, settings: CorrespondenceSett
             inner[axis] = slice(1, -1)
             # NaN compares false: next to what is not covered, coverage is the criterion.
             edge[tuple(inner)] |= bend > settings.max_disparity_bend * disparity[tuple(inner)]
-    disparity[_dilated(edge, settings.edge_margin)] = np.nan
+    disparity[maximum_filter(edge, 2 * settings.edge_margin + 1)] = np.nan
     return disparity.astype(np.float32)
-
-
-def _dilated(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
-    """The mask grown by `radius` pixels in all eight directions."""
-    for _ in range(radius):
-        rows = np.pad(mask, ((1, 1), (0, 0)))
-        mask = rows[:-2] | rows[1:-1] | rows[2:]
-        columns = np.pad(mask, ((0, 0), (1, 1)))
-        mask = columns[:, :-2] | columns[:, 1:-1] | columns[:, 2:]
-    return mask
-
-
-def match_surfaces(
-    first_surface: NDArray[np.float32],
-    first: PosedCamera,
-    second_surface: NDArray[np.float32],
-    second: PosedCamera,
-    settings: CorrespondenceSettings,
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Accepted flat pixel indices (M,) in the first view and positions (M, 2) in the second.
-
-    Args:
-        first_surface, second_surface: (H, W) from `trusted_surface`.
-    """
-    width = first.camera.width
-    tried = np.zeros(first_surface.shape, bool)
-    tried[:: settings.stride, :: settings.stride] = True
-    pixels = np.flatnonzero(tried & np.isfinite(first_surface))
-    centers = np.stack([pixels % width, pixels // width], -1) + 0.5
-    depth = 1.0 / first_surface.reshape(-1)[pixels].astype(np.float64)
-
-    forward = second.world_to_camera @ np.linalg.inv(first.world_to_camera)
-    positions, expected = _project(second.camera, _moved(forward, _unproject(first.camera, centers, depth)))
-    inside = (
-        (expected > 0.0)
-        & (positions >= 0.5).all(1)
-        & (positions <= [second.camera.width - 0.5, second.camera.height - 0.5]).all(1)
-    )
-    pixels, centers, depth, positions = pixels[inside], centers[inside], depth[inside], positions[inside]
-
-    met = 1.0 / sample_bilinear(second_surface, positions).astype(np.float64)
-    returned, returned_depth = _project(
-        first.camera, _moved(np.linalg.inv(forward), _unproject(second.camera, positions, met))
-    )
-    with np.errstate(invalid="ignore"):  # NaN, where the other surface is not to be trusted, compares false
-        accepted = np.linalg.norm(returned - centers, axis=1) < settings.max_reprojection_error
-        accepted &= np.abs(returned_depth - depth) < settings.max_relative_depth_error * depth
-    return pixels[accepted].astype(np.int32), positions[accepted].astype(np.float32)
 
 
 def _unproject(camera: PinholeCamera, positions: Floats, depth: Floats) -> Floats:
@@ -216,6 +230,6 @@ def _project(camera: PinholeCamera, points: Floats) -> tuple[Floats, Floats]:
     return positions, depth
 
 
-def _moved(transform: Floats, points: Floats) -> Floats:
+def _transformed(transform: Floats, points: Floats) -> Floats:
     """(M, 3) points under a (4, 4) rigid transform."""
     return points @ transform[:3, :3].T + transform[:3, 3]

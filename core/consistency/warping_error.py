@@ -1,7 +1,7 @@
-"""How much views contradict each other: the relative warping error (RWE) and its companions. numpy only.
+"""How much views contradict each other: the relative warping error (RWE) and its companions.
 
 The ratio is taken between sums over all visible correspondences, not pixel by pixel: a mean of per-pixel ratios is
-ruled by the pixels whose original difference happens to be nearly zero.
+dominated by pixels whose original difference happens to be nearly zero.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .correspondence import Correspondences, sample_bilinear
 
 @dataclass(frozen=True)
 class WarpingError:
-    """Disagreement of an image set over correspondences; NaN where there is none or the originals agree exactly.
+    """Disagreement of an image set over correspondences; NaN if there are none or the originals agree exactly.
 
     Attributes:
         ratio: Σ|Î_i - Î_j|₁ / Σ|I_i - I_j|₁ of enhanced Î and original I; 1 means that enhancement added nothing.
@@ -58,8 +58,8 @@ def relative_warping_error(
     """Warping error of the enhanced images relative to the originals.
 
     Args:
-        originals, enhanced: (H, W, 3) per view, uint8 or float in [0, 1], as the correspondences number them.
-        correspondences: from `find_correspondences`.
+        originals, enhanced: (H, W, 3) per view, uint8 or float in [0, 1], by the indices of the correspondences.
+        correspondences: of pairs of these views.
     """
     used = [pair for pair in correspondences if len(pair)]
     before = [_sums(originals, pair) for pair in used]

@@ -7,10 +7,10 @@ import os
 import sys
 from collections.abc import Sequence
 
-from ..console import ConsoleReporter
-from ..events import Reporter
-from .examination import examine
-from .finding import Finding, State
+from ..runtime.cli import ConsoleReporter
+from ..runtime.protocol import Reporter
+from .checks import examine
+from .interpreters import Finding, State
 
 DOCTOR = "--doctor"
 NAME_WIDTH = max(len("temporary files"), len("colour-science")) + 1

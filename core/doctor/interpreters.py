@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
+from dataclasses import dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..job import variables_of_interpreters
+from ..runtime.process import variables_of_interpreters
 
 PROBE = Path(__file__).with_name("probe.py")
 # A cold disk takes a minute to import torch; a program that never answers is not waited for.
@@ -62,3 +64,39 @@ def _run(command: list[str]) -> str:
         last = result.stderr.strip().splitlines()[-1:] or [f"exit code {result.returncode}"]
         raise InputError(f"fails ({last[0]})", where=command[0], remedy="check the installation")
     return result.stdout
+
+
+class State(Enum):
+    """How a thing stands; the values are what programs read and what stands before a line."""
+
+    OK = "ok"
+    NOTE = "note"
+    """It is missing or scarce, and the main job runs all the same."""
+    MISSING = "missing"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A line of the doctor.
+
+    Attributes:
+        name: of the thing.
+        state: whether it is here.
+        found: what was found, or what is wrong.
+        remedy: how to get it, as an imperative sentence without a full stop; empty where nothing has to be done.
+    """
+
+    name: str
+    state: State
+    found: str
+    remedy: str = ""
+
+    @classmethod
+    def of_error(cls, name: str, error: InputError) -> Finding:
+        """What is missing because of `error`."""
+        found = f"{error.where}: {error.what}" if error.where else error.what
+        return cls(name, State.MISSING, found, error.remedy)
+
+    def to_dict(self) -> dict[str, str]:
+        """A JSON-ready dictionary."""
+        return {"name": self.name, "state": self.state.value, "found": self.found, "remedy": self.remedy}

@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ..color.matrices import check_simulation
-from ..color.observer import Observer
+from ..color.simulation import Observer
 from ..color.spaces import image_to_tensor, tensor_to_image
-from ..events import Reporter
+from ..runtime.protocol import Reporter
 from .enhancer import LutEnhancer, check_strength
 from .gan.apply import average_statistics, enhance, record_statistics
 from .gan.conditioning import palette
-from .gan.generator import Statistics
-from .gan.shipped import load_shipped
-from .gan.weights import load_generator
+from .gan.networks import Statistics
+from .gan.weights import load_generator, load_shipped
 from .lut import ColorLut, as_float
 
 _SCENE_VIEWS = 16

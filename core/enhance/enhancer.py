@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..color.matrices import check_simulation
 from ..errors import InputError
-from ..events import Reporter
+from ..runtime.protocol import Reporter
 from .lut import ColorLut, as_float
 from .teacher import TeacherSettings, fit_lut
 

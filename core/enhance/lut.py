@@ -15,7 +15,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from ..errors import InputError
-from .tensor_file import read_tensors
+from ..files.tensors import read_tensors
 
 CUBE_SIZE = 33
 """Nodes along an edge of an exported `.cube` file: what grading tools commonly expect."""

@@ -26,12 +26,18 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..color.difference import delta_e_76
 from ..color.metrics import CCPR_THRESHOLD
-from ..color.observer import Observer
-from ..color.simulation import simulate_linear
-from ..color.spaces import lab_to_linear, linear_to_srgb, linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
-from ..events import Reporter
+from ..color.simulation import Observer, simulate_linear
+from ..color.spaces import (
+    delta_e_76,
+    lab_to_linear,
+    linear_to_srgb,
+    linear_to_xyz,
+    srgb_to_lab,
+    srgb_to_linear,
+    xyz_to_lab,
+)
+from ..runtime.protocol import Reporter
 from .lut import ColorLut, interpolate
 from .pairs import PairSampling, sample_neighbours, sample_pairs
 

@@ -1,7 +1,7 @@
-"""Looks at a finished run - its photographs, its course, its figures - and says what is wrong and what to do about it.
+"""Warnings about a finished run: what its photographs, training curve and figures show, and what to do about it.
 
-A warning is only worth having where it is true, so each has a threshold well beyond what good captures show; where the
-thresholds come from stands beside them. Nothing here changes a result.
+A warning is only useful where it is true, so each threshold is well beyond what good captures show; its origin is given
+beside it. Nothing here changes a result.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ..capture import Capture, CaptureWarning
-from ..images import read_png
-from ..run_files import ORIGINAL, RENDERS_FOLDER
+from ..capture.model import Capture, CaptureWarning
+from ..files.images import read_png
+from ..runs.layout import ORIGINAL, RENDERS_FOLDER
 from ..settings import Layer
 from .evaluation import Split, spread
 from .photograph_quality import PhotographQuality, image_shift
@@ -26,24 +26,25 @@ _MEASURED_PHOTOGRAPHS = 6
 
 @dataclass(frozen=True)
 class AdviceThresholds:
-    """From where on something is worth a warning.
+    """Thresholds beyond which a warning is given.
 
     Attributes:
-        noise: levels of 255. Rendered photographs without noise show 0.5, real ones scaled down 0.4; with a thirtieth
-            of the light the demo shows 5.
-        sharpness: see `PhotographQuality`; 0.6 to 0.85 for sharp photographs, 0.40 for frames of a telephone's video,
-            below 0.36 where the demo is blurred over three pixels.
+        noise: levels of 255. Noise-free renderings show 0.5, real photographs scaled down 0.4; the demo with a
+            thirtieth of its light shows 5.
+        sharpness: see `PhotographQuality`; 0.6 to 0.85 for sharp photographs, 0.40 for frames of a phone video, below
+            0.36 for the demo blurred over three pixels.
         blocks: 0.9 to 1.1 for good photographs, 1.4 for JPEG quality 30.
-        brightness: median luma; a room at night is at 0.1.
-        image_shift: pixels, root mean square over held-out views; at most 0.2 where the cameras are exact.
-        exposure_loss: dB that held-out views lose by their exposures alone.
-        psnr: dB of held-out views below which a scene can hardly be recognised in its details.
-        enhanced_ratio: RWE of the enhanced photographs; 1.0 to 1.2 for a LUT, which raises contrast and so differences.
-        rendered_ratio: RWE of the layer; above 1 its views contradict each other more than the photographs do.
-        ccpr: of the enhanced photographs; below it a frame counts as hard.
-        kept_contrast: CCPR of the scene relative to that of the photographs. What is finer than a reconstruction can be
-            is always lost: good scenes of 50 photographs keep 0.73 and more, some even with enhancement.
-        least_severity: below it a layer is the photographs' colours.
+        brightness: median luma; 0.1 for a room at night.
+        image_shift: pixels, root mean square over held-out views; at most 0.2 with accurate cameras.
+        exposure_loss: dB that held-out views lose through their exposure alone.
+        psnr: dB of held-out views; details can hardly be recognised below it.
+        enhanced_ratio: RWE of the enhanced photographs; 1.0 to 1.2 for a LUT, because higher contrast means larger
+            differences.
+        rendered_ratio: RWE of the layer; above 1 its views are less consistent than the photographs.
+        ccpr: of the enhanced photographs; a frame counts as hard below it.
+        kept_contrast: CCPR of the scene relative to that of the photographs. Detail finer than the reconstruction is
+            always lost: good scenes from 50 photographs keep at least 0.73, in some cases even after enhancement.
+        least_severity: below it a layer has the photographs' own colours.
     """
 
     noise: float = 4.0
@@ -68,13 +69,13 @@ def advise(
     figures: Mapping[str, Any],
     thresholds: AdviceThresholds = AdviceThresholds(),
 ) -> list[CaptureWarning]:
-    """What a user should know of a run.
+    """Warnings to show the user after a run.
 
     Args:
-        capture: with the poses that training ended with.
+        capture: with the camera poses after training.
         split: of its views.
-        folder: of the run, with its renderings of the held-out views.
-        curve: of the training; empty where there was none.
+        folder: of the run, with the renderings of its held-out views.
+        curve: training curve; empty if nothing was trained.
         figures: the report's ``reconstruction`` and ``layers``.
     """
     found = [*_of_photographs(capture, thresholds), *_of_geometry(capture, split, folder, curve, figures, thresholds)]
@@ -90,26 +91,26 @@ def _of_photographs(capture: Capture, limits: AdviceThresholds) -> Iterator[Capt
     if quality.noise > limits.noise:
         yield CaptureWarning(
             "noisy-photographs",
-            f"the photographs are noisy (about {quality.noise:.0f} of 255 levels); give more light, a longer exposure "
+            f"the photographs are noisy (about {quality.noise:.0f} of 255 levels); use more light, a longer exposure "
             "on a tripod, or a lower ISO",
         )
     if quality.sharpness < limits.sharpness:
         yield CaptureWarning(
             "blurred-photographs",
-            "the photographs show no detail near the size of a pixel; if they are blurred, hold the camera still and "
-            "check the focus, else a smaller --max-size is as good and faster",
+            "the photographs have no detail at the scale of a pixel; if they are blurred, hold the camera still and "
+            "check the focus, otherwise a smaller --max-size is faster and just as good",
         )
     if quality.blocks > limits.blocks:
         yield CaptureWarning(
             "jpeg-blocks",
-            "the photographs show the blocks of strong JPEG compression; use the camera's best quality, and the files "
-            "as it wrote them",
+            "the photographs show blocks from strong JPEG compression; use the camera's highest quality and its "
+            "original files",
         )
     if quality.brightness < limits.brightness:
         yield CaptureWarning(
             "dark-photographs",
-            f"half of the pixels are darker than {quality.brightness:.0%} of white; colours are hard to tell there for "
-            "anyone: give more light or a longer exposure",
+            f"half of the pixels are darker than {quality.brightness:.0%} of white, where anyone finds colours hard to "
+            "tell apart; use more light or a longer exposure",
         )
 
 
@@ -126,23 +127,23 @@ def _of_geometry(
     if psnr is not None and any_exposure is not None and any_exposure - psnr > limits.exposure_loss:
         yield CaptureWarning(
             "exposure-varies",
-            "exposure or white balance differ from photograph to photograph; this was corrected, but held-out views "
-            f"compare {any_exposure - psnr:.1f} dB worse for it: lock both while photographing",
+            "exposure or white balance varies between photographs; this was corrected, but it costs held-out views "
+            f"{any_exposure - psnr:.1f} dB: lock both while photographing",
         )
     if split.test:
         moved = _rms_shift(capture, split, folder)
         if moved > limits.image_shift:
             yield CaptureWarning(
                 "cameras-off",
-                f"held-out photographs lie about {moved:.1f} pixels beside the scene: the cameras are not exact; let "
-                "them be corrected (--refine-poses), or estimate them again where they are too far off for that",
+                f"held-out photographs are about {moved:.1f} pixels off from the scene: the cameras are inaccurate; "
+                "correct them (--refine-poses), or estimate them again if they are too far off for that",
             )
     reached = figures["reconstruction"]["psnr"]
     if reached < limits.psnr:
         yield CaptureWarning(
             "poor-reconstruction",
-            f"the scene shows {'held-out' if split.test else 'its own'} views with {reached:.1f} dB only: more or "
-            "better photographs, or better cameras, are needed before its colours mean much",
+            f"{'held-out' if split.test else 'training'} views reach only {reached:.1f} dB: more or better "
+            "photographs, or better cameras, are needed before the colours mean much",
         )
 
 
@@ -152,38 +153,37 @@ def _of_layer(name: str, layer: Mapping[str, Any], limits: AdviceThresholds) -> 
     if severity < limits.least_severity:
         yield CaptureWarning(
             "nothing-to-enhance",
-            f"{name}: this is normal vision, for which nothing is changed; give a higher --severity",
+            f"{name}: this severity is normal vision, which needs no enhancement; use a higher --severity",
         )
         return
     if rwe["enhanced_ratio"] > limits.enhanced_ratio:
         yield CaptureWarning(
             "enhancer-contradicts-itself",
             f"{name}: the enhanced photographs contradict each other {rwe['enhanced_ratio']:.1f} times as much as the "
-            "photographs; --enhancer lut gives a colour the same new one in every view",
+            "originals; --enhancer lut maps a colour to the same new colour in every view",
         )
     if rwe["ratio"] > limits.rendered_ratio:
         yield CaptureWarning(
             "views-disagree",
-            f"{name}: the colours of the pictures change from view to view more than those of the photographs (RWE "
-            f"{rwe['ratio']:.2f}); --mode layers gives a surface one colour",
+            f"{name}: colours change more from view to view than in the photographs (RWE {rwe['ratio']:.2f}); "
+            "--mode layers gives each surface a single colour",
         )
     if ccpr["enhanced"] < limits.ccpr:
         yield CaptureWarning(
             "colours-not-separated",
             f"{name}: the enhanced photographs keep {ccpr['enhanced']:.0%} of the contrasts ({ccpr['input']:.0%} "
-            "before): some colours cannot be told apart this way; labels or patterns help",
+            "before): some colours cannot be separated this way; add labels or patterns",
         )
     if ccpr["rendered"] < limits.kept_contrast * ccpr["input"]:
         yield CaptureWarning(
             "contrast-lost",
-            f"{name}: the scene keeps {ccpr['rendered']:.0%} of the contrasts, the photographs as they are "
-            f"{ccpr['input']:.0%}: detail was lost in the reconstruction; more steps, more photographs or better "
-            "cameras bring it back",
+            f"{name}: the scene keeps {ccpr['rendered']:.0%} of the contrasts, the original photographs "
+            f"{ccpr['input']:.0%}: the reconstruction lost detail; use more steps, more photographs or better cameras",
         )
 
 
 def _rms_shift(capture: Capture, split: Split, folder: Path) -> float:
-    """Of the held-out photographs beside their renderings, in pixels."""
+    """Root mean square shift in pixels between held-out photographs and their renderings."""
     squares = []
     for view in (capture.views[i] for i in spread(split.test, _MEASURED_PHOTOGRAPHS)):
         rendered = folder / RENDERS_FOLDER / ORIGINAL / f"{view.key}.png"

@@ -10,21 +10,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture import Capture, View
-from ..color.simulated_bytes import simulate_bytes
-from ..events import Reporter
-from ..images import read_png, write_png
-from ..run_files import ENHANCED_FOLDER, ORIGINAL, RENDERS_FOLDER, SIMULATED_FOLDER, SIMULATED_INPUT_FOLDER
+from ..capture.model import Capture, View
+from ..color.simulation import Observer
+from ..color.srgb import simulate_bytes
+from ..consistency import Correspondences, SceneCorrespondences, relative_warping_error, view_pairs
+from ..consistency.correspondence import LONG_RANGE_STEP, SHORT_RANGE_STEP
+from ..files.images import read_png, write_png
+from ..runs.layout import ENHANCED_FOLDER, ORIGINAL, RENDERS_FOLDER, SIMULATED_FOLDER, SIMULATED_INPUT_FOLDER
+from ..runtime.protocol import Reporter
 from ..settings import Layer, Settings
 from ..splats.gaussians import Gaussians
 from ..splats.renderer import SceneRenderer
-from .layer_scores import LayerImages, average, score_view
-from .matches import SceneMatches
+from .scores import Scorer, average, score_layer
 
 STAGE = "evaluate"
-# The metrics cost about 0.3 s a view on two cores; more views than this move their means little.
+# The metrics take about 0.3 s per view on two cores; more views hardly change their means.
 MOST_SCORED_VIEWS = 24
 VIEWS_SHOWN = 3
+# Consecutive views, so that pairs at the defined distance exist however many views there are.
+MOST_CONSISTENCY_VIEWS = 48
 
 
 @dataclass(frozen=True)
@@ -36,22 +40,22 @@ class Split:
 
     @classmethod
     def every(cls, count: int, holdout: int = Settings.holdout) -> Split:
-        """Of `count` views every `holdout`-th, from the first on, is held out for tests, as the field does; 0: none."""
+        """Hold out every `holdout`-th of `count` views for testing, from the first on, as the field does; 0: none."""
         test = range(0, count, holdout) if holdout else range(0)
         return cls([i for i in range(count) if i not in test], list(test))
 
 
 @dataclass
 class Evaluation:
-    """One evaluation of a run; `run` does it.
+    """The evaluation of one run.
 
     Attributes:
         capture: the photographs.
-        split: which of them were trained on.
-        simulation: model behind the CVD simulation.
+        split: the views that were trained on, and those held out.
+        simulation: model of the CVD simulation.
         scene: renders from the capture's cameras.
-        folder: of the run; has ``enhanced/<layer>/<view>.png``, receives ``renders/``.
-        reporter: hears of the progress.
+        folder: of the run; ``enhanced/<layer>/<view>.png`` is read, ``renders/`` is written.
+        reporter: receives the progress.
     """
 
     capture: Capture
@@ -70,8 +74,8 @@ class Evaluation:
 
         Args:
             original: the scene in the photographs' colours.
-            layers: how each layer looks from a view of this index, (H, W, 3).
-            matches: between the views.
+            layers: renders each layer, (H, W, 3), from the view with this index.
+            matches: correspondences between the views.
         """
         notes: dict[str, str] = {}
         tested = self.split.test or spread(self.split.train, MOST_SCORED_VIEWS // 3)
@@ -83,7 +87,7 @@ class Evaluation:
         unenhanced = self._render_original(original, tested)
         fidelity = [self.scene.fidelity(i, unenhanced[i]) for i in scored]
         if not matches.pairs:
-            notes["rwe"] = "no two views share enough points that both see"
+            notes["rwe"] = "no two views have enough visible points in common"
         return {
             "reconstruction": {key: float(np.mean([view[key] for view in fidelity])) for key in ("psnr", "ssim")},
             "layers": {
@@ -118,8 +122,8 @@ class Evaluation:
             self._write_renders(layer, view, rendered)
             if i in scored:
                 enhanced = read_png(enhanced_path(self.folder, layer, view))
-                images = LayerImages(view.image, enhanced, rendered, unenhanced[i], self.scene.mask(i))
-                scores.append(score_view(images, layer, self.simulation))
+                scorer = Scorer(view.image, Observer(layer.cvd, layer.severity, self.simulation), self.scene.mask(i))
+                scores.append(score_layer(scorer, view.image, enhanced, rendered, unenhanced[i]))
             self._advance(layer.name)
         originals = [self.capture.views[i].image for i in matches.views]
         enhanced_views = [read_png(enhanced_path(self.folder, layer, self.capture.views[i])) for i in matches.views]
@@ -147,7 +151,7 @@ def enhanced_path(folder: Path, layer: Layer, view: View) -> Path:
 
 
 def render_path(folder: Path, layer: Layer, view: View) -> Path:
-    """Where the picture of a layer from a view is."""
+    """Path of a layer's rendering from a view."""
     return folder / RENDERS_FOLDER / layer.name / f"{view.key}.png"
 
 
@@ -156,3 +160,45 @@ def spread(items: Sequence[int], count: int) -> list[int]:
     if len(items) <= count:
         return list(items)
     return [items[round(i)] for i in np.linspace(0, len(items) - 1, count)]
+
+
+@dataclass(frozen=True)
+class SceneMatches:
+    """Correspondences between views.
+
+    Attributes:
+        views: indices of the matched views.
+        short, long: between views that are `SHORT_RANGE_STEP` and `LONG_RANGE_STEP` apart, numbered within `views`.
+    """
+
+    views: list[int]
+    short: list[Correspondences]
+    long: list[Correspondences]
+
+    @classmethod
+    def find(cls, correspondences: SceneCorrespondences) -> SceneMatches:
+        """Match the first views of a scene; pairs that were matched before are not matched again."""
+        count = min(len(correspondences.views), MOST_CONSISTENCY_VIEWS)
+        short, long = (
+            correspondences.of_pairs(view_pairs(count, step)) for step in (SHORT_RANGE_STEP, LONG_RANGE_STEP)
+        )
+        return cls(list(range(count)), short, long)
+
+    @property
+    def pairs(self) -> int:
+        """Number of pairs of neighbouring views with points in common."""
+        return sum(len(found) > 0 for found in self.short)
+
+    def warping_errors(
+        self, originals: Sequence[NDArray], enhanced: Sequence[NDArray], rendered: Sequence[NDArray]
+    ) -> dict[str, float | int]:
+        """RWE of the rendered layer against the photographs, and of the enhanced views before reconstruction."""
+        short = relative_warping_error(originals, rendered, self.short)
+        return {
+            "ratio": short.ratio,
+            "absolute": short.absolute,
+            "long_range_ratio": relative_warping_error(originals, rendered, self.long).ratio,
+            "normalised_ratio": short.normalised_ratio,
+            "enhanced_ratio": relative_warping_error(originals, enhanced, self.short).ratio,
+            "pairs": self.pairs,
+        }

@@ -1,6 +1,6 @@
-"""What photographs themselves say about how they were taken: noise, blur, compression, darkness. numpy and scipy only.
+"""Technical quality of photographs: noise, blur, compression, darkness. numpy and scipy only.
 
-All figures are of the pixels that a run uses, so what scaling down has removed does not count.
+Everything is measured on the pixels that a run uses, so what downscaling has removed does not count.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ _BLACK, _WHITE = 8.0, 247.0  # beyond these a block is clipped, and noise with i
 _JPEG_BLOCK = 8
 _ALIGN_BLUR = 1.5  # pixels
 _ALIGN_ROUNDS = 4
-_TILES = 3  # a side
-_AGREEMENT = 1.5  # median shift in units of the tiles' scatter from which on they agree
+_TILES = 3  # per side
+_AGREEMENT = 1.5  # least median shift, in units of the tiles' scatter, at which they agree
 _COVERED = 128  # of 255: a pixel that shows the subject
-_MOST_CONDITION = 1e6  # of a tile's slopes; beyond it they say nothing about one direction
+_MOST_CONDITION = 1e6  # of a tile's gradients; beyond it they do not determine one direction
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class PhotographQuality:
 
     Attributes:
         noise: standard deviation in the flattest parts, in levels of 255.
-        sharpness: energy of differences between neighbouring pixels relative to that of differences between means of
-            two, along the direction in which it is lowest, without the noise's; 0.25 where a picture is a smooth ramp.
+        sharpness: energy of the differences between neighbouring pixels relative to that between means of two, without
+            the energy of noise, in the direction where it is lowest; 0.25 for a smooth ramp.
         blocks: differences across the borders of JPEG's blocks relative to those inside; 1 without compression.
-        brightness: median luma in [0, 1] of what is covered.
+        brightness: median luma in [0, 1] of the covered pixels.
     """
 
     noise: float
@@ -48,9 +48,9 @@ class PhotographQuality:
     def of(
         cls, photographs: Sequence[NDArray[np.uint8]], alphas: Sequence[NDArray[np.uint8] | None] | None = None
     ) -> PhotographQuality:
-        """Measure (H, W, 3) images, given their (H, W) coverage or None for complete ones.
+        """Measure (H, W, 3) images; `alphas` are (H, W), None for images without uncovered pixels.
 
-        Pictures that are cut out are black around their subject, which says nothing about the light.
+        Cut-out photographs are black around their subject, which says nothing about the light.
         """
         lumas = [luma(image) for image in photographs]
         noises = [noise_level(image) for image in lumas]
@@ -72,7 +72,7 @@ def luma(image: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def noise_level(image: NDArray[np.float64]) -> float:
-    """Standard deviation of white noise in the flattest blocks of an (H, W) image; 0 where all are clipped."""
+    """Standard deviation of white noise in the flattest blocks of an (H, W) image; 0 if all are clipped."""
     residual = np.abs(convolve(image, _NOISE_MASK, mode="nearest")) / np.linalg.norm(_NOISE_MASK)
     deviations, means = (_blocks(values).mean(axis=(1, 3)) for values in (residual, image))
     usable = (means > _BLACK) & (means < _WHITE)
@@ -81,7 +81,7 @@ def noise_level(image: NDArray[np.float64]) -> float:
 
 
 def sharpness(image: NDArray[np.float64], noise: float) -> float:
-    """See `PhotographQuality`; NaN where nothing but noise is seen."""
+    """See `PhotographQuality`; NaN if there is nothing but noise."""
     rows, columns = (side // 2 * 2 for side in image.shape)
     halved = image[:rows, :columns].reshape(rows // 2, 2, columns // 2, 2).mean(axis=(1, 3))
     ratios = []
@@ -106,9 +106,9 @@ def blockiness(image: NDArray[np.float64]) -> float:
 
 
 def image_shift(rendered: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> float:
-    """By how many pixels a photograph is beside a rendering; 0 where the parts of the image do not agree on it.
+    """Shift in pixels between a photograph and a rendering; 0 where the parts of the image do not agree on it.
 
-    Lucas and Kanade's (1981) least squares, for tiles of the image; a camera that is turned moves most of them alike.
+    Least squares of Lucas and Kanade (1981) on tiles of the image; a rotated camera moves most of them alike.
     """
     first, second = (gaussian_filter(luma(image), _ALIGN_BLUR) for image in (rendered, photograph))
     shifts = np.array([_tile_shift(*tiles) for tiles in zip(_tiles(first), _tiles(second), strict=True)])
@@ -119,7 +119,7 @@ def image_shift(rendered: NDArray[np.uint8], photograph: NDArray[np.uint8]) -> f
 
 
 def _tile_shift(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(2,) rows and columns by which `second` lies beside `first`."""
+    """(2,) shift of `second` relative to `first` in rows and columns."""
     down, right = np.gradient(second)
     slopes = np.stack([down.ravel(), right.ravel()])
     normal = slopes @ slopes.T
@@ -137,7 +137,7 @@ def _tiles(image: NDArray[np.float64]) -> list[NDArray[np.float64]]:
 
 
 def _blocks(image: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(rows, _BLOCK, columns, _BLOCK); what does not fill a block is left out."""
+    """(rows, _BLOCK, columns, _BLOCK) view of an image, cropped to whole blocks."""
     side = min(_BLOCK, *image.shape)
     rows, columns = (length // side for length in image.shape)
     return image[: rows * side, : columns * side].reshape(rows, side, columns, side)

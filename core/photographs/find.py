@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ..capture.files import list_images, make_keys, natural_key, quote_first
 from ..capture.images import ImageHeader, read_header, read_pixels
 from ..errors import InputError
-from ..events import Reporter
-from ..untrusted import is_file, is_folder, is_there
+from ..files.untrusted import is_file, is_folder, is_there
+from ..runtime.protocol import Reporter
 from .front import earlier_files
 
 STAGE = "read"

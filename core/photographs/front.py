@@ -11,12 +11,20 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..job import WORKER, Event, Job, find_python
-from ..job_console import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
-from ..progress import RunProgress, format_seconds
-from ..run_folder import RunFolder
+from ..files.untrusted import explained, read_bytes
+from ..runs.folder import RunFolder
+from ..runtime.process import WORKER, Event, Job, find_python
+from ..runtime.progress import RunProgress, format_seconds
+from ..runtime.supervisor import (
+    BarDisplay,
+    JsonDisplay,
+    Listener,
+    Log,
+    all_or_nothing,
+    finish,
+    in_console,
+)
 from ..settings import Settings, typed_value
-from ..untrusted import explained, read_bytes
 
 METRICS_NAME, SHEET_NAME, LOG_NAME = "metrics.csv", "sheet.html", "enhance.log"
 FILE_COLUMN, OUTPUT_COLUMN = "file", "output"

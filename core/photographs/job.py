@@ -12,11 +12,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..color.observer import Observer
-from ..devices import choose_device
+from ..color.simulation import Observer
 from ..enhance import Enhancer, IdentityEnhancer, LutEnhancer, make_enhancer
-from ..events import Reporter, StageSpan
-from ..images import to_bytes, write_png
+from ..files.images import to_bytes, write_png
+from ..runtime.devices import choose_device
+from ..runtime.protocol import Reporter, StageSpan
 from .find import Photograph, Survey, find_photographs, survey
 from .front import METRICS_NAME, SHEET_NAME, EnhanceRequest
 from .scores import PhotographScores, figures_of, mean_scores, write_table

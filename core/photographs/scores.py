@@ -9,30 +9,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from ..capture.images import downscale_with_alpha
-from ..color.metrics import contrast_scores, naturalness, ssim
-from ..color.observer import Observer
-from ..color.simulation import simulate
-from ..color.spaces import image_to_tensor
+from ..color.simulation import Observer
+from ..evaluate.scores import SIMULATED_FIGURES, Scorer
 from .front import FILE_COLUMN, OUTPUT_COLUMN
 
 _METRIC_PIXELS = 1_000_000
 """Photographs with more pixels are measured on a copy reduced to so many, which takes half a gigabyte and some 5 s."""
 
 FIGURES = (
-    "ccpr_input",
-    "ccpr_enhanced",
-    "ccpr_mean_input",
-    "ccpr_mean_enhanced",
-    "ccpr_global_input",
-    "ccpr_global_enhanced",
-    "ccfr_input",
-    "ccfr_enhanced",
-    "ssim_simulated_input",
-    "ssim_simulated_enhanced",
+    *(f"{figure}_{kind}" for figure in SIMULATED_FIGURES for kind in ("input", "enhanced")),
     "naturalness_ssim",
     "naturalness_psnr",
     "naturalness_delta_e_2000",
@@ -84,18 +72,12 @@ def figures_of(
         size = (max(round(width * scale), 1), max(round(height * scale), 1))
         original, reduced_alpha = downscale_with_alpha(original, alpha, *size)
         enhanced, alpha = downscale_with_alpha(enhanced, alpha, *size)[0], reduced_alpha
-    mask = None if alpha is None else torch.from_numpy(alpha > 0)
-    before, after = image_to_tensor(original), image_to_tensor(enhanced)
+    scorer = Scorer(original, observer, None if alpha is None else alpha > 0)
     figures: dict[str, float] = {}
-    for kind, image in (("input", before), ("enhanced", after)):
-        seen = simulate(image, observer.cvd, observer.severity, observer.simulation)
-        contrast = contrast_scores(before, seen, mask=mask)
-        figures[f"ccpr_{kind}"] = contrast.ccpr
-        figures[f"ccpr_mean_{kind}"] = contrast.ccpr_mean
-        figures[f"ccpr_global_{kind}"] = contrast.ccpr_global
-        figures[f"ccfr_{kind}"] = contrast.ccfr
-        figures[f"ssim_simulated_{kind}"] = ssim(before, seen, mask=mask)
-    natural = naturalness(before, after, mask=mask)
+    for kind, image in (("input", original), ("enhanced", enhanced)):
+        seen = scorer.simulated(image)
+        figures |= {f"{figure}_{kind}": seen[figure] for figure in SIMULATED_FIGURES}
+    natural = scorer.naturalness(enhanced)
     figures["naturalness_ssim"] = natural.ssim
     figures["naturalness_psnr"] = natural.psnr
     figures["naturalness_delta_e_2000"] = natural.delta_e_2000

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.images import downscale_with_alpha, fit_size
-from ..color.observer import Observer
-from ..color.simulation import simulate
+from ..color.simulation import Observer, simulate
 from ..color.spaces import image_to_tensor, tensor_to_image
-from ..images import to_bytes, write_jpeg
+from ..files.images import to_bytes, write_jpeg
 from .scores import PhotographScores
 
 _THUMBNAIL = 400  # pixels of the longer side; sharp at the column's width on common displays

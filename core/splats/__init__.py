@@ -1,1 +1,1 @@
-"""Gaussian splatting: the model, its file format, the rasteriser and the trainer."""
+"""Gaussian splatting: the model, its file formats, the rasteriser and the trainer."""

@@ -11,11 +11,13 @@ from numpy.typing import NDArray
 from ..errors import InputError
 
 SH_C0 = 0.28209479177387814  # Y_0^0 = 1 / (2 sqrt(pi))
-# Of Gaussians that are read from a file: 76 million of SH degree 0, or 18 million of degree 3.
+# Largest size of Gaussians read from a file: 76 million of SH degree 0, or 18 million of degree 3.
 MOST_BYTES = 4 << 30
-# Of such a file. Double precision and normals make a PLY larger than what it becomes.
+# Largest size of such a file. Double precision and normals make a PLY larger than its Gaussians.
 MOST_FILE_BYTES = 3 * MOST_BYTES
-_BASE_NUMBERS = 14  # of a Gaussian of SH degree 0
+HIGHEST_SH_DEGREE = 3
+SH_TERMS = (0, 3, 8, 15, 24)  # per channel above degree 0, by SH degree; files may have one degree more than ours
+_BASE_NUMBERS = 14  # per Gaussian of SH degree 0
 
 
 @dataclass(frozen=True)
@@ -56,19 +58,25 @@ class Gaussians:
         return (1.0 / (1.0 + np.exp(-self.opacity_logits.astype(np.float64)))).astype(np.float32)
 
     def take(self, index: NDArray[np.integer] | NDArray[np.bool_]) -> Gaussians:
-        """Copies of the Gaussians at (M,) positions, or of those that an (N,) mask holds."""
+        """Copies of the Gaussians at (M,) indices, or of those selected by an (N,) mask."""
         return Gaussians(**{name: values[index] for name, values in vars(self).items()})
 
     def with_base_colors(self, colors: NDArray[np.float32]) -> Gaussians:
-        """The same geometry with (N, 3) sRGB colours that do not depend on the direction."""
+        """The same geometry with (N, 3) sRGB colours, independent of the direction."""
         sh = ((np.asarray(colors, np.float32) - 0.5) / SH_C0)[:, None, :]
         return replace(self, sh=np.ascontiguousarray(sh))
+
+    def with_sh_degree(self, degree: int) -> Gaussians:
+        """The same colours with room for the terms up to `degree`."""
+        sh = np.zeros((len(self), (degree + 1) ** 2, 3), np.float32)
+        sh[:, : self.sh.shape[1]] = self.sh
+        return replace(self, sh=sh)
 
 
 def require_room(count: int, rest: int, where: Path) -> None:
     """Raise `InputError` where `count` Gaussians with `rest` colour terms above degree 0 exceed `MOST_BYTES`.
 
-    To be asked before anything is allocated: a compressed file is small and says what it likes.
+    Called before anything is allocated: a small compressed file can claim any number.
     """
     most = MOST_BYTES // (4 * (_BASE_NUMBERS + 3 * rest))
     if count > most:

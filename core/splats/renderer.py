@@ -1,4 +1,4 @@
-"""A scene from its capture's cameras, in world units: what evaluation and previews look at."""
+"""Renders a scene from its capture's cameras, in world units, for evaluation and previews."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..capture.model import View
 from ..color.metrics import psnr, ssim
 from ..color.spaces import image_to_tensor
-from ..images import to_bytes
+from ..files.images import to_bytes
 from .gaussians import Gaussians
 from .raster import Frame, ParameterSet, RasterCamera, Rasterizer
 from .scene_frame import SceneFrame
@@ -21,9 +21,9 @@ class SceneRenderer:
     """Renders Gaussians from the cameras of `views`.
 
     Args:
-        rasterizer: does the arithmetic.
-        views: all of the capture's; the methods take an index into them.
-        background: what is behind the Gaussians.
+        rasterizer: renders the Gaussians.
+        views: all views of the capture; the methods take an index into them.
+        background: behind the Gaussians.
     """
 
     def __init__(self, rasterizer: Rasterizer, views: Sequence[View], background: Background) -> None:
@@ -38,14 +38,14 @@ class SceneRenderer:
         return to_bytes(self._render(gaussians, index).color.numpy())
 
     def depth(self, gaussians: Gaussians, index: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(H, W) mean planar depth in world units, 0 where nothing is, and (H, W) alpha."""
+        """(H, W) mean planar depth in world units, 0 where there is nothing, and (H, W) alpha."""
         frame = self._render(gaussians, index)
         alpha = frame.alpha.numpy().copy()
         depth = np.where(alpha > 1e-3, frame.depth.numpy() / np.maximum(alpha, 1e-3), 0.0)
         return (depth / self._frame.scale).astype(np.float32), alpha
 
     def mask(self, index: int) -> NDArray[np.bool_] | None:
-        """(H, W) pixels that the photograph covers, or None when it covers all."""
+        """(H, W) pixels that the photograph covers, or None if it covers all."""
         alpha = self.views[index].alpha
         return None if alpha is None else alpha > 127
 

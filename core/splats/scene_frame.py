@@ -1,7 +1,7 @@
 """The frame in which a scene is trained: cameras around the origin at distance about one. numpy only.
 
-Learning rates and size limits are stated in this frame, so that they mean the same for a capture in metres, in
-millimetres or in the arbitrary units of structure from motion, and float32 is not wasted on a far-away origin.
+Learning rates and size limits are stated in this frame, so that they mean the same for captures in metres, millimetres
+or the arbitrary units of structure from motion, and float32 precision is not lost to a far-away origin.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class SceneFrame:
     def around(cls, views: Sequence[View], points: NDArray[np.float32]) -> SceneFrame:
         """The frame whose origin is the mean camera centre and whose unit is the farthest camera's distance from it.
 
-        Cameras that share one centre (a panorama) say nothing about size; then the points' median distance is the unit.
+        If the cameras share one centre (a panorama), the unit is the points' median distance from it.
         """
         centers = np.stack([view.center for view in views])
         origin = centers.mean(axis=0)
@@ -47,7 +47,7 @@ class SceneFrame:
         return ((world - self.origin) * self.scale).astype(np.float32)
 
     def world_to_camera(self, world_to_camera: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The (4, 4) pose for positions in the frame; camera coordinates are scaled along."""
+        """The (4, 4) pose for positions in the frame; camera coordinates are scaled as well."""
         pose = world_to_camera.copy()
         pose[:3, 3] = self.scale * (world_to_camera[:3, :3] @ self.origin + world_to_camera[:3, 3])
         return pose

@@ -1,8 +1,8 @@
-"""The photographs as the trainer needs them: on the device, over a background, at the resolutions of the schedule."""
+"""Training targets: photographs on the device, over a background, at the resolutions of the schedule."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,27 +14,27 @@ from ..capture.model import View
 from .raster import RasterCamera, Rasterizer
 from .scene_frame import SceneFrame
 
-_SMALLEST_SIDE = 48  # pixels; a view is not reduced below that, where SSIM's window would see mostly its own border
+_SMALLEST_SIDE = 48  # pixels; in smaller images SSIM's window would see mostly the border
 
 
 @dataclass(frozen=True)
 class Background:
-    """What is behind the Gaussians.
+    """The background behind the Gaussians.
 
     Attributes:
         color: (3,) sRGB in [0, 1]. Black for photographs, which are opaque everywhere; white for cut-outs, as is usual
-            for objects on nothing.
+            for isolated objects.
     """
 
     color: tuple[float, float, float]
 
     @classmethod
     def of(cls, views: Iterable[View]) -> Background:
-        """Black, or white as soon as one view is a cut-out."""
+        """Black, or white if any view is a cut-out."""
         return cls((1.0, 1.0, 1.0) if any(view.alpha is not None for view in views) else (0.0, 0.0, 0.0))
 
     def behind(self, view: View) -> NDArray[np.uint8]:
-        """(H, W, 3) the view's photograph composited over this background."""
+        """(H, W, 3) uint8, the view's photograph composited over this background."""
         if view.alpha is None:
             return view.image
         alpha = view.alpha[..., None].astype(np.float32) / 255.0
@@ -47,13 +47,13 @@ class TrainingView:
     """One view at every resolution of the schedule.
 
     Attributes:
-        levels: reduction factor -> (image (H, W, 3) uint8 device array, camera).
+        levels: image, an (H, W, 3) uint8 device array, and camera by reduction factor.
     """
 
     levels: dict[int, tuple[Any, RasterCamera]]
 
     def at(self, reduction: int) -> tuple[Any, RasterCamera]:
-        """The level for a reduction factor; full resolution where the view is too small for it."""
+        """The image and camera at a reduction factor, or at full resolution if the view is too small for it."""
         return self.levels.get(reduction) or self.levels[1]
 
     def moved(self, world_to_camera: NDArray[np.float64]) -> TrainingView:
@@ -67,7 +67,7 @@ class TrainingView:
 
 
 class ViewOrder:
-    """The numbers 0 to `count` - 1 over and over, each time in another order."""
+    """The indices of `count` views, epoch after epoch, each in a new random order."""
 
     def __init__(self, count: int, rng: np.random.Generator) -> None:
         self._count = count
@@ -75,20 +75,24 @@ class ViewOrder:
         self._left: list[int] = []
 
     def next(self) -> int:
-        """The next number."""
+        """The next view."""
         self._left = self._left or self._rng.permutation(self._count).tolist()
         return self._left.pop()
 
 
 def prepare_targets(
-    rasterizer: Rasterizer, views: Sequence[View], frame: SceneFrame, background: Background, reductions: set[int]
+    rasterizer: Rasterizer,
+    views: Sequence[View],
+    frame: SceneFrame,
+    background: Background,
+    reductions: Collection[int] = (),
 ) -> list[TrainingView]:
-    """`views` on the rasteriser's device, at full resolution and reduced by each of `reductions`."""
+    """`views` on the rasteriser's device, at full resolution and reduced by each factor of `reductions`."""
     return [_prepare(rasterizer, view, frame, background, reductions) for view in views]
 
 
 def _prepare(
-    rasterizer: Rasterizer, view: View, frame: SceneFrame, background: Background, reductions: set[int]
+    rasterizer: Rasterizer, view: View, frame: SceneFrame, background: Background, reductions: Collection[int]
 ) -> TrainingView:
     image = background.behind(view)
     pose = frame.world_to_camera(view.world_to_camera)
@@ -97,7 +101,7 @@ def _prepare(
         height, width = image.shape[0] // factor, image.shape[1] // factor
         if factor > 1 and min(height, width) < _SMALLEST_SIDE:
             continue
-        # Rows and columns that do not fill a block are cut off at the far edges, so the principal point stays.
+        # Incomplete blocks are cut off at the far edges, so the principal point stays.
         camera = view.camera
         reduced = RasterCamera(
             width, height, camera.fx / factor, camera.fy / factor, camera.cx / factor, camera.cy / factor, pose

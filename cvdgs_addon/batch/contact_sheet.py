@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ...core.batch.arguments import SheetArguments, evenly_spread, picture_name
-from ...core.events import Reporter
-from ...core.whole_file import replacing
+from ...core.files.untrusted import replacing
+from ...core.rendering.requests import SheetArguments
+from ...core.runs.layout import evenly_spread, picture_name
+from ...core.runtime.protocol import Reporter
 from .lettering import Label, add_labels, text_width
 from .pixels import Pixels, read_picture, write_picture
 from .resampling import downscale

@@ -9,10 +9,11 @@ from typing import Any
 
 import bpy
 
-from ...core.batch.arguments import FramesArguments, picture_name
-from ...core.color.simulated_bytes import simulate_bytes
-from ...core.events import Reporter
-from ...core.whole_file import partial_file
+from ...core.color.srgb import simulate_bytes
+from ...core.files.untrusted import partial_file
+from ...core.rendering.requests import FramesArguments
+from ...core.runs.layout import picture_name
+from ...core.runtime.protocol import Reporter
 from ..scene.convert import LoadedRun, load_run
 from ..scene.display import set_up_render
 from ..scene.finished_run import read_run

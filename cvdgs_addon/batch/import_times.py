@@ -10,8 +10,8 @@ from typing import Any
 
 import bpy
 
-from ...core.events import Reporter
-from ...core.splats.files import read_gaussians
+from ...core.runtime.protocol import Reporter
+from ...core.splats.io.files import read_gaussians
 from ..scene.splats import add_gaussians
 
 STAGE = "import"

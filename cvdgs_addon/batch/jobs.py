@@ -8,15 +8,22 @@ from typing import Any
 
 import bpy
 
-from ...core.batch.arguments import FramesArguments, SheetArguments, VideoArguments
 from ...core.errors import InputError
-from ...core.events import Reporter
-from ...core.whole_file import partial_file
+from ...core.files.untrusted import partial_file
+from ...core.rendering.requests import FramesArguments, SheetArguments, VideoArguments
+from ...core.runtime.protocol import Reporter
 from ..scene.disk import is_full
 from ..scene.remembered_settings import set_settings
 from ..scene.render_settings import Engine, engine_settings, png_settings
 from ..scene.stills import render_picture
-from . import contact_sheet, frames, import_times, previews, still_times, video
+from . import (
+    contact_sheet,
+    frames,
+    import_times,
+    previews,
+    still_times,
+    video,
+)
 
 _TRIAL_SIZE = 16  # pixels
 

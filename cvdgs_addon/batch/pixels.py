@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.whole_file import replacing
+from ...core.files.untrusted import replacing
 
 Pixels = NDArray[np.uint8]
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ...core.batch.arguments import picture_name
 from ...core.batch.previews import Preview
-from ...core.color.simulated_bytes import simulate_bytes
-from ...core.events import Reporter, StageSpan
-from ...core.whole_file import partial_file
+from ...core.color.srgb import simulate_bytes
+from ...core.files.untrusted import partial_file
+from ...core.runs.layout import picture_name
+from ...core.runtime.protocol import Reporter, StageSpan
 from .observers import Observer
 from .pixels import Pixels, read_picture, write_picture
 from .resampling import downscale

@@ -12,7 +12,7 @@ from typing import Any
 
 import bpy
 
-from ...core.events import Reporter
+from ...core.runtime.protocol import Reporter
 from ..scene.cameras import use_camera
 from ..scene.convert import LoadedRun, load_run
 from ..scene.display import set_up_render

@@ -11,10 +11,11 @@ from typing import Any, Self
 
 import bpy
 
-from ...core.batch.arguments import VideoArguments, picture_name
 from ...core.errors import InputError
-from ...core.events import Reporter
-from ...core.whole_file import replacing
+from ...core.files.untrusted import replacing
+from ...core.rendering.requests import VideoArguments
+from ...core.runs.layout import picture_name
+from ...core.runtime.protocol import Reporter
 from ..scene.remembered_settings import Setting, set_settings
 from ..scene.render_settings import Display, display_settings
 from .lettering import Label, add_text_strip, fitting_size

@@ -10,7 +10,7 @@
     {"job": "time-stills", "out": "RUN", "arguments": {...}}                      for ``benchmark.py display``
     {"job": "try-eevee"}                                 renders one small picture; ends in one way or another
 
-The arguments are those of ``core/batch/arguments.py``. Events and exit codes: see `worker_process`.
+The arguments are those of ``core/rendering/requests.py``. Events and exit codes: see `worker_process`.
 """
 
 from __future__ import annotations

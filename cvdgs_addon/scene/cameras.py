@@ -19,8 +19,8 @@ import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.capture.model import PinholeCamera
 from ...core.errors import InputError
-from ...core.pinhole import PinholeCamera
 
 SENSOR_WIDTH = 36.0  # mm, of the full-frame format that artists' lens numbers refer to
 

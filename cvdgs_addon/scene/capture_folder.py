@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.capture.model import PinholeCamera
 from ...core.errors import InputError
-from ...core.pinhole import PinholeCamera
-from ...core.ply_table import VertexTable
-from ...core.run_files import CAMERAS_FILE, POINTS_FILE
-from ...core.untrusted import explained, opened, read_json
+from ...core.files.ply import VertexTable
+from ...core.files.untrusted import explained, opened, read_json
+from ...core.runs.layout import CAMERAS_FILE, POINTS_FILE
 
 _RUN_AGAIN = "choose the output folder of a finished run"
 _IMPORT_AGAIN = "import the capture again"

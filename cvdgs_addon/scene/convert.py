@@ -13,8 +13,8 @@ import numpy as np
 
 from ...core.color import srgb
 from ...core.errors import InputError
-from ...core.events import Reporter
-from ...core.run_files import BLEND_FILE, ORIGINAL, STILLS_FOLDER
+from ...core.runs.layout import BLEND_FILE, ORIGINAL, STILLS_FOLDER
+from ...core.runtime.protocol import Reporter
 from .cameras import use_camera
 from .capture_folder import CaptureView
 from .disk import is_full
@@ -22,9 +22,21 @@ from .display import BACKGROUND_PROPERTY
 from .finished_run import PARTIAL_FOLDER, RUN_PROPERTY, FinishedRun, read_run
 from .import_capture import add_cameras
 from .placement import placement
-from .render_settings import Display, display_of, set_background, set_cycles, set_display
+from .render_settings import (
+    Display,
+    display_of,
+    set_background,
+    set_cycles,
+    set_display,
+)
 from .splat_nodes import Input
-from .splats import add_gaussians, check_gaussians, core_bounds, set_input, show_layer
+from .splats import (
+    add_gaussians,
+    check_gaussians,
+    core_bounds,
+    set_input,
+    show_layer,
+)
 from .stills import render_still, turned_to
 
 STAGE = "blender"

@@ -19,7 +19,7 @@ _IS_CAPTURE = "cvdgs_capture"  # custom property of the Empty
 
 # A capture whose +Z is within this angle of up is taken to be upright already, and stays as it is.
 _UPRIGHT_TOLERANCE = np.radians(25.0)
-NEAR = 0.05  # of the rasteriser (`core.splats.raster.camera`), in the trainer's units
+NEAR = 0.05  # of the rasteriser (`core.splats.raster.frame`), in the trainer's units
 # Distances from camera to subject that suit Blender's units, grid and clipping, and what another one is scaled to.
 _COMFORTABLE_DISTANCE = (0.3, 30.0)  # metres
 _DISTANCE = 3.0  # metres

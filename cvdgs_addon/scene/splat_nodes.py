@@ -24,12 +24,19 @@ from enum import StrEnum
 
 import bpy
 
-from ...core.run_files import ORIGINAL
+from ...core.runs.layout import ORIGINAL
 from .color_nodes import add_decoding_nodes
 from .disc_nodes import MESH_LIMIT, disc_hull, few_enough, one_mesh
 from .harmonics_nodes import view_dependent_part
 from .nodes import NodeWriter, Sockets, Value, add_input, new_group
-from .projection_nodes import ALPHA_MIN, Camera, Splat, add_camera_nodes, add_frame_nodes, add_hull_nodes
+from .projection_nodes import (
+    ALPHA_MIN,
+    Camera,
+    Splat,
+    add_camera_nodes,
+    add_frame_nodes,
+    add_hull_nodes,
+)
 from .selection_nodes import as_points, inside_box, within_budget
 from .splat_attributes import Attribute, color_attribute
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.run_files import ORIGINAL
+from ...core.runs.layout import ORIGINAL
 from ...core.splats.gaussians import SH_C0, Gaussians
 from .harmonics_nodes import coefficient_attribute, coefficient_count
 from .modifier_inputs import (

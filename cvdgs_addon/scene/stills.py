@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import mathutils
 
-from ...core.whole_file import replacing
+from ...core.files.untrusted import replacing
 from .cameras import use_camera
 from .render_settings import set_png
 

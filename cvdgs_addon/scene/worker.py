@@ -3,7 +3,7 @@
     python cvdgs_addon/scene/worker.py RUN_FOLDER [options]                       with the bpy wheel
     blender -b --factory-startup -P cvdgs_addon/scene/worker.py -- RUN_FOLDER [options]
 
-Speaks the protocol of ``core/events.py``, with the exit codes of `worker_process`.
+Speaks the protocol of ``core/runtime/protocol.py``, with the exit codes of `worker_process`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def _clean_up(options: argparse.Namespace) -> None:
 
 
 def _parse(arguments: Sequence[str]) -> argparse.Namespace:
-    from cvdgs.core.arguments import OneLineParser
+    from cvdgs.core.runtime.cli import OneLineParser
 
     parser = OneLineParser(prog="worker.py", description="Turn a finished run into scene.blend and stills.")
     parser.add_argument("run_folder", metavar="RUN_FOLDER", help="the output folder of a run")

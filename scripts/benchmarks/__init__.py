@@ -1,1 +1,1 @@
-"""The parts of scripts/benchmark.py, one module each: what a part is asked for, and the call that measures it."""
+"""The parts of scripts/benchmark.py: measurements of the product for researchers, not shipped with the extension."""

@@ -1,24 +1,149 @@
-"""Kinds of values that several parts take on the command line."""
+"""The parts of scripts/benchmark.py as subcommands, and the options that several of them share."""
 
 from __future__ import annotations
 
 import argparse
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+from ...core.runtime.cli import ConsoleReporter
+from ...core.runtime.resources import available_processors
+from .studies.captures import DEMO, SHOWROOMS, CaptureFolder, capture_sources
+
+QUICK: Mapping[str, Any] = {"captures": (DEMO,), "max_size": 120, "iterations": 200, "seeds": 1}
+"""The defaults under `--quick`; explicit options override them."""
+_PATH_OPTIONS = ("--out", "--work")  # their values concern this machine alone
+_PATH = "PATH"  # shown in place of local paths
+
+
+@dataclass(frozen=True)
+class Part:
+    """A subcommand that measures something.
+
+    Attributes:
+        name: of the subcommand and of the files that it writes.
+        summary: one line of help.
+        add_arguments: adds its options; ``--out`` is already there.
+        measure: measures and writes the files into ``options.out``; returns the text to print.
+    """
+
+    name: str
+    summary: str
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    measure: Callable[[argparse.Namespace], str]
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Words between commas."""
+    """Comma-separated words."""
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
 def numbers(text: str) -> tuple[float, ...]:
-    """Numbers between commas."""
+    """Comma-separated numbers."""
     return tuple(float(number) for number in names(text))
 
 
 def named_path(text: str) -> tuple[str, Path]:
-    """A name and a path with an equals sign between them."""
+    """The name and the path of NAME=PATH."""
     name, separator, path = text.partition("=")
     if not separator or not name or not path:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=PATH")
     return name, Path(path)
+
+
+def add_study_arguments(
+    parser: argparse.ArgumentParser,
+    *,
+    captures: Sequence[str] = SHOWROOMS,
+    max_size: int,
+    iterations: int,
+    seeds: int = 1,
+    processes: int | None = None,
+) -> None:
+    """Add the options of studies on several captures, with the part's own defaults; `processes`: one per core."""
+    add = parser.add_argument
+    what = f"{', '.join(SHOWROOMS)}, folders or NAME=FOLDER ({','.join(captures)})"
+    add("--captures", type=names, default=tuple(captures), metavar="A,B", help=what)
+    add_trial_arguments(parser, max_size=max_size, iterations=iterations, seeds=seeds, processes=processes)
+    add("--quick", action="store_true", help="the demo alone, small and short: a smoke test")
+    parser.set_defaults(usual={name: parser.get_default(name) for name in QUICK})
+
+
+def add_trial_arguments(
+    parser: argparse.ArgumentParser, *, max_size: int, iterations: int, seeds: int, processes: int | None = None
+) -> None:
+    """Add the options of all parts that train scenes; arguments as for `add_study_arguments`."""
+    add, processes = parser.add_argument, processes or available_processors()
+    add("--max-size", type=int, default=max_size, metavar="PIXELS", help=f"longer side of the views ({max_size})")
+    add("--iterations", type=int, default=iterations, metavar="N", help=f"training steps ({iterations})")
+    add("--seeds", type=int, default=seeds, metavar="N", help=f"random seeds ({seeds})")
+    add("--processes", type=int, default=processes, metavar="N", help=f"parallel processes ({processes})")
+    add("--work", type=Path, metavar="DIR", help="folder for scenes, pictures and finished trials (OUT/work)")
+    add("--again", action="store_true", help="discard the trials of earlier runs")
+
+
+def with_quick_defaults(options: argparse.Namespace) -> argparse.Namespace:
+    """The options, with the values of `QUICK` for those left at their defaults if ``--quick`` was given."""
+    chosen = vars(options).copy()
+    if options.quick:
+        chosen |= {name: value for name, value in QUICK.items() if chosen[name] == options.usual[name]}
+    return argparse.Namespace(**chosen)
+
+
+def work_folder(options: argparse.Namespace) -> Path:
+    """The folder for everything that is not a result."""
+    return options.work or options.out / "work"
+
+
+def chosen_sources(options: argparse.Namespace) -> list[CaptureFolder]:
+    """The captures of ``--captures``; missing showrooms are rendered.
+
+    Raises:
+        InputError: there is no such capture, or it could not be rendered.
+    """
+    reporter = ConsoleReporter(sys.stderr)
+    return capture_sources(options.captures, options.max_size, work_folder(options) / "scenes", reporter)
+
+
+def shown_command(options: argparse.Namespace, arguments: Sequence[str] | None = None) -> str:
+    """The command as texts show it: without local paths.
+
+    Args:
+        arguments: as the shell gave them; those of this process by default.
+    """
+    words = [part for word in (sys.argv[1:] if arguments is None else arguments) for part in _option_and_value(word)]
+    shown = [
+        "DIR" if before in _PATH_OPTIONS else ",".join(_without_path(part) for part in word.split(","))
+        for before, word in zip(["", *words], words, strict=False)
+    ]
+    return " ".join(["python scripts/benchmark.py", *(shown or [options.part])])
+
+
+def made_by(options: argparse.Namespace, *, trained: bool = True, seeds: int | None = None) -> list[str]:
+    """The lines of a text that say how its figures were made.
+
+    Args:
+        trained: whether scenes were trained.
+        seeds: number of seeds, if it is not that of the options.
+    """
+    seeds = seeds or options.seeds
+    count = f"{seeds} seeds" if seeds > 1 else "one seed"
+    training = f", {options.iterations:,} steps, {count}" if trained else ""
+    return [f"By `{shown_command(options)}`: views of at most {options.max_size} pixels{training}."]
+
+
+def _option_and_value(word: str) -> list[str]:
+    """``--option=value`` as two words; others as they are."""
+    option, separator, value = word.partition("=")
+    return [option, value] if word.startswith("-") and separator else [word]
+
+
+def _without_path(word: str) -> str:
+    """NAME=PATH for a named folder or file, PATH/NAME for an unnamed one."""
+    name, separator, _ = word.partition("=")
+    if separator:
+        return f"{name}={_PATH}"
+    return f"{_PATH}/{Path(word).name}" if "/" in word else word

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.errors import InputError
-from ...core.events import Reporter
+from ...core.runtime.protocol import Reporter
 from . import capture, photograph, scene
 from .cameras import rings
 from .settings import CaptureSettings

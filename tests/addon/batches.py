@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cvdgs.core.batch.arguments import FramesArguments, picture_name
+from cvdgs.core.rendering.requests import FramesArguments
+from cvdgs.core.runs.layout import picture_name
 from cvdgs.cvdgs_addon.batch.pixels import Pixels, write_picture
 
 SIZE = (48, 36)

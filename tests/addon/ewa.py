@@ -7,7 +7,7 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
-from cvdgs.core.pinhole import PinholeCamera
+from cvdgs.core.capture.model import PinholeCamera
 from cvdgs.core.splats.gaussians import Gaussians
 
 DILATION = 0.3

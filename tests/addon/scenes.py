@@ -10,9 +10,9 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from cvdgs.core.pinhole import PinholeCamera
+from cvdgs.core.capture.model import PinholeCamera
 from cvdgs.core.splats.gaussians import SH_C0, Gaussians
-from cvdgs.core.splats.ply import write_ply
+from cvdgs.core.splats.io.ply import write_ply
 from cvdgs.cvdgs_addon.scene.cameras import Clip, add_camera, use_camera
 from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute
 

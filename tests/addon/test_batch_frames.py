@@ -13,9 +13,9 @@ import bpy
 import numpy as np
 import pytest
 
-from cvdgs.core.color.simulated_bytes import simulate_bytes
+from cvdgs.core.color.srgb import simulate_bytes
 from cvdgs.core.errors import InputError
-from cvdgs.core.events import Reporter
+from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.cvdgs_addon.batch import worker
 from cvdgs.cvdgs_addon.batch.frames import render_frames, turntable_of
 from cvdgs.cvdgs_addon.batch.pixels import read_picture, write_picture

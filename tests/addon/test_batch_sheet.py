@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cvdgs.core.batch.arguments import SheetArguments, evenly_spread
 from cvdgs.core.color import srgb
 from cvdgs.core.errors import InputError
-from cvdgs.core.events import Reporter
+from cvdgs.core.rendering.requests import SheetArguments
+from cvdgs.core.runs.layout import evenly_spread
+from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.cvdgs_addon.batch.contact_sheet import make_sheet
 from cvdgs.cvdgs_addon.batch.pixels import Pixels, read_picture
 from cvdgs.cvdgs_addon.batch.resampling import downscale

@@ -8,9 +8,9 @@ import bpy
 import numpy as np
 import pytest
 
-from cvdgs.core.batch.arguments import VideoArguments
 from cvdgs.core.errors import InputError
-from cvdgs.core.events import Reporter
+from cvdgs.core.rendering.requests import VideoArguments
+from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.cvdgs_addon.batch.pixels import Pixels, read_picture, write_picture
 from cvdgs.cvdgs_addon.batch.video import make_video
 from cvdgs.cvdgs_addon.scene.render_settings import Display, set_display, set_png

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cvdgs.core.capture.model import PinholeCamera
 from cvdgs.core.errors import InputError
-from cvdgs.core.pinhole import PinholeCamera
 from cvdgs.cvdgs_addon.scene import cameras
 
 from .ewa import rotation_matrices

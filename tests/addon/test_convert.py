@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
-from cvdgs.core.events import Reporter
-from cvdgs.core.splats.ply import write_ply
+from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.core.splats.io.ply import write_ply
 from cvdgs.cvdgs_addon.scene import cameras, splats, worker
 from cvdgs.cvdgs_addon.scene.convert import ConversionOptions, convert, load_run
 from cvdgs.cvdgs_addon.scene.finished_run import PARTIAL_FOLDER, read_run

@@ -19,7 +19,17 @@ from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 from cvdgs.cvdgs_addon.scene.stills import render_still
 
 from . import ewa
-from .scenes import CAMERA, cloud, drawn_points, look_through, opencv, read_png, render_png, ring_view, take
+from .scenes import (
+    CAMERA,
+    cloud,
+    drawn_points,
+    look_through,
+    opencv,
+    read_png,
+    render_png,
+    ring_view,
+    take,
+)
 
 POSE = ring_view(0.4)
 

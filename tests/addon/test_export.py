@@ -7,9 +7,14 @@ import mathutils
 import numpy as np
 import pytest
 
-from cvdgs.core.events import Reporter
-from cvdgs.core.splats.ply import read_ply
-from cvdgs.cvdgs_addon.export import proposed_cube_name, proposed_folder, proposed_name, read_gaussians
+from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.core.splats.io.ply import read_ply
+from cvdgs.cvdgs_addon.export import (
+    proposed_cube_name,
+    proposed_folder,
+    proposed_name,
+    read_gaussians,
+)
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import splats as splat_objects
 from cvdgs.cvdgs_addon.scene.convert import ConversionOptions, convert
@@ -146,7 +151,7 @@ def test_the_shown_layer_is_exported(addon, run_folder, tmp_path):
 
 def test_a_format_that_is_not_known_is_refused(addon, run_folder, tmp_path):
     show_run(str(run_folder), bpy.context.scene)
-    with pytest.raises(RuntimeError, match="is no format for Gaussians"):
+    with pytest.raises(RuntimeError, match="is not a format for Gaussians"):
         bpy.ops.cvdgs.export_gaussians(filepath=str(tmp_path / "scene.obj"))
 
 

@@ -85,7 +85,7 @@ def test_the_zip_holds_the_package_and_only_that(extension):
         "operators",
         "ui",
     }
-    assert {"core/__main__.py", "core/splats/ply.py", "cvdgs_addon/scene/worker.py"} <= set(names)
+    assert {"core/__main__.py", "core/splats/io/ply.py", "cvdgs_addon/scene/worker.py"} <= set(names)
     assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
 
 

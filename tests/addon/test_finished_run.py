@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
-from cvdgs.core.run_files import CAMERAS_FILE, CAPTURE_FOLDER
-from cvdgs.core.splats.ply import write_ply
+from cvdgs.core.runs.layout import CAMERAS_FILE, CAPTURE_FOLDER
+from cvdgs.core.splats.io.ply import write_ply
 from cvdgs.cvdgs_addon.scene.finished_run import read_run
 
 from .scenes import CAMERA, cloud, ring_view

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
-from cvdgs.core.splats.ply import read_ply, write_ply
+from cvdgs.core.splats.io.ply import read_ply, write_ply
 from cvdgs.cvdgs_addon import making
 from cvdgs.cvdgs_addon.activity import ACTIVITY
 from cvdgs.cvdgs_addon.background import State
@@ -22,7 +22,14 @@ from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.splats import is_splats, layer_names
 from cvdgs.cvdgs_addon.shown import run_of
 
-from .interpreters import CRASHING, REFUSING, REPORT, SLEEPING, finishing, report_with
+from .interpreters import (
+    CRASHING,
+    REFUSING,
+    REPORT,
+    SLEEPING,
+    finishing,
+    report_with,
+)
 from .waiting import finished, until
 
 

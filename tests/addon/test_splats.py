@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
-from cvdgs.core.run_files import ORIGINAL
+from cvdgs.core.runs.layout import ORIGINAL
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.cvdgs_addon.scene import render_settings, splats
 from cvdgs.cvdgs_addon.scene.disc_nodes import DISC_CORNERS
@@ -21,7 +21,15 @@ from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 
 from ..effort import function_calls
 from . import ewa
-from .scenes import CAMERA, cloud, look_through, opencv, render_png, ring_view, take
+from .scenes import (
+    CAMERA,
+    cloud,
+    look_through,
+    opencv,
+    render_png,
+    ring_view,
+    take,
+)
 
 POSE = ring_view(0.4)
 QUANTISATION = 0.5 / 255.0  # largest error that 8-bit output makes

@@ -9,8 +9,8 @@ import bpy
 import numpy as np
 import pytest
 
+from cvdgs.core.capture.model import PinholeCamera
 from cvdgs.core.errors import InputError
-from cvdgs.core.pinhole import PinholeCamera
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.cameras import SENSOR_WIDTH, add_camera, is_capture_camera
 from cvdgs.cvdgs_addon.scene.render_settings import Display, Engine, set_display

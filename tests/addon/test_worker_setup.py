@@ -8,7 +8,7 @@ import bpy
 import pytest
 
 from cvdgs.core.errors import InputError
-from cvdgs.core.job import find_python
+from cvdgs.core.runtime.process import find_python
 from cvdgs.cvdgs_addon import environment
 from cvdgs.cvdgs_addon.activity import ACTIVITY
 from cvdgs.cvdgs_addon.background import State

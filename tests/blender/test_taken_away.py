@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cvdgs.core.splats.ply import read_ply
+from cvdgs.core.splats.io.ply import read_ply
 
 from .desktop import SCALE, Desktop
 from .side_bar import (

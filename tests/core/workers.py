@@ -8,7 +8,7 @@ import sys
 import textwrap
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from cvdgs.core.bootstrap import ROOT
 
 REPORT = {
     "schema": "cvdgs-report-1", "versions": {"cvdgs": "0"}, "device": "cpu", "settings": {"capture": "photos"},

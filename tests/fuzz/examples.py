@@ -11,16 +11,16 @@ import numpy as np
 import OpenImageIO as oiio
 import pycolmap
 
-from cvdgs.core.batch.done import fingerprint
+from cvdgs.core.batch.records import fingerprint
 from cvdgs.core.batch.task import Task
 from cvdgs.core.capture.points import write_point_cloud
-from cvdgs.core.events import JsonReporter
 from cvdgs.core.photographs.front import EnhanceRequest
+from cvdgs.core.runtime.protocol import JsonReporter
 from cvdgs.core.settings import Settings
 from cvdgs.core.splats.gaussians import Gaussians
-from cvdgs.core.splats.ply import write_ply
-from cvdgs.core.splats.splat_file import write_splat
-from cvdgs.core.splats.spz import write_spz
+from cvdgs.core.splats.io.ply import write_ply
+from cvdgs.core.splats.io.splat_file import write_splat
+from cvdgs.core.splats.io.spz import write_spz
 
 NAMES = ("a.png", "b.png", "c.png")
 SIDE = 20  # pixels of a picture
@@ -117,7 +117,7 @@ def write_picture(path: Path) -> None:
 
 
 def weights() -> list[bytes]:
-    from cvdgs.core.enhance.gan.generator import Generator, GeneratorConfig
+    from cvdgs.core.enhance.gan.networks import Generator, GeneratorConfig
     from cvdgs.core.enhance.gan.weights import save_generator
 
     generator = Generator(GeneratorConfig(widths=(2, 3), embedding=2))

@@ -17,23 +17,22 @@ from pathlib import Path
 import numpy as np
 
 from cvdgs.core.batch.batch_file import read_batch
-from cvdgs.core.batch.done import is_done, record_path
-from cvdgs.core.batch.finished import check_finished_run, report_or_nothing
-from cvdgs.core.batch.table_reader import UnusableFile
+from cvdgs.core.batch.records import is_done, record_path
 from cvdgs.core.batch.task import read_plan
+from cvdgs.core.batch.toml_reader import UnusableFile
 from cvdgs.core.capture.colmap import find_colmap, read_colmap
 from cvdgs.core.capture.images import MAX_SIDE, read_header, read_pixels
 from cvdgs.core.capture.points import read_point_cloud
 from cvdgs.core.capture.source import SourceModel
 from cvdgs.core.capture.transforms import read_transforms
 from cvdgs.core.errors import MOST_CHARACTERS, InputError
-from cvdgs.core.events import parse_event
+from cvdgs.core.files.untrusted import parse_json
 from cvdgs.core.photographs.front import EnhanceRequest, earlier_files
-from cvdgs.core.progress import RunProgress, format_seconds
-from cvdgs.core.report import check_report
+from cvdgs.core.runs.report import check_finished_run, check_report, report_or_nothing
+from cvdgs.core.runtime.progress import RunProgress, format_seconds
+from cvdgs.core.runtime.protocol import parse_event
 from cvdgs.core.settings import Settings
-from cvdgs.core.splats.files import read_gaussians
-from cvdgs.core.untrusted import parse_json
+from cvdgs.core.splats.io.files import read_gaussians
 from cvdgs.core.worker import parse_request
 
 from . import examples

@@ -16,17 +16,17 @@ import numpy as np
 import pytest
 
 from cvdgs.core.batch.batch_file import read_batch
-from cvdgs.core.batch.finished import read_report
 from cvdgs.core.batch.task import read_plan
-from cvdgs.core.capture import inspect_capture
 from cvdgs.core.capture.images import read_header
 from cvdgs.core.capture.points import read_point_cloud
+from cvdgs.core.capture.reader import inspect_capture
 from cvdgs.core.enhance.gan.weights import load_generator
 from cvdgs.core.errors import InputError
+from cvdgs.core.files.untrusted import MAX_JSON_BYTES, opened, parse_json, read_json
 from cvdgs.core.photographs.front import earlier_files
-from cvdgs.core.run_folder import RunFolder
-from cvdgs.core.splats.files import read_gaussians
-from cvdgs.core.untrusted import MAX_JSON_BYTES, opened, parse_json, read_json
+from cvdgs.core.runs.folder import RunFolder
+from cvdgs.core.runs.report import read_report
+from cvdgs.core.splats.io.files import read_gaussians
 
 from . import examples
 from .targets import SECONDS
@@ -162,8 +162,8 @@ import resource, sys, time
 from pathlib import Path
 from cvdgs.core.capture.points import read_point_cloud
 from cvdgs.core.errors import InputError
-from cvdgs.core.splats.files import read_gaussians
-from cvdgs.core.untrusted import read_json
+from cvdgs.core.splats.io.files import read_gaussians
+from cvdgs.core.files.untrusted import read_json
 resource.setrlimit(resource.RLIMIT_AS, ({0}, {0}))
 started = time.process_time()
 try:

@@ -23,7 +23,7 @@ _OBSERVATION_BYTES = 24  # of an image in images.bin
 _CHILD = """
 import sys
 from pathlib import Path
-from cvdgs.core.capture.colmap_model import read_model
+from cvdgs.core.capture.colmap import read_model
 from cvdgs.core.capture.images import read_pixels
 from cvdgs.core.enhance.gan.weights import load_generator
 {0}(Path(sys.argv[1]))
@@ -86,7 +86,7 @@ def colmap_points(folder: Path) -> Path:
 
 def weights(folder: Path) -> Path:
     """A network that just fits into the 512 MiB that its file may have."""
-    from cvdgs.core.enhance.gan.generator import Generator, GeneratorConfig
+    from cvdgs.core.enhance.gan.networks import Generator, GeneratorConfig
     from cvdgs.core.enhance.gan.weights import save_generator
 
     save_generator(Generator(GeneratorConfig(widths=(960,) * 6, embedding=2)), folder / "weights.safetensors")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.capture.thumbnails import write_thumbnails
-from cvdgs.core.events import Reporter
-from cvdgs.core.pipeline import run
+from cvdgs.core.capture.reader import write_thumbnails
+from cvdgs.core.pipeline.run import run
+from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.core.settings import Layer, Settings
 
 from ..few_views import write_few_views

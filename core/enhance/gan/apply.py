@@ -6,10 +6,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ...color.observer import Observer
-from ...color.simulation import simulate
+from ...color.simulation import Observer, simulate
 from .conditioning import observer_features
-from .generator import Generator, Statistics
+from .networks import Generator, Statistics
 
 TILE_SIZE = 2048
 """Sides of the squares that the network sees at once, in pixels; 1.8 GB of memory with the shipped network."""

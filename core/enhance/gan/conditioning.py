@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ...color.matrices import LinearSimulation, linear_simulation
-from ...color.observer import Observer
+from ...color.simulation import Observer
 from ...color.spaces import linear_to_srgb, srgb_to_lab, srgb_to_linear
 from ...settings import CVD_TYPES, SIMULATIONS
 from ..lut import as_float

@@ -13,9 +13,9 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from ...errors import InputError
-from ...untrusted import parse_json
-from ..tensor_file import read_tensors
-from .generator import Generator, GeneratorConfig
+from ...files.tensors import read_tensors
+from ...files.untrusted import parse_json
+from .networks import Generator, GeneratorConfig
 
 SHIPPED = Path(__file__).parent / "weights" / "enhancer.safetensors"
 """The weights that come with the repository; see the model card beside them."""
@@ -102,3 +102,34 @@ def _checksum(tensors: dict[str, Tensor]) -> str:
         digest.update(f"{name} {value.dtype} {tuple(value.shape)}\n".encode())
         digest.update(value.view(-1).view(torch.uint8).numpy().tobytes())
     return digest.hexdigest()
+
+
+_REINSTALL = "install cvdgs again, or give your own weights as a file: --enhancer FILE.safetensors"
+
+
+def checksum_file(weights: Path) -> Path:
+    """Where the checksum of `weights` stands; in the format of sha256sum, which checks it with -c."""
+    return weights.with_name(weights.name + ".sha256")
+
+
+def write_checksum(weights: Path) -> None:
+    """Write the checksum of `weights` beside them."""
+    line = f"{hashlib.sha256(weights.read_bytes()).hexdigest()}  {weights.name}\n"
+    checksum_file(weights).write_text(line, encoding="utf-8")
+
+
+def load_shipped(weights: Path = SHIPPED) -> Generator:
+    """The published generator, ready to be applied.
+
+    Raises:
+        InputError: file or checksum is missing, or they do not belong together.
+    """
+    try:
+        published = checksum_file(weights).read_text(encoding="utf-8").split()
+        found = hashlib.sha256(weights.read_bytes()).hexdigest()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "no text"
+        raise InputError(f"the shipped weights cannot be read ({reason})", where=weights, remedy=_REINSTALL) from None
+    if published != [found, weights.name]:
+        raise InputError("is not the file that was published (wrong checksum)", where=weights, remedy=_REINSTALL)
+    return load_generator(weights)

@@ -1,4 +1,4 @@
-"""Adam for Gaussians: all parameter groups in one pass, moving only what took part in the step."""
+"""Adam for Gaussians: all parameter groups in one pass, and only the Gaussians that took part in the step."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _TABLE_STEPS = 20_000
 
 @dataclass(frozen=True)
 class LearningRates:
-    """Step sizes per parameter group; `sh0` for the degree-0 colour, `sh_rest` for the higher degrees. 0 keeps it."""
+    """Per parameter group; `sh0` for the degree-0 colour, `sh_rest` for the higher degrees. 0 freezes a group."""
 
     means: float = 0.0
     log_scales: float = 0.0
@@ -34,10 +34,9 @@ class LearningRates:
 class Adam:
     """Adam with bias correction (Kingma and Ba 2015) and a step count per Gaussian.
 
-    A Gaussian that was not drawn, or whose gradient is not finite, is left alone: neither its parameters nor its
-    moments change, as though the step had not been. Its bias correction therefore counts its own steps, so that what
-    densification adds late is corrected like what was there from the start. Where every Gaussian is drawn in every step
-    this is Adam as usual.
+    A Gaussian that was not drawn, or whose gradient is not finite, is skipped: neither its parameters nor its moments
+    change. Its bias correction counts its own steps, so Gaussians that densification adds late are corrected like those
+    that were there from the start. If every Gaussian is drawn in every step, this is ordinary Adam.
     """
 
     def __init__(self, params: ParameterSet, betas: tuple[float, float] = (0.9, 0.999), eps: float = 1e-15) -> None:
@@ -56,7 +55,7 @@ class Adam:
     def step(
         self, rasterizer: Rasterizer, params: ParameterSet, gradients: Gradients, learning_rates: LearningRates
     ) -> None:
-        """Moves `params` in place. With colour gradients alone, only `sh[:, 0]` moves."""
+        """Update `params` in place. With `gradients.colors_only`, only `sh[:, 0]` changes."""
         runner = rasterizer.runner
         state = runner.state
         for name in FIELDS:
@@ -77,11 +76,11 @@ class Adam:
         runner.adam()
 
     def select(self, index: NDArray[np.integer], fresh: NDArray[np.bool_]) -> None:
-        """After Gaussians were added, removed or reordered.
+        """Follow Gaussians that were added, removed or reordered.
 
         Args:
-            index: (M,) for each Gaussian now, which it was before.
-            fresh: (M,) bool, those that start with zero moments and a step count of zero.
+            index: (M,) the previous index of each Gaussian.
+            fresh: (M,) bool, Gaussians that start with zero moments and a step count of zero.
         """
         device = self._steps.device
         fresh = np.asarray(fresh, bool)

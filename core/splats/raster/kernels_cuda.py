@@ -4,8 +4,7 @@
 # mypy: disable-error-code="misc"
 import warp as wp
 
-from .headers import read_headers
-from .state import State
+from .state import State, read_headers
 
 BLEND_THREADS = 128  # of a block: the pixels of a tile
 LOSS_THREADS = 256  # of a block: the pixels of a square of loss_cuda.h
@@ -23,59 +22,35 @@ wp.set_module_options(
 )
 
 
-@wp.func_native("raster::project_one(s, n);")
-def native_project(s: State, n: wp.int32): ...
+def _per_thread(name: str, body: str) -> wp.Kernel:
+    """A kernel with one thread for each element n, whose work is the function `body` of the headers."""
+
+    @wp.func_native(f"raster::{body}(s, n);")
+    def native(s: State, n: wp.int32): ...
+
+    @wp.kernel(name=name)
+    def kernel(s: State):
+        native(s, wp.tid())
+
+    return kernel
 
 
-@wp.func_native("raster::count_slots(s, rank);")
-def native_count(s: State, rank: wp.int32): ...
+def _per_block(name: str, body: str) -> wp.Kernel:
+    """A kernel with one block of threads for each tile or square, whose work is the function `body` of the headers."""
 
+    @wp.func_native(f"raster::{body}(s, block, thread);")
+    def native(s: State, block: wp.int32, thread: wp.int32): ...
 
-@wp.func_native("raster::fill_slots(s, rank);")
-def native_fill(s: State, rank: wp.int32): ...
+    @wp.kernel(name=name)
+    def kernel(s: State):
+        block, thread = wp.tid()
+        native(s, block, thread)
+
+    return kernel
 
 
 @wp.func_native("raster::list_entry(s, k, count);")
 def native_list(s: State, k: wp.int32, count: wp.int32): ...
-
-
-@wp.func_native("raster::forward_tile(s, tile, thread);")
-def native_forward(s: State, tile: wp.int32, thread: wp.int32): ...
-
-
-@wp.func_native("raster::ssim_block(s, block, thread);")
-def native_ssim(s: State, block: wp.int32, thread: wp.int32): ...
-
-
-@wp.func_native("raster::loss_block(s, block, thread);")
-def native_loss(s: State, block: wp.int32, thread: wp.int32): ...
-
-
-@wp.func_native("raster::backward_tile(s, tile, thread);")
-def native_backward(s: State, tile: wp.int32, thread: wp.int32): ...
-
-
-@wp.func_native("raster::gather_one(s, rank);")
-def native_gather(s: State, rank: wp.int32): ...
-
-
-@wp.func_native("raster::adam_one(s, n);")
-def native_adam(s: State, n: wp.int32): ...
-
-
-@wp.kernel
-def project(s: State):
-    native_project(s, wp.tid())
-
-
-@wp.kernel
-def count_slots(s: State):
-    native_count(s, wp.tid())
-
-
-@wp.kernel
-def fill_slots(s: State):
-    native_fill(s, wp.tid())
 
 
 @wp.kernel
@@ -83,35 +58,12 @@ def list_entries(s: State, count: wp.int32):
     native_list(s, wp.tid(), count)
 
 
-@wp.kernel
-def forward(s: State):
-    tile, thread = wp.tid()
-    native_forward(s, tile, thread)
-
-
-@wp.kernel
-def ssim(s: State):
-    block, thread = wp.tid()
-    native_ssim(s, block, thread)
-
-
-@wp.kernel
-def loss(s: State):
-    block, thread = wp.tid()
-    native_loss(s, block, thread)
-
-
-@wp.kernel
-def backward(s: State):
-    tile, thread = wp.tid()
-    native_backward(s, tile, thread)
-
-
-@wp.kernel
-def gather(s: State):
-    native_gather(s, wp.tid())
-
-
-@wp.kernel
-def adam(s: State):
-    native_adam(s, wp.tid())
+project = _per_thread("project", "project_one")
+count_slots = _per_thread("count_slots", "count_slots")
+fill_slots = _per_thread("fill_slots", "fill_slots")
+gather = _per_thread("gather", "gather_one")
+adam = _per_thread("adam", "adam_one")
+forward = _per_block("forward", "forward_tile")
+ssim = _per_block("ssim", "ssim_block")
+loss = _per_block("loss", "loss_block")
+backward = _per_block("backward", "backward_tile")

@@ -47,20 +47,20 @@ class ParameterSet:
 
     @property
     def sh_count(self) -> int:
-        """K, the number of spherical harmonics a colour channel has."""
+        """K, the number of spherical harmonics coefficients per colour channel."""
         return self.sh.shape[1]
 
     @classmethod
     def from_gaussians(cls, gaussians: Gaussians, device: str = "cpu") -> ParameterSet:
-        """Copies `gaussians` to `device`."""
+        """Copy `gaussians` to `device`."""
         if gaussians.sh.shape[1] not in (1, 4, 9, 16):
-            raise ValueError(f"sh has {gaussians.sh.shape[1]} coefficients a channel; 1, 4, 9 or 16 are possible")
+            raise ValueError(f"sh has {gaussians.sh.shape[1]} coefficients per channel, not 1, 4, 9 or 16")
         copies = (np.array(getattr(gaussians, name), np.float32, order="C") for name in FIELDS)
         return cls(*(wp.array(copy, dtype=wp.float32, device=device) for copy in copies))
 
     @classmethod
     def zeros(cls, count: int, sh_count: int, device: str | wp.Device = "cpu") -> Self:
-        """`count` Gaussians of zeros, as gradients and moments start."""
+        """`count` Gaussians of zeros, for gradients and optimiser moments."""
         return cls(
             **{name: wp.zeros(shape, dtype=wp.float32, device=device) for name, shape in _shapes(count, sh_count)}
         )
@@ -79,12 +79,12 @@ class Gradients(ParameterSet):
     """dL/dparameter for every field of `ParameterSet`; zero for Gaussians that were not drawn.
 
     Attributes:
-        screen: (N,) wp.array, length of dL/d(mean on the screen) with the screen measured as in 3DGS, pixels times
-            (W / 2, H / 2): what densification thresholds are stated in.
+        screen: (N,) wp.array, norm of dL/d(screen-space mean) in the units of 3DGS, whose densification thresholds are
+            stated in them: per pixel, times (W / 2, H / 2).
         screen_abs: (N,) wp.array, the same from sums of absolute values over the pixels (Ye et al. 2024, AbsGS);
-            zero unless `backward` was asked for it.
-        touched: (N,) uint8 wp.array, 1 where the Gaussian was drawn and its gradient is finite: what Adam moves.
-        colors_only: whether only `sh[:, 0]` was computed; the other arrays then hold nothing of use.
+            zero unless `backward` was called with `absolute`.
+        touched: (N,) uint8 wp.array, 1 where the Gaussian was drawn and its gradient is finite: those that Adam moves.
+        colors_only: whether only `sh[:, 0]` was computed; the other arrays are then meaningless.
     """
 
     screen: wp.array
@@ -94,7 +94,7 @@ class Gradients(ParameterSet):
 
     @classmethod
     def zeros(cls, count: int, sh_count: int, device: str | wp.Device = "cpu") -> Self:
-        """Gradients of zero, of `count` Gaussians of which none was drawn."""
+        """Gradients of zero, for `count` Gaussians of which none was drawn."""
         arrays = {name: wp.zeros(shape, dtype=wp.float32, device=device) for name, shape in _shapes(count, sh_count)}
         per_gaussian = {name: wp.zeros(count, dtype=wp.float32, device=device) for name in ("screen", "screen_abs")}
         return cls(**arrays, **per_gaussian, touched=wp.zeros(count, dtype=wp.uint8, device=device))

@@ -1,4 +1,4 @@
-"""Renders Gaussians, measures a photometric loss and takes its gradient."""
+"""Renders Gaussians, measures a photometric loss and propagates its gradient back."""
 
 from __future__ import annotations
 
@@ -6,21 +6,19 @@ from dataclasses import replace
 
 import warp as wp
 
-from .camera import RasterCamera
-from .frame import Frame, Loss, Mask
-from .loading import make_runner, resolve_device
+from .frame import Frame, Loss, Mask, RasterCamera
 from .parameters import FIELDS, Gradients, ParameterSet
-from .runner import TILE_HEIGHT, TILE_WIDTH
+from .runner import TILE_HEIGHT, TILE_WIDTH, make_runner, resolve_device
 
-_SIZES_KEPT = 16  # images of as many sizes keep their buffers; captures have few
+_SIZES_KEPT = 16  # image sizes whose buffers are kept; captures have few
 
 
 class Rasterizer:
-    """Owns a device, its threads and work space that grows as needed and is used again; for one caller at a time.
+    """A device, its threads and buffers that grow as needed and are reused; for one caller at a time.
 
     Args:
         device: "cpu" or "cuda[:n]".
-        threads: workers on the CPU; None takes the processors this process may use.
+        threads: on the CPU; None takes all processors that this process may use.
 
     Raises:
         InputError: there is no such device.
@@ -37,7 +35,7 @@ class Rasterizer:
     def render(
         self, params: ParameterSet, camera: RasterCamera, background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> Frame:
-        """Renders `params` over `background` (sRGB). The frame holds until the next render."""
+        """Render `params` over `background` (sRGB). The frame is valid until the next render."""
         self._bind_parameters(params)
         images = self._bind_images(camera)
         self.runner.set_camera(camera.packed(background))
@@ -63,8 +61,8 @@ class Rasterizer:
         Args:
             target: (H, W, 3) uint8 or float32, display-referred sRGB.
             ssim_weight: w.
-            mask: both images are multiplied by it, so that what the photograph does not cover is to SSIM as what lies
-                outside the image, and the means are weighted.
+            mask: multiplies both images, so that SSIM treats what the photograph does not cover like what lies outside
+                the image; the means are weighted by it.
         """
         self._require_current(frame)
         runner, state = self.runner, self.runner.state
@@ -90,7 +88,7 @@ class Rasterizer:
 
         def read() -> tuple[float, float]:
             l1, ssim = (float(part) * scale for part in sums())
-            return l1, ssim if weight > 0.0 else 1.0  # where nothing was compared, nothing differs
+            return l1, ssim if weight > 0.0 else 1.0  # nothing was compared, so nothing differs
 
         return Loss(read, ssim_weight)
 
@@ -104,14 +102,14 @@ class Rasterizer:
         colors_only: bool = False,
         absolute: bool = False,
     ) -> Gradients:
-        """Gradients of the parameters from those of the images; they hold until the next call.
+        """Gradients of the parameters from those of the images; valid until the next call.
 
         The same input gives the same bits, whatever the number of threads.
 
         Args:
             grad_color: (H, W, 3) float32; `frame.grad_color` when None.
             grad_depth, grad_alpha: (H, W) float32, zero when None.
-            colors_only: only `sh[:, 0]`, for fitting colours to fixed geometry.
+            colors_only: compute `sh[:, 0]` only, for fitting colours to fixed geometry.
             absolute: fill `screen_abs` too, which takes about 30 % longer on the CPU.
         """
         self._require_current(frame)
@@ -173,4 +171,4 @@ class Rasterizer:
 
     def _require_current(self, frame: Frame) -> None:
         if frame.number != self._number:
-            raise ValueError("the frame is not the rasteriser's latest: its arrays have been written over")
+            raise ValueError("the frame is not the rasteriser's latest: its arrays have been overwritten")

@@ -1,35 +1,33 @@
-"""The stages of a step on the CPU."""
+"""The stages of a step on the CPU, and the threads that share them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import queue
+import threading
+import weakref
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from ...processors import available_processors
-from .camera import CAMERA_FLOATS
+from ...runtime.resources import available_processors
+from .frame import CAMERA_FLOATS
 from .kernels_cpu import KERNELS, Stage
 from .runner import MOMENTS, SPLAT_FLOATS, Runner
-from .workers import WorkerPool
 
 _SORT_HISTOGRAM = 3 * 2048  # passes x buckets; as in stages_cpu.h
 _STRIP_ROWS = 48  # as in loss_cpu.h
-_FEW = 1024  # Gaussians that are not worth waking the other threads for
-_SEGMENTED = 4096  # Gaussians from which binning is shared out
+_FEW = 1024  # Gaussians; fewer are not worth waking the other threads for
+_SEGMENTED = 4096  # Gaussians from which binning is split into segments
 
-
-def _loss_scratch_floats(width: int) -> int:
-    """What one worker needs for its rolling windows; as in loss_cpu.h."""
-    stride = (3 * width + 7) // 8 * 8 + 2 * 16
-    return (8 * 11 + 4 + 3 + 1) * stride
+Task = Callable[[], None]
 
 
 class CpuRunner(Runner):
     """Stages as native kernels on `threads` threads.
 
-    A launch keeps the state by reference, so that changing a field is all that the next launch needs: wrapping the
+    Recorded launches hold the state by reference, so the next launch only needs its fields changed: wrapping the
     arguments anew would cost more than some of the kernels.
     """
 
@@ -51,7 +49,7 @@ class CpuRunner(Runner):
         }
 
     def run(self, stage: Stage, parallel: bool = True) -> None:
-        """Runs a stage to its end, on all threads where it is worth waking them."""
+        """Run a stage to its end, on all threads if `parallel`."""
         self._counters[stage] = 0
         launches = self._launches[stage]
         if parallel and self.threads > 1:
@@ -89,7 +87,7 @@ class CpuRunner(Runner):
 
     def loss(self) -> Callable[[], NDArray[np.float64]]:
         width, strips = self.state.width, -(-self.state.height // _STRIP_ROWS)
-        if self._loss_width != width:  # the padding of the rows has to be zero and moves with the width
+        if self._loss_width != width:  # the zero padding of the rows moves with the width
             self.allocate("loss_scratch", (self.threads * _loss_scratch_floats(width),), wp.float32)
             self._loss_width = width
         if len(self._partial) != strips:
@@ -105,3 +103,51 @@ class CpuRunner(Runner):
 
     def adam(self) -> None:
         self.run(Stage.ADAM, self.state.gaussians >= _FEW)
+
+
+class WorkerPool:
+    """A pool of `threads` workers, counting the calling thread; waiting costs no processor time."""
+
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
+        self._tasks: list[queue.SimpleQueue[Task | None]] = [queue.SimpleQueue() for _ in range(threads - 1)]
+        self._results: queue.SimpleQueue[BaseException | None] = queue.SimpleQueue()
+        for tasks in self._tasks:
+            threading.Thread(target=_serve, args=(tasks, self._results), daemon=True, name="raster").start()
+        weakref.finalize(self, _stop, self._tasks)
+
+    def run(self, tasks: Sequence[Task]) -> None:
+        """Run at most `threads` tasks at once, the first in the calling thread; returns when all have ended."""
+        first, *others = tasks
+        started = 0
+        try:
+            for inbox, task in zip(self._tasks, others, strict=False):
+                inbox.put(task)
+                started += 1
+            first()
+        finally:  # also if a signal handler raises: nothing may keep running on the caller's arrays
+            errors = [self._results.get() for _ in range(started)]
+        for error in errors:
+            if error is not None:
+                raise error
+
+
+def _serve(tasks: queue.SimpleQueue[Task | None], results: queue.SimpleQueue[BaseException | None]) -> None:
+    while (task := tasks.get()) is not None:
+        try:
+            task()
+        except BaseException as error:  # raised again in the calling thread
+            results.put(error)
+        else:
+            results.put(None)
+
+
+def _stop(queues: Sequence[queue.SimpleQueue[Task | None]]) -> None:
+    for tasks in queues:
+        tasks.put(None)
+
+
+def _loss_scratch_floats(width: int) -> int:
+    """Floats that one worker needs for its rolling windows; as in loss_cpu.h."""
+    stride = (3 * width + 7) // 8 * 8 + 2 * 16
+    return (8 * 11 + 4 + 3 + 1) * stride

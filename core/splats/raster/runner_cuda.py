@@ -9,15 +9,15 @@ import warp as wp
 from numpy.typing import NDArray
 
 from . import kernels_cuda as kernels
-from .camera import CAMERA_FLOATS
+from .frame import CAMERA_FLOATS
 from .runner import MOMENTS, SPLAT_FLOATS, Runner
 
 
 class CudaRunner(Runner):
     """Stages as kernels with one thread per Gaussian, intersection or pixel; Warp's radix sort and scan between them.
 
-    The host waits once a step, for the number of intersections, which sizes the buffers; and for the loss where
-    somebody asks for its value.
+    The host waits once per step, for the number of intersections that sizes the buffers, and for the loss if its value
+    is read.
     """
 
     def __init__(self, device: wp.Device) -> None:
@@ -30,7 +30,7 @@ class CudaRunner(Runner):
 
     def reserve_gaussians(self, count: int) -> None:
         self.allocate("splats", (count, SPLAT_FLOATS), wp.float32)
-        # The radix sort wants twice the room.
+        # The radix sort needs twice the room.
         self.allocate("keys", (2 * count,), wp.uint32)
         self.allocate("order", (2 * count,), wp.int32)
         self.allocate("slot_count", (count + 1,), wp.int32)
@@ -45,7 +45,7 @@ class CudaRunner(Runner):
         self.reserve("tile_start", tiles + 1, wp.int32)
         self._launch(kernels.project, count)
         wp.utils.radix_sort_pairs(self.array("keys"), self.array("order"), count)
-        self._launch(kernels.count_slots, count + 1)  # the last one counts nothing: its scan is the total
+        self._launch(kernels.count_slots, count + 1)  # the last element counts nothing: its scan is the total
         wp.utils.array_scan(self.array("slot_count"), self.array("first_slot"), inclusive=False)
         self._intersections = total = int(self.array("first_slot")[count : count + 1].numpy()[0])
         for name in ("list_slot", "slot_tile"):
@@ -71,7 +71,7 @@ class CudaRunner(Runner):
         grid = (blocks, kernels.LOSS_THREADS)
         self._launch(kernels.ssim, grid, block_dim=kernels.LOSS_THREADS)
         self._launch(kernels.loss, grid, block_dim=kernels.LOSS_THREADS)
-        partial = wp.clone(self.array("loss_partial")[:blocks])  # the next loss writes over the original
+        partial = wp.clone(self.array("loss_partial")[:blocks])  # the next loss overwrites the original
         return lambda: partial.numpy().sum(axis=0)
 
     def backward(self) -> None:

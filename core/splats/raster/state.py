@@ -1,16 +1,21 @@
-"""What kernels read and write, as one Warp structure: the native code sees its fields by name."""
+"""The state that kernels read and write, one Warp structure whose fields native code sees by name."""
+
+from __future__ import annotations
+
+from importlib import resources
+
+import warp as wp
 
 # No `from __future__ import annotations`: Warp evaluates the annotations of a structure, which are not Python's.
 # mypy: disable-error-code="valid-type"
-import warp as wp
 
-# Set before anything makes Warp start: its banner would end up among the events on stdout.
+# Set before Warp starts: its banner would end up among the events on stdout.
 wp.config.log_level = wp.LOG_WARNING
 
 
 @wp.struct
 class State:
-    """One structure for all stages; the Python side keeps a single instance and changes fields between launches."""
+    """One structure for all stages; Python keeps a single instance and changes its fields between launches."""
 
     # camera and image
     camera: wp.array(dtype=wp.float32)  # `Camera` of projection.h
@@ -110,3 +115,10 @@ class State:
     beta1: wp.float32
     beta2: wp.float32
     epsilon: wp.float32
+
+
+def read_headers(names: tuple[str, ...]) -> str:
+    """The headers concatenated: Warp takes a preamble, not files that include each other."""
+    folder = resources.files(__package__)
+    texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in names)
+    return "\n".join(text.replace("#pragma once", "") for text in texts)

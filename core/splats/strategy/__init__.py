@@ -1,10 +1,8 @@
-"""How the set of Gaussians changes during training: strategies as swappable values. numpy only."""
+"""How the set of Gaussians changes during training: densification strategies as swappable values. numpy only."""
 
 from .clone_split import CloneSplitPrune
-from .evidence import Evidence, ViewEvidence, ViewEvidenceSum
-from .model import Refinement, Schedule, Strategy
+from .model import Evidence, Refinement, Schedule, Strategy, ViewEvidence, ViewEvidenceSum
 from .multi_view import MultiViewConsistent
-from .pruning import floaters, unseen
 from .relocation import Relocation
 
 __all__ = [
@@ -17,6 +15,4 @@ __all__ = [
     "Strategy",
     "ViewEvidence",
     "ViewEvidenceSum",
-    "floaters",
-    "unseen",
 ]

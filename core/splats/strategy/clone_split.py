@@ -1,4 +1,4 @@
-"""Clone, split and prune by the screen-space gradient. numpy only."""
+"""Densification by the screen-space gradient: clone, split and prune. numpy only."""
 
 from __future__ import annotations
 
@@ -8,26 +8,25 @@ import numpy as np
 
 from ..gaussians import Gaussians
 from .editing import finite, rotate
-from .evidence import Evidence
-from .model import Refinement, Schedule
+from .model import Evidence, Refinement, Schedule
 
 
 @dataclass(frozen=True)
 class CloneSplitPrune:
-    """Adaptive density control after Kerbl et al. 2023, sections 5.2, with a budget and without opacity resets.
+    """Adaptive density control after Kerbl et al. 2023, section 5.2, with a budget and without opacity resets.
 
-    A reset costs a run of a few thousand steps more than it gains, and the budget, reached step by step, keeps the
-    growth where the screen-space gradient is largest.
+    A reset costs a run of a few thousand steps more than it gains, and the gradually rising budget keeps growth where
+    the screen-space gradient is largest.
 
     Attributes:
-        schedule: when.
-        gradient_threshold: mean norm of dL/d(centre), in normalised device units and from absolute values a pixel
-            (AbsGS, Ye et al. 2024), of a region that is not fitted well.
+        schedule: when to refine.
+        gradient_threshold: mean norm of dL/d(centre), in normalised device units and from absolute values per pixel
+            (AbsGS, Ye et al. 2024), above which a region is badly fitted.
         small: largest standard deviation, in frame units, of a Gaussian that is cloned rather than split.
         split_shrink: standard deviations of the two halves are divided by this.
         min_opacity: a Gaussian below it is removed.
-        gradient_every: steps between the gradients that are gathered; those from absolute values take a third longer.
-        disturb_every: 0.
+        gradient_every: steps between those whose gradients are gathered; with absolute values they take a third longer.
+        perturb_every: 0.
     """
 
     schedule: Schedule = field(default_factory=lambda: Schedule(0.06, 0.6, rounds=25))
@@ -36,17 +35,17 @@ class CloneSplitPrune:
     split_shrink: float = 1.6
     min_opacity: float = 0.005
     gradient_every: int = 1
-    disturb_every: int = 0
+    perturb_every: int = 0
 
     def views_wanted(self, step: int, steps: int, available: int) -> int:
-        """None: the gradients of the steps say where to grow."""
+        """None: the gradients of the training steps say where to grow."""
         return 0
 
     def refine(self, gaussians: Gaussians, evidence: Evidence, budget: int, rng: np.random.Generator) -> Refinement:
         """Remove what is transparent or broken, then clone or split where the gradient is largest, within `budget`."""
         gradient = evidence.gradient
         if gradient is None:
-            raise ValueError("clone and split need the gradients")
+            raise ValueError("cloning and splitting need the gradients")
         with np.errstate(invalid="ignore"):
             kept = finite(gaussians) & (gaussians.opacities >= self.min_opacity)
         candidates = np.flatnonzero(kept & (gradient > self.gradient_threshold))
@@ -68,6 +67,6 @@ class CloneSplitPrune:
         new.log_scales[halves] -= np.float32(np.log(self.split_shrink))
         return Refinement(new, source, fresh)
 
-    def disturb(self, gaussians: Gaussians, steps: int, means_rate: float, rng: np.random.Generator) -> Gaussians:
-        """The Gaussians as they are: between refinements they are left alone."""
+    def perturb(self, gaussians: Gaussians, steps: int, means_rate: float, rng: np.random.Generator) -> Gaussians:
+        """The Gaussians unchanged."""
         return gaussians

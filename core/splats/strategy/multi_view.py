@@ -1,4 +1,4 @@
-"""Growth where several views agree that the fit is bad, and no Gaussian that no view needs. numpy only."""
+"""Densification where several views agree that the fit is bad, and pruning of what no view needs. numpy only."""
 
 from __future__ import annotations
 
@@ -9,31 +9,29 @@ from numpy.typing import NDArray
 
 from ..gaussians import Gaussians
 from .editing import concatenate, divide, finite
-from .evidence import Evidence, ViewEvidence
-from .model import Refinement, Schedule
-from .pruning import floaters, unseen
+from .model import Evidence, Refinement, Schedule, ViewEvidence
 
 
 @dataclass(frozen=True)
 class MultiViewConsistent:
     """Multi-view consistent densification and pruning.
 
-    The idea is FastGS's: an error that one view has may be noise, exposure or a reflection, and a Gaussian put there
-    overfits it; an error that several views have at one Gaussian is missing detail. Different from there, what counts
-    as an error is a rank among the view's own pixels with an absolute floor, so that one pixel cannot rule and a
-    perfect view asks for nothing; two views are enough; everything is in fractions of the run.
+    The idea is FastGS's: an error in a single view may be noise, exposure or a reflection, and a Gaussian added there
+    overfits it; an error that several views have at one Gaussian is missing detail. Unlike FastGS, an error is defined
+    by its rank among the view's own pixels with an absolute floor, so that no single pixel dominates and a perfect view
+    asks for nothing; two views are enough; everything is in fractions of the run.
 
     Attributes:
-        schedule: when; a round costs as much as a dozen steps.
-        sample: training views asked in a round; in large captures `sample_share` of them.
-        census_every: every so many rounds all views are asked, and what none of them needs is removed.
-        agreeing: so many views have to complain about a Gaussian before it is divided; all, where there are fewer.
-        growth: Gaussians divided in a round, at most, relative to those there are; those with the largest e_k first.
-        needed_pixels: a Gaussian that in no view is worth so many pixels is removed.
-        min_opacity: and so is one below this.
-        prune: whether any is removed before the end of the run.
-        gradient_every: 0, they are not needed, which saves a third of the backward pass.
-        disturb_every: 0.
+        schedule: when to refine; a round costs as much as a dozen steps.
+        sample: training views rendered in a round; in large captures `sample_share` of them.
+        census_every: rounds between those that render all views and remove what none of them needs.
+        agreeing: views that have to vote for a Gaussian before it is divided; all, if there are fewer.
+        growth: largest share of the Gaussians divided in a round; those with the most blame first.
+        needed_pixels: a Gaussian that covers fewer pixels in every view is removed.
+        min_opacity: a Gaussian below it is removed.
+        prune: whether Gaussians are removed before the end of the run.
+        gradient_every: 0: gradients are not needed, which saves a third of the backward pass.
+        perturb_every: 0.
     """
 
     schedule: Schedule = field(default_factory=lambda: Schedule(0.06, 0.6, rounds=12, shortest=60))
@@ -46,20 +44,20 @@ class MultiViewConsistent:
     min_opacity: float = 0.005
     prune: bool = True
     gradient_every: int = 0
-    disturb_every: int = 0
+    perturb_every: int = 0
 
     def views_wanted(self, step: int, steps: int, available: int) -> int:
-        """A sample, and all at a census alone."""
+        """A sample, or all views in a census."""
         if self.prune and self.schedule.round_of(step, steps) % self.census_every == self.census_every - 1:
             return available
-        # Never all, or every round would be a census where there are few views, and leave next to nothing of the scene.
+        # Never all: with few views every round would be a census, and leave next to nothing of the scene.
         return min(max(self.sample, round(self.sample_share * available)), max(available - 1, 1))
 
     def refine(self, gaussians: Gaussians, evidence: Evidence, budget: int, rng: np.random.Generator) -> Refinement:
-        """Remove what no view needs, then divide what the views agree on, within `budget`."""
+        """Remove what no view needs, then divide what several views vote for, within `budget`."""
         views = evidence.views
         if views is None:
-            raise ValueError("multi-view consistency needs the views")
+            raise ValueError("multi-view consistency needs views")
         kept = self._needed(gaussians, views)
         divided = self._chosen(kept, views, budget)
         stay = kept.copy()
@@ -69,8 +67,8 @@ class MultiViewConsistent:
         halves = divide(gaussians.take(divided))
         return Refinement(concatenate(gaussians.take(stays), *halves), source, np.arange(len(source)) >= len(stays))
 
-    def disturb(self, gaussians: Gaussians, steps: int, means_rate: float, rng: np.random.Generator) -> Gaussians:
-        """The Gaussians as they are: between refinements they are left alone."""
+    def perturb(self, gaussians: Gaussians, steps: int, means_rate: float, rng: np.random.Generator) -> Gaussians:
+        """The Gaussians unchanged."""
         return gaussians
 
     def _needed(self, gaussians: Gaussians, views: ViewEvidence) -> NDArray[np.bool_]:
@@ -79,8 +77,8 @@ class MultiViewConsistent:
         with np.errstate(invalid="ignore"):
             kept = finite(gaussians) & (gaussians.opacities >= self.min_opacity)
         if views.complete:
-            needed = kept & (views.weight >= self.needed_pixels) & ~unseen(views) & ~floaters(views)
-            # Nothing is needed where nothing fits: a start that far off is left to the optimiser.
+            needed = kept & (views.weight >= self.needed_pixels) & ~views.unseen & ~views.floaters
+            # If nothing is needed, nothing fits: a start that far off is left to the optimiser.
             return needed if needed.any() else kept
         return kept
 

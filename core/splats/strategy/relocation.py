@@ -1,7 +1,7 @@
-"""Growth without points to grow from: Gaussians that have died are moved to where living ones are. numpy only.
+"""Densification by relocation: dead Gaussians are moved to living ones. numpy only.
 
 After Kheradmand et al. 2024, "3D Gaussian Splatting as Markov Chain Monte Carlo": the set is a sample of the scene, so
-Gaussians wander while they are not sure of their place, and one that carries nothing starts again beside one that does.
+faint Gaussians explore under noise, and one that carries nothing is relocated to one that does.
 """
 
 from __future__ import annotations
@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 
 from ..gaussians import Gaussians
 from .editing import concatenate, covariance_product, finite, rotate
-from .evidence import Evidence, Floats
-from .model import Refinement, Schedule
-from .pruning import floaters
+from .model import Evidence, Floats, Refinement, Schedule
 
-_MOST_COPIES = 32  # at one place; the alternating sum of the correction loses its digits beyond
-_OPACITY_LIMITS = (5e-3, 1.0 - 1e-4)  # of a corrected Gaussian, so that its logit stays where gradients do
+_MOST_COPIES = 32  # at one place; beyond, the alternating sum of the correction loses its precision
+_OPACITY_LIMITS = (5e-3, 1.0 - 1e-4)  # of a corrected Gaussian, so that the gradient of its logit does not vanish
 
 
 @dataclass(frozen=True)
@@ -27,24 +25,25 @@ class Relocation:
     """Relocation of dead Gaussians, with noise on the positions and decay of opacities and scales.
 
     Attributes:
-        schedule: when Gaussians are moved and added.
-        growth: Gaussians added in a round, relative to those there are.
+        schedule: when Gaussians are relocated and added.
+        growth: Gaussians added in a round, as a share of their number.
         dead_opacity: below it a Gaussian is dead.
-        noise: of the position a step, in units of the step size times the covariance. The paper's 5e5, for step sizes a
-            quarter of ours.
-        noise_sharpness: of the switch from wandering to settled Gaussians at the opacity `dead_opacity`, as there.
-        spread: of a copy around its original, in the original's standard deviations: copies at one place get the same
-            gradients and would take long to part.
-        sample: training views asked in a round.
-        error_share: of the chance to be drawn that goes by what the views complain about, beside the paper's opacity.
-        census_every: every so many rounds all views are asked.
-        needed_pixels: a Gaussian that then is worth less in every view is as good as dead.
-        disturb_every: steps between disturbances, each as strong as so many together.
-        opacity_decay, scale_decay: what is left of an opacity and of a standard deviation after a whole run, were there
-            no photograph to hold it. They take the place of the paper's penalties, whose weight against the loss would
-            depend on the number of Gaussians.
-        shortest: a run of fewer steps decays as one of so many does.
-        gradient_every: 0, they are not needed.
+        noise: of the means per step, in units of the learning rate times the covariance. The paper's 5e5, for learning
+            rates a quarter of ours.
+        noise_sharpness: of the paper's sigmoid that ends the noise from the opacity `dead_opacity` on.
+        spread: of a copy around its original, in the original's standard deviations: copies at the same place get the
+            same gradients and would take long to separate.
+        sample: training views rendered in a round.
+        error_share: of the probability of being drawn that follows the views' blame; the rest follows the opacity, as
+            in the paper.
+        census_every: rounds between those that render all views.
+        needed_pixels: a Gaussian that in a census covers fewer pixels in every view counts as dead.
+        perturb_every: steps between perturbations, each as strong as those of so many steps together.
+        opacity_decay, scale_decay: factors by which an opacity and a standard deviation would fall over a whole run if
+            no photograph held them. They replace the paper's penalties, whose weight against the loss would depend on
+            the number of Gaussians.
+        shortest: a run of fewer steps decays like one of this many.
+        gradient_every: 0: gradients are not needed.
     """
 
     schedule: Schedule = field(default_factory=lambda: Schedule(0.04, 0.75, rounds=30, shortest=50))
@@ -57,25 +56,25 @@ class Relocation:
     error_share: float = 0.8
     census_every: int = 4
     needed_pixels: float = 2.0
-    disturb_every: int = 10
+    perturb_every: int = 10
     opacity_decay: float = 1e-3
     scale_decay: float = 0.3
     shortest: int = 1000
     gradient_every: int = 0
 
     def views_wanted(self, step: int, steps: int, available: int) -> int:
-        """A sample, of which the error says where Gaussians are wanted, and now and then all, for what is not."""
+        """A sample, whose errors show where Gaussians are needed, or in a census all, to find those that are not."""
         if self.schedule.round_of(step, steps) % self.census_every == self.census_every - 1:
             return available
         return min(self.sample, available)
 
     def refine(self, gaussians: Gaussians, evidence: Evidence, budget: int, rng: np.random.Generator) -> Refinement:
-        """Move the dead to the living, drawn in proportion to their opacity, and add as many as `growth` says."""
+        """Relocate the dead to living Gaussians drawn at random, and add copies of these, within `budget`."""
         opacity = gaussians.opacities
         with np.errstate(invalid="ignore"):
             living = finite(gaussians) & (opacity > self.dead_opacity)
         if evidence.views is not None and evidence.views.complete:
-            needed = living & (evidence.views.weight >= self.needed_pixels) & ~floaters(evidence.views)
+            needed = living & (evidence.views.weight >= self.needed_pixels) & ~evidence.views.floaters
             living = needed if needed.any() else living
         alive = np.flatnonzero(living)
         if len(alive) == 0:
@@ -98,22 +97,22 @@ class Relocation:
         return Refinement(concatenate(corrected, copied), source, fresh)
 
     def _chances(self, opacity: Floats, alive: NDArray[np.int64], evidence: Evidence) -> NDArray[np.float64]:
-        """For each that is `alive`, to be drawn: by opacity as in the paper, and by error where that is known."""
+        """(L,) probabilities of drawing the `alive`: by opacity as in the paper, and by blame where it is known."""
         chance = opacity.astype(np.float64) / opacity.sum()
         blame = evidence.views.blame[alive].astype(np.float64) if evidence.views is not None else np.zeros(1)
         if blame.any():
             chance = (1.0 - self.error_share) * chance + self.error_share * blame / blame.sum()
         return chance
 
-    def disturb(self, gaussians: Gaussians, steps: int, means_rate: float, rng: np.random.Generator) -> Gaussians:
-        """Noise and decay, as much as `disturb_every` steps bring."""
-        share = self.disturb_every / max(steps, self.shortest)
+    def perturb(self, gaussians: Gaussians, steps: int, means_rate: float, rng: np.random.Generator) -> Gaussians:
+        """Add the noise and decay of `perturb_every` steps."""
+        share = self.perturb_every / max(steps, self.shortest)
         opacity = gaussians.opacities.astype(np.float64)
         wandering = 1.0 / (1.0 + np.exp(np.clip(self.noise_sharpness * (opacity - self.dead_opacity), -50.0, 50.0)))
-        # A random walk's length goes with the root of its steps.
-        length = self.noise * means_rate * np.sqrt(self.disturb_every) * wandering
+        # The length of a random walk grows with the square root of its steps.
+        length = self.noise * means_rate * np.sqrt(self.perturb_every) * wandering
         noise = length[:, None] * covariance_product(gaussians, rng.standard_normal((len(gaussians), 3)))
-        # Large ones would be thrown out of the scene: no step is longer than the Gaussian.
+        # No step is longer than the Gaussian, or large ones would be thrown out of the scene.
         size = np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
         noise *= np.minimum(1.0, size / np.maximum(np.linalg.norm(noise, axis=1), 1e-30))[:, None]
         return replace(
@@ -125,7 +124,7 @@ class Relocation:
 
 
 def _shared_among(gaussians: Gaussians, copies: NDArray[np.int64]) -> Gaussians:
-    """Each Gaussian such that so many equal `copies` of it together look as it did (the paper's Eq. 9).
+    """Each Gaussian corrected so that (N,) `copies` of it together look as it did (the paper's Eq. 9).
 
     The opacity follows from (1 - o')^n = 1 - o, the covariance from the integral of the blended copies along a line.
     """

@@ -11,12 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.report import SCHEMA
+from cvdgs.core.bootstrap import ROOT
+from cvdgs.core.runs.report import SCHEMA
 from cvdgs.core.settings import Settings
 
 from ...patience import SOON
-
-ROOT = Path(__file__).resolve().parents[3]
 
 REPORT = {
     "schema": SCHEMA, "versions": {"cvdgs": "0"}, "device": "cpu", "gaussians": 5, "sh_degree": 0,

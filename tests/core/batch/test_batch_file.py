@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from cvdgs.core.batch.batch_file import read_batch
 from cvdgs.core.batch.model import Output
-from cvdgs.core.batch.table_reader import UnusableFile
-from cvdgs.core.batch.toml_lines import LineNumbers
+from cvdgs.core.batch.toml_reader import LineNumbers, UnusableFile
 from cvdgs.core.errors import InputError
 
 from ...effort import function_calls
@@ -96,7 +95,7 @@ def test_everything_wrong_is_said_in_one_go_with_its_line(batch):
     assert [line for line, _ in found] == [1, 2, 4, 5, 6, 7, 9, 10, 11, 13, 15, 18, 19, 21, 23, 24, 25]
     texts = dict(found)
     assert texts[1].endswith("did you mean 'layers'?")
-    assert "train.iterations: 0 is too small" in texts[4]
+    assert "train.iterations: 0 is out of range" in texts[4]
     assert "did you mean 'sh_degree'?" in texts[6]
     assert "did you mean 'cycles'?" in texts[11]
     assert "nowhere" in texts[15]

@@ -6,7 +6,7 @@ import signal
 import pytest
 
 pytest.importorskip("distributed", reason="Dask is not installed (pip install cvdgs[farm])")
-from cvdgs.core.batch import dask_cluster
+from cvdgs.core.batch import dask as dask_cluster
 from cvdgs.core.batch.task import Kind, Plan, Task, write_plan
 from cvdgs.core.errors import InputError
 

@@ -4,15 +4,16 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 pytest.importorskip("distributed", reason="Dask is not installed (pip install cvdgs[farm])")
 
+from cvdgs.core.bootstrap import ROOT
+
 from .dask_farm import DaskFarm, can_unshare, is_running
 
-SCRIPT = Path(__file__).resolve().parents[3] / "scripts" / "turntable.py"
+SCRIPT = ROOT / "scripts" / "turntable.py"
 TOOLS = ("unshare", "nsenter", "ip")
 MACHINES = ("studio", "office")
 

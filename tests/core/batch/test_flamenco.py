@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.batch.flamenco import JOB_FILE, JOB_TYPE, export_flamenco
+from cvdgs.core.batch.export import JOB_FILE, JOB_TYPE, export_flamenco
 from cvdgs.core.batch.task import Kind, Plan, Task, read_plan, task_command
 
 NODE = shutil.which("node") or shutil.which("nodejs")

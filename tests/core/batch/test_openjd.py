@@ -20,7 +20,7 @@ from openjd.model import (
     preprocess_job_parameters,
 )
 
-from cvdgs.core.batch.openjd import export_openjd, job_template
+from cvdgs.core.batch.export import export_openjd, job_template
 from cvdgs.core.batch.task import Kind, Plan, Task, read_plan
 
 TURNTABLE = (

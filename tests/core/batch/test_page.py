@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from cvdgs.core.batch import page
-from cvdgs.core.batch.arguments import PageArguments, picture_name
 from cvdgs.core.batch.previews import PREVIEWS_FOLDER
 from cvdgs.core.batch.task import Kind, Task
-from cvdgs.core.images import write_png
+from cvdgs.core.files.images import write_png
+from cvdgs.core.rendering.requests import PageArguments
+from cvdgs.core.runs.layout import picture_name
 
 FRAMES = 3
 REPORT = {

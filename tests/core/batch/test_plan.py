@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.core.batch.done import fingerprint
-from cvdgs.core.batch.estimates import measured_pace
-from cvdgs.core.batch.machine import Resources
-from cvdgs.core.batch.model import Batch, CameraPath, Item, Needs, Output, TurntableSettings
+from cvdgs.core.batch.model import Batch, Item, Needs, Output, TurntableSettings
 from cvdgs.core.batch.plan import make_plan
-from cvdgs.core.batch.progress import estimated_seconds
+from cvdgs.core.batch.progress import estimated_seconds, measured_pace
+from cvdgs.core.batch.records import fingerprint
 from cvdgs.core.batch.task import Kind, Plan, Task, expand, plan_path, read_plan, write_plan
 from cvdgs.core.errors import InputError
+from cvdgs.core.rendering.requests import CameraPath
+from cvdgs.core.runtime.resources import Resources
 
 from ...effort import function_calls
 

@@ -8,7 +8,7 @@ import pytest
 
 from cvdgs.core.batch.progress import BatchProgress
 from cvdgs.core.batch.task import Kind, Plan, Task
-from cvdgs.core.front import stages_of
+from cvdgs.core.pipeline.launch import stages_of
 from cvdgs.core.settings import Settings
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.images import read_png
+from cvdgs.core.bootstrap import ROOT
+from cvdgs.core.files.images import read_png
 
 from ...few_views import write_few_views
 
-ROOT = Path(__file__).resolve().parents[3]
 SMALL = """
 [train]
 iterations = 20

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from cvdgs.core.bootstrap import ROOT
+
 from ...patience import SOON
 from .outcomes import contents, ends
-
-ROOT = Path(__file__).resolve().parents[3]
 
 TURNTABLE = "[turntable]\nframes = 4\nchunk = 4\nsize = [32, 24]\n"
 ONE = TURNTABLE + '[[items]]\ncapture = "chair"\n'

@@ -14,7 +14,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pycolmap
 
-from cvdgs.core.capture import Capture
+from cvdgs.core.capture.model import Capture
 
 PLANE_DEPTH = 4.0
 WIDTH, HEIGHT = 96, 72

@@ -11,10 +11,10 @@ import numpy as np
 import pycolmap
 import pytest
 
-from cvdgs.core.capture import inspect_capture, read_capture
-from cvdgs.core.capture.colmap_model import read_model
+from cvdgs.core.capture.colmap import read_model
+from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.errors import InputError
-from cvdgs.core.events import Reporter
+from cvdgs.core.runtime.protocol import Reporter
 
 from .make_captures import (
     PlanePoints,

@@ -9,13 +9,15 @@ import numpy as np
 import pycolmap
 import pytest
 
-from cvdgs.core.capture import Capture, inspect_capture, read_capture
-from cvdgs.core.capture.colmap_model import read_model
+from cvdgs.core.bootstrap import ROOT
+from cvdgs.core.capture.colmap import read_model
+from cvdgs.core.capture.model import Capture
+from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.capture.undistort import choose_pinhole, source_pixels
 from cvdgs.core.errors import InputError
-from cvdgs.core.events import Reporter
+from cvdgs.core.runtime.protocol import Reporter
 
-DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
+DATA = ROOT.parent / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the evaluation data is not there")
 
 

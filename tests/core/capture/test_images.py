@@ -12,12 +12,27 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms, ImageOps
 
-from cvdgs.core.capture import images, inspect_capture, read_capture
-from cvdgs.core.capture.images import MAX_SIDE, downscale_with_alpha, fit_size, read_header, read_pixels
+from cvdgs.core.capture import images
+from cvdgs.core.capture.images import (
+    MAX_SIDE,
+    downscale_with_alpha,
+    fit_size,
+    read_header,
+    read_pixels,
+)
+from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.errors import InputError
-from cvdgs.core.images import write_png
+from cvdgs.core.files.images import write_png
 
-from .make_captures import frames, intrinsics, pinhole, save, shots, write_colmap, write_transforms
+from .make_captures import (
+    frames,
+    intrinsics,
+    pinhole,
+    save,
+    shots,
+    write_colmap,
+    write_transforms,
+)
 
 PICTURE = shots(1)[0].render()
 

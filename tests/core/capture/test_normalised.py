@@ -13,7 +13,9 @@ from hypothesis import strategies as st
 from plyfile import PlyData
 from scipy.spatial.transform import Rotation
 
-from cvdgs.core.capture import Capture, PinholeCamera, View, read_capture, write_capture
+from cvdgs.core.capture.model import Capture, PinholeCamera, View
+from cvdgs.core.capture.normalised import write_capture
+from cvdgs.core.capture.reader import read_capture
 
 from .make_captures import shots, with_model, write_colmap
 

@@ -12,12 +12,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.core.capture import inspect_capture, read_capture
-from cvdgs.core.capture.files import Spelling, list_images, make_keys, natural_key, resolve_inside
+from cvdgs.core.capture.files import (
+    Spelling,
+    list_images,
+    make_keys,
+    natural_key,
+    resolve_inside,
+)
 from cvdgs.core.capture.points import write_point_cloud
+from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.errors import InputError
 
-from .make_captures import frames, intrinsics, pinhole, save, save_images, shots, write_colmap, write_transforms
+from .make_captures import (
+    frames,
+    intrinsics,
+    pinhole,
+    save,
+    save_images,
+    shots,
+    write_colmap,
+    write_transforms,
+)
 
 
 def refused(path: Path) -> str:

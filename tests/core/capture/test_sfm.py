@@ -9,16 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cvdgs.core.capture import read_capture
 from cvdgs.core.capture.images import read_pixels
+from cvdgs.core.capture.reader import read_capture
 from cvdgs.core.capture.sfm import group_by_camera
 from cvdgs.core.capture.sfm_process import SfmSettings
+from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import Cancelled, InputError
-from cvdgs.core.events import Reporter
+from cvdgs.core.runtime.protocol import Reporter
 
 from .make_captures import save
-
-DEMO = Path(__file__).resolve().parents[3] / "core" / "demo" / "showroom"
 
 
 def save_noise(folder: Path, count: int, size: int) -> None:
@@ -62,7 +61,7 @@ def test_progress_is_told_step_by_step(tmp_path: Path) -> None:
 
 def test_frames_without_exif_share_a_camera_and_its_one_focal_length_is_found(tmp_path: Path) -> None:
     # The demo's arc is a motion in which two focal lengths could not be told apart.
-    showroom = DEMO / "images"
+    showroom = SHOWROOM / "images"
     for path in sorted(showroom.iterdir())[::4]:
         shutil.copy(path, tmp_path)
     capture = read_capture(tmp_path, max_size=None, sfm=True)
@@ -76,7 +75,7 @@ def test_frames_without_exif_share_a_camera_and_its_one_focal_length_is_found(tm
 @pytest.mark.parametrize("orientation", [3, 6, 8])
 def test_photographs_of_a_telephone_held_upright_are_upright(tmp_path: Path, orientation: int) -> None:
     turns = {3: 2, 6: 1, 8: 3}[orientation]  # counter-clockwise quarters, which the orientation takes back
-    for path in sorted((DEMO / "images").iterdir())[::4]:
+    for path in sorted((SHOWROOM / "images").iterdir())[::4]:
         stored = np.rot90(read_pixels(path)[0], turns)
         save(tmp_path / path.name, np.ascontiguousarray(stored), Orientation=orientation)
     capture = read_capture(tmp_path, max_size=None, sfm=True)
@@ -85,7 +84,7 @@ def test_photographs_of_a_telephone_held_upright_are_upright(tmp_path: Path, ori
         assert (view.camera.width, view.camera.height) == (480, 360)
         assert view.image.shape == (360, 480, 3)
         # Undistortion moves edges, but leaves what is above and what is below; half a turn makes a difference of 30.
-        photograph, _ = read_pixels(DEMO / "images" / view.source.name)
+        photograph, _ = read_pixels(SHOWROOM / "images" / view.source.name)
         shown, expected = (image.reshape(6, 60, 8, 60, 3).mean(axis=(1, 3)) for image in (view.image, photograph))
         assert np.abs(shown - expected).mean() < 20.0
         in_camera = capture.points @ view.world_to_camera[:3, :3].T + view.world_to_camera[:3, 3]

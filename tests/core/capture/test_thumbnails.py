@@ -9,12 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.capture.thumbnails import write_thumbnails
+from cvdgs.core.bootstrap import ROOT
+from cvdgs.core.capture.reader import write_thumbnails
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import InputError
-from cvdgs.core.images import read_png
-
-ROOT = Path(__file__).resolve().parents[3]
+from cvdgs.core.files.images import read_png
 
 
 def inspect(**request: object) -> tuple[int, list[dict]]:

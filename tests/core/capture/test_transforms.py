@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from plyfile import PlyData, PlyElement
 
-from cvdgs.core.capture import Capture, inspect_capture, read_capture
+from cvdgs.core.capture.model import Capture
 from cvdgs.core.capture.points import read_point_cloud, write_point_cloud
+from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.errors import InputError
 
 from .make_captures import (

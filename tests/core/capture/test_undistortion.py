@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cvdgs.core.capture import View, read_capture
+from cvdgs.core.capture.model import View
+from cvdgs.core.capture.reader import read_capture
 from cvdgs.core.capture.undistort import choose_pinhole, is_pinhole
 from cvdgs.core.errors import InputError
 

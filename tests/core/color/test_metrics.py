@@ -57,14 +57,13 @@ def test_contrast_scores_agree_with_a_direct_count_over_pairs() -> None:
     assert scores.ccpr == pytest.approx(np.mean(after[before >= 6] >= 6))
     assert scores.ccpr_mean == pytest.approx(np.mean(preserved), abs=2e-3)
     assert scores.ccfr == pytest.approx(1 - invented)
-    assert scores.e_score == pytest.approx(2 / (1 / scores.ccpr + 1 / scores.ccfr))
     assert ccpr(original, seen) == (scores.ccpr, scores.pairs)
 
 
 def test_normal_vision_keeps_every_contrast() -> None:
     original = random_image(20, 20)
     scores = contrast_scores(original, original)
-    assert (scores.ccpr, scores.ccpr_mean, scores.ccpr_global, scores.ccfr, scores.e_score) == (1, 1, 1, 1, 1)
+    assert (scores.ccpr, scores.ccpr_mean, scores.ccpr_global, scores.ccfr) == (1, 1, 1, 1)
 
 
 def test_colours_on_a_confusion_line_lose_all_their_contrast() -> None:
@@ -80,7 +79,7 @@ def test_ccpr_over_no_distinct_pair_is_nan() -> None:
     flat = torch.full((3, 6, 6), 0.5)
     scores = contrast_scores(flat, flat)
     assert scores.pairs == 0
-    assert all(math.isnan(x) for x in (scores.ccpr, scores.ccpr_mean, scores.ccpr_global, scores.ccfr, scores.e_score))
+    assert all(math.isnan(x) for x in (scores.ccpr, scores.ccpr_mean, scores.ccpr_global, scores.ccfr))
     assert math.isnan(ccpr(flat, flat)[0])
 
 

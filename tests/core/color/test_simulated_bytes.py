@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import torch
 
-from cvdgs.core.color.simulated_bytes import simulate_bytes
 from cvdgs.core.color.simulation import simulate
+from cvdgs.core.color.srgb import simulate_bytes
 from cvdgs.core.errors import InputError
 
 CASES = [

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cvdgs.core.color import srgb
-from cvdgs.core.color.difference import delta_e_76, delta_e_2000
 from cvdgs.core.color.spaces import (
+    delta_e_76,
+    delta_e_2000,
     image_to_tensor,
     lab_to_linear,
     linear_to_srgb,

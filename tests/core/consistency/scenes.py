@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cvdgs.core.pinhole import PinholeCamera
+from cvdgs.core.capture.model import PinholeCamera
+from cvdgs.core.consistency import Correspondences, CorrespondenceSettings, SceneCorrespondences
 
 
 @dataclass(frozen=True)
@@ -91,3 +92,15 @@ def render_all(views: Sequence[Posed], planes: Sequence[Plane]) -> tuple[list[np
     """Lists of colours, depths, alphas and plane numbers."""
     rendered = [render(view, planes) for view in views]
     return tuple(list(channel) for channel in zip(*rendered, strict=True))
+
+
+def match(
+    depths: Sequence[np.ndarray],
+    alphas: Sequence[np.ndarray],
+    views: Sequence[Posed],
+    pairs: Sequence[tuple[int, int]],
+    settings: CorrespondenceSettings | None = None,
+) -> list[Correspondences]:
+    """Correspondences of each pair of views."""
+    settings = settings or CorrespondenceSettings()
+    return SceneCorrespondences(views, lambda i: (depths[i], alphas[i]), settings).of_pairs(pairs)

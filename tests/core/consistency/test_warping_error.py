@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from cvdgs.core.consistency import Correspondences, find_correspondences, relative_warping_error
+from cvdgs.core.consistency import Correspondences, relative_warping_error
 
 from . import scenes
 
@@ -19,7 +19,7 @@ PAIRS = [(0, 1), (1, 2), (2, 3)]
 @pytest.fixture(scope="module")
 def scene() -> tuple[list[np.ndarray], list[Correspondences]]:
     images, depths, alphas, _ = scenes.render_all(VIEWS, PLANES)
-    return images, find_correspondences(depths, alphas, VIEWS, PAIRS)
+    return images, scenes.match(depths, alphas, VIEWS, PAIRS)
 
 
 def drifted(images: list[np.ndarray], amount: float) -> list[np.ndarray]:

@@ -18,7 +18,7 @@ from cvdgs.core.enhance import ColorLut, LutEnhancer, make_enhancer
 from cvdgs.core.enhance.pairs import PairSampling, sample_neighbours, sample_pairs
 from cvdgs.core.enhance.teacher import TeacherSettings, fit_lut
 from cvdgs.core.errors import InputError
-from cvdgs.core.events import Reporter
+from cvdgs.core.runtime.protocol import Reporter
 
 from . import textiles
 

@@ -12,13 +12,14 @@ import pytest
 from scipy.ndimage import gaussian_filter, shift
 
 from cvdgs.core.bootstrap import ROOT
-from cvdgs.core.capture import Capture, PinholeCamera, View, read_capture
+from cvdgs.core.capture.model import Capture, PinholeCamera, View
+from cvdgs.core.capture.reader import read_capture
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.evaluate import advice
 from cvdgs.core.evaluate.advice import advise
 from cvdgs.core.evaluate.evaluation import Split
-from cvdgs.core.evaluate.studies.stress.disturbances import compressed, dimly_lit, motion_blurred
-from cvdgs.core.images import write_png
+from cvdgs.core.files.images import write_png
+from cvdgs.scripts.benchmarks.stress.perturbations import compressed, dimly_lit, motion_blurred
 
 GOOD_LAYER = {
     "ccpr": {"input": 0.65, "enhanced": 0.9, "rendered": 0.76},

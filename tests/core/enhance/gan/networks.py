@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from cvdgs.core.enhance.gan.generator import Generator, GeneratorConfig
+from cvdgs.core.enhance.gan.networks import Generator, GeneratorConfig
 
 SMALL = GeneratorConfig(widths=(6, 8, 12, 16), embedding=12)
 

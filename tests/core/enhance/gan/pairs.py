@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cvdgs.core.enhance.data.dataset import Sample
+from cvdgs.scripts.training.data.dataset import Sample
 
 OBSERVERS = (("deutan", 1.0, "machado"), ("protan", 0.6, "machado"))
 

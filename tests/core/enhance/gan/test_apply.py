@@ -10,13 +10,13 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cvdgs.core.color.held_colors import skin_likeness
-from cvdgs.core.color.observer import Observer
+from cvdgs.core.color.protected_colors import skin_likeness
+from cvdgs.core.color.simulation import Observer
 from cvdgs.core.color.spaces import image_to_tensor
 from cvdgs.core.enhance.gan.apply import average_statistics, record_statistics
 from cvdgs.core.enhance.gan.apply import enhance as enhance_proposal
 from cvdgs.core.enhance.gan.conditioning import palette
-from cvdgs.core.enhance.gan.generator import Generator
+from cvdgs.core.enhance.gan.networks import Generator
 
 from .networks import SMALL, random_generator
 

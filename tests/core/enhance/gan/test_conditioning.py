@@ -7,8 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.core.color.observer import Observer
-from cvdgs.core.color.simulation import simulate
+from cvdgs.core.color.simulation import Observer, simulate
 from cvdgs.core.enhance.gan.conditioning import (
     OBSERVER_FEATURES,
     PALETTE_BINS,

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.enhance.gan.model_card import publish
-from cvdgs.core.enhance.gan.shipped import load_shipped
-from cvdgs.core.enhance.gan.training import TrainingSettings
-from cvdgs.core.enhance.gan.weights import SHIPPED, save_generator
+from cvdgs.core.enhance.gan.training.training import TrainingSettings
+from cvdgs.core.enhance.gan.weights import SHIPPED, load_shipped, save_generator
 from cvdgs.core.errors import InputError
+from cvdgs.scripts.training.model_card import publish
 
 from .networks import random_generator
 

@@ -8,8 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.enhance.gan.shipped import checksum_file, load_shipped, write_checksum
-from cvdgs.core.enhance.gan.weights import SHIPPED, save_generator
+from cvdgs.core.enhance.gan.weights import (
+    SHIPPED,
+    checksum_file,
+    load_shipped,
+    save_generator,
+    write_checksum,
+)
 from cvdgs.core.errors import InputError
 
 from .networks import random_generator

@@ -10,13 +10,20 @@ import numpy as np
 import pytest
 import torch
 
-from cvdgs.core.enhance.gan.batches import Examples
-from cvdgs.core.enhance.gan.generator import GeneratorConfig
-from cvdgs.core.enhance.gan.sweep import BASE, CHANGES, changed, sweep
-from cvdgs.core.enhance.gan.training import CHECKPOINT, LOG, WEIGHTS, Training, TrainingSettings, validate
+from cvdgs.core.enhance.gan.networks import GeneratorConfig
+from cvdgs.core.enhance.gan.training.batches import Examples
+from cvdgs.core.enhance.gan.training.training import (
+    CHECKPOINT,
+    LOG,
+    WEIGHTS,
+    Training,
+    TrainingSettings,
+    validate,
+)
 from cvdgs.core.enhance.gan.weights import load_generator
 from cvdgs.core.errors import InputError
-from cvdgs.core.events import Reporter
+from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.scripts.training.sweep import BASE, CHANGES, changed, sweep
 
 from .pairs import OBSERVERS, StripedPairs
 

@@ -1,0 +1,1 @@
+"""Training the conditional GAN: losses, batches, checkpoints. Not shipped with the extension."""

@@ -1,1 +1,0 @@
-"""Enhancers compared on photographs, plates and textiles, beside honest controls."""

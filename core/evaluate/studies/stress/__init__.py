@@ -1,1 +1,0 @@
-"""Where methods fail: one condition at a time made worse, from harmless to broken, and several methods side by side."""

@@ -1,0 +1,1 @@
+"""What touches the disk: untrusted input, atomic writes, images, PLY tables, tensors."""

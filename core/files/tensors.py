@@ -1,0 +1,32 @@
+"""Tensors out of safetensors files that somebody else may have made. Never a pickle."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from safetensors import SafetensorError, safe_open
+from torch import Tensor
+
+from ..errors import InputError
+from .untrusted import opened
+
+
+def read_tensors(path: Path, what: str, remedy: str, *, most_bytes: int) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """The metadata and the tensors of a file, by name.
+
+    Args:
+        what: the file holds, for the message.
+        remedy: what the user can do where it does not.
+        most_bytes: that the file may have; the tensors have no more than that.
+
+    Raises:
+        InputError: no regular file, too large, no safetensors, damaged, or of a type that torch does not have.
+    """
+    with opened(path, most_bytes=most_bytes, remedy=remedy):
+        pass  # safetensors opens it itself, and would wait for a pipe
+    try:
+        with safe_open(path, framework="pt") as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no dictionary
+            return file.metadata() or {}, tensors
+    except (SafetensorError, OSError, RuntimeError, ValueError, TypeError, AttributeError, KeyError) as error:
+        raise InputError(f"{what} cannot be read ({error})", where=path, remedy=remedy) from None

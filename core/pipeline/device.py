@@ -1,0 +1,109 @@
+"""What the worker's environment and machine can do: versions, device, compiled kernels, and how fast it trains."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import sys
+from pathlib import Path
+from typing import Any
+
+import warp as wp
+
+from ... import __version__
+from ..runtime.devices import choose_device, missing_for_cuda
+from ..runtime.environment import PACKAGES
+from ..runtime.protocol import Reporter
+from ..runtime.resources import available_processors
+from ..splats import raster
+from ..splats.raster import Rasterizer
+from ..splats.raster.benchmark import benchmark_camera, benchmark_step, random_gaussians
+
+STAGE = "check"
+
+# A training step of a usual size. On the two threads of the reference machine of the time estimates it takes 60 ms of
+# processor time, so half of that when nothing else runs.
+_GAUSSIANS, _WIDTH, _HEIGHT = 20_000, 480, 360
+_REPETITIONS = 20
+REFERENCE_STEP_MS = 30.0
+
+
+def check_machine(device: str, reporter: Reporter) -> dict[str, Any]:
+    """Compile what the device needs, and time a training step; some seconds, the first time up to a minute.
+
+    Args:
+        device: "auto", "cpu" or "cuda".
+
+    Returns:
+        ``versions``, ``device`` (one line), ``python``, ``cuda`` (whether there is such a device), and ``speed``
+        relative to the reference machine.
+
+    Raises:
+        InputError: there is no such device.
+    """
+    name = choose_warp_device(device, where="device")
+    raster.load(name, reporter)
+    reporter.progress(STAGE, 0.8, "measuring the speed")
+    scene, camera = random_gaussians(_GAUSSIANS, _WIDTH, _HEIGHT), benchmark_camera(_WIDTH, _HEIGHT)
+    times = benchmark_step(scene, camera, device=name, repetitions=_REPETITIONS)
+    return {
+        "versions": versions(),
+        "device": describe_device(raster.Rasterizer(name)),
+        "python": sys.executable,
+        "cuda": wp.is_cuda_available(),
+        "speed": round(REFERENCE_STEP_MS / times.stages["step"].wall, 3),
+    }
+
+
+def choose_warp_device(asked: str, *, where: str = "--device") -> str:
+    """The device, "cpu" or "cuda", of one of `DEVICES`; see `choose_device`.
+
+    Raises:
+        InputError: there is no such device, or its driver is too old for Warp.
+    """
+    return choose_device(
+        asked,
+        has_cuda=wp.is_cuda_available(),
+        automatic="cpu",  # the CUDA kernels compile but have not been measured yet, so they run only when asked for
+        where=where,
+        missing=missing_for_cuda(wp.get_cuda_driver_version(), wp.get_cuda_toolkit_version()),
+    )
+
+
+def versions() -> dict[str, str]:
+    """Of this project, of Python and of the libraries that a result depends on."""
+    packages = {name: _version(name) for name in PACKAGES.values()}
+    return {"cvdgs": __version__, "python": platform.python_version(), **packages}
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
+
+
+def describe_device(rasterizer: Rasterizer) -> str:
+    """One line, e.g. ``cpu: AMD EPYC, 2 threads``."""
+    if rasterizer.device.is_cuda:
+        return f"cuda: {rasterizer.device.name}"
+    return f"cpu: {_processor_name()}, {available_processors()} threads"
+
+
+def _processor_name() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def peak_memory_mb() -> int | None:
+    """Largest resident size of this process so far, in MiB; None where the system does not say."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak / (1024 * 1024 if sys.platform == "darwin" else 1024))

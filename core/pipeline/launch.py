@@ -1,0 +1,132 @@
+"""A run as its user meets it on a console: workers, progress, results put in place. Standard library only."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from ..doctor.checks import require_blender
+from ..rendering import turntables
+from ..runs.folder import RunFolder
+from ..runs.layout import BLEND_FILE, LOG_FILE, REPORT_PAGE
+from ..runs.report import finish_report, latest_seconds
+from ..runtime.process import Event, Workers, blender_command
+from ..runtime.progress import RunProgress, format_seconds
+from ..runtime.supervisor import (
+    BarDisplay,
+    JsonDisplay,
+    Listener,
+    Log,
+    all_or_nothing,
+    finish,
+    in_console,
+)
+from ..settings import Settings
+
+
+def run_in_console(settings: Settings, *, json_events: bool) -> int:
+    """Run `settings` with progress on the console; returns the exit code of the contract.
+
+    Args:
+        json_events: write the events to stdout as JSON lines instead of a progress bar on stderr.
+    """
+
+    def work(listen: Listener) -> Event:
+        return {"out": settings.out, "report": run(settings, listen)}
+
+    bar = BarDisplay(sys.stderr, "run.py", RunProgress(stages_of(settings)), _summary)
+    return in_console(work, JsonDisplay(sys.stdout) if json_events else bar)
+
+
+def stages_of(settings: Settings) -> tuple[str, ...]:
+    """The stages that a run with `settings` reports, in order."""
+    return (
+        "start",
+        "capture",
+        "enhance",
+        *(() if settings.resume else ("geometry",)),
+        "layers",
+        "evaluate",
+        *(("blender",) if settings.blend else ()),
+        *((turntables.STAGE,) if settings.turntable else ()),
+    )
+
+
+def run(
+    settings: Settings, listen: Listener, workers: Workers | None = None, *, previews: bool = False
+) -> dict[str, Any]:
+    """Run the whole job and put its results into ``settings.out``; returns the report.
+
+    Args:
+        listen: receives every event of the workers.
+        workers: does the work; None takes the interpreter that `job.find_python` finds.
+        previews: whether `listen` hears of pictures of how far the run is.
+
+    Raises:
+        InputError: unusable input or output; nothing was written.
+        Cancelled: nothing was written.
+        WorkerDefect: a worker failed; its log is kept in the output folder.
+    """
+    started = time.monotonic()
+    listen({"event": "status", "stage": "start", "message": "starting"})
+    workers = workers or Workers()
+    workers.require_python()  # before a folder is made
+    if settings.blend:
+        require_blender()  # before minutes of work that would be lost without it
+    folder = RunFolder(settings.out)
+    with all_or_nothing(folder, settings.out, LOG_FILE), ExitStack() as stack:
+        if settings.resume:
+            folder.carry_over()
+        log_file = stack.enter_context(open(folder.staging / LOG_FILE, "a", encoding="utf-8"))
+        log = Log(log_file, listen)
+        if folder.mended:
+            log.event({"event": "warning", "name": "interrupted-run", "message": folder.mended})
+        log.line("settings " + json.dumps(settings.to_dict()))
+        request = {
+            "job": "run",
+            "settings": settings.to_dict(),
+            "folder": str(folder.staging),
+            "previews": previews,
+        }
+        report = finish(workers.start(request, log.line), log.event)["report"]
+        seconds = latest_seconds(report)
+        if settings.blend:
+            blender_started = time.monotonic()
+            # A held-out view from the middle: its still can be compared with renders/.
+            shown = report["views_shown"]
+            arguments = [str(folder.staging), "--view", shown[len(shown) // 2]]
+            blender = finish(workers.start_command(blender_command(arguments), None, log.line), log.event)
+            blender.pop("event")
+            report["blender"] = blender
+            seconds["blender"] = round(time.monotonic() - blender_started, 2)
+        elif report.get("blender"):
+            message = f"{BLEND_FILE} does not have the new layers; add them with another run without --no-blend"
+            log.event({"event": "warning", "name": "old-scene", "message": message})
+            report["warnings"].append({"name": "old-scene", "message": message})
+        if settings.turntable:
+            turntable_started = time.monotonic()
+            report[turntables.STAGE] = turntables.render_turntables(folder.staging, report, settings, workers, log)
+            seconds[turntables.STAGE] = round(time.monotonic() - turntable_started, 2)
+        seconds["total"] = round(time.monotonic() - started, 2)
+        finish_report(folder.staging, report)
+    return report
+
+
+def _summary(result: Event) -> str:
+    out, report = Path(result["out"]), result["report"]
+    seconds, reconstruction = latest_seconds(report), report["reconstruction"]
+    judged = "held-out" if report["capture"]["test"] else "training"
+    psnr = "-" if reconstruction["psnr"] is None else f"{reconstruction['psnr']:.2f} dB on {judged} views"
+    lines = [f"done in {format_seconds(seconds['total'] or 0.0)}: {report['gaussians']} Gaussians, {psnr}"]
+    for name, layer in report["layers"].items():
+        ccpr = layer["ccpr"]
+        if ccpr["rendered"] is not None:
+            kinds = (("photographs", "input"), ("scene", "unenhanced"), ("enhanced scene", "rendered"))
+            values = ", ".join(f"{label} {ccpr[kind]:.3f}" for label, kind in kinds)
+            lines.append(f"  {name}: contrast that is left (CCPR): {values}")
+    lines.append(f"  open {out / REPORT_PAGE}" + (f" and {out / BLEND_FILE}" if report.get("blender") else ""))
+    return "\n".join(lines)

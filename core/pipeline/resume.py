@@ -1,0 +1,205 @@
+"""Adding layers to a finished run: what it was made of, what has to be the same, and the report of both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..capture.model import Capture, View
+from ..capture.reader import inspect_capture, read_capture
+from ..errors import InputError
+from ..files.untrusted import MAX_JSON_BYTES, explained, is_file, parse_json, read_text
+from ..runs.layout import (
+    CAPTURE_FOLDER,
+    GAUSSIANS_FILE,
+    REPORT_FILE,
+    layer_gaussians_file,
+)
+from ..runs.report import SCHEMA, check_report
+from ..runtime.protocol import Reporter, StageSpan
+from ..settings import AUTO, OPTIONS, Settings, flag
+from ..splats.calibration.corrections import CORRECTED
+from ..splats.gaussians import Gaussians
+from ..splats.io.ply import read_ply
+from ..splats.training.lens import FOCAL_LENGTH
+
+_NEW_RUN = "make a new run in another folder"
+_POSE_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class EarlierRun:
+    """A finished run to which layers are added.
+
+    Attributes:
+        out: its folder as the user named it.
+        report: its report.
+        settings: its own.
+        capture: its photographs and cameras as they were used.
+        gaussians: geometry and original colours.
+        layers: those whose files are there; one that was lost may be added again.
+    """
+
+    out: str
+    report: dict[str, Any]
+    settings: Settings
+    capture: Capture
+    gaussians: Gaussians
+    layers: frozenset[str]
+
+    @classmethod
+    def read(cls, folder: Path, out: str) -> EarlierRun:
+        """Read a run from `folder`, which the user calls `out`.
+
+        Raises:
+            InputError: there is none, or its files are damaged.
+        """
+        if not (folder / REPORT_FILE).exists():
+            raise InputError("no finished run to add a layer to", where=out, remedy="leave out --resume")
+        try:
+            report = parse_json(read_text(folder / REPORT_FILE, most_bytes=MAX_JSON_BYTES, remedy=_NEW_RUN))
+            schema = report["schema"]
+            if schema != SCHEMA:
+                raise InputError(f"a run of another version ({schema})", where=out, remedy=_NEW_RUN)
+            settings = _settings_of(report, out)
+            check_report(report)
+        except (ValueError, KeyError, TypeError) as error:
+            what = f"the report of the finished run is damaged{explained(error)}"
+            raise InputError(what, where=out, remedy=_NEW_RUN) from None
+        capture = read_capture(folder / CAPTURE_FOLDER, max_size=None)
+        layers = frozenset(name for name in report["layers"] if is_file(folder / layer_gaussians_file(name)))
+        return cls(out, report, settings, capture, read_ply(folder / GAUSSIANS_FILE), layers)
+
+    def complete(self, asked: Settings) -> Settings:
+        """`asked` with the run's own value of every option that has to be the same and was left at its default.
+
+        Raises:
+            InputError: such an option has another value, or the run has one of the layers.
+        """
+        usual = {field.name: field.default for field in fields(Settings)}
+        own = {name: getattr(self.settings, name) for name, option in OPTIONS.items() if option.fixed}
+        for name, value in own.items():
+            if getattr(asked, name) not in (value, usual[name]):
+                raise InputError(
+                    f"the finished run has {_shown(value)}, not {_shown(getattr(asked, name))}",
+                    where=flag(name),
+                    remedy=f"leave it out, or {_NEW_RUN}",
+                )
+        present = sorted({layer.name for layer in asked.layers} & self.layers)
+        if present:
+            raise InputError(
+                f"the finished run has {', '.join(present)} already", where="--cvd", remedy="ask for others"
+            )
+        return replace(asked, **own)
+
+    def check_photographs(self, folder: Path, reporter: Reporter) -> None:
+        """Make sure that `folder` is the capture that the run was made from.
+
+        Where the run estimated the cameras itself, these stay, and only the number of photographs is compared; where it
+        corrected them, the poses or the focal lengths are not compared.
+
+        Raises:
+            InputError: it is another one, or it has changed.
+        """
+        if inspect_capture(folder, sfm=self.settings.sfm).format == "sfm":
+            count = inspect_capture(folder, sfm=True).views
+            _require(count >= len(self.capture.views), f"{count} photographs, fewer than the finished run has", folder)
+            return
+        size = max(max(view.camera.width, view.camera.height) for view in self.capture.views)
+        quiet = _ProgressOnly(reporter, "capture", 0.0, 1.0, "comparing with the finished run")
+        given = read_capture(folder, max_size=size, reporter=quiet)
+        _compare(
+            given.views, self.capture.views, folder, poses=self._as_given("poses"), lens=self._as_given(FOCAL_LENGTH)
+        )
+
+    def _as_given(self, what: str) -> bool:
+        """Whether the run left `what` of the cameras as it was."""
+        return not str(self.report.get("decision", {}).get(what, "")).startswith(CORRECTED)
+
+    def extend(self, added: Mapping[str, Any]) -> dict[str, Any]:
+        """The run's report with the layers of a report that has only what was added.
+
+        ``resumed`` gets an entry with the names of the layers and the seconds; the run's own ``seconds`` stay.
+        """
+        warnings = self.report["warnings"] + [item for item in added["warnings"] if item not in self.report["warnings"]]
+        peaks = [report["peak_memory_mb"] for report in (self.report, added) if report["peak_memory_mb"]]
+        addition = {
+            "layers": list(added["layers"]),
+            "settings": added["settings"],
+            "versions": added["versions"],
+            "device": added["device"],
+            "seconds": added["seconds"],
+        }
+        own, layers = self.report["settings"], added["settings"]["layers"]
+        kept = [layer for layer in own["layers"] if layer not in layers]  # one that was lost is there already
+        return {
+            **self.report,
+            "settings": {**own, "layers": [*kept, *layers]},
+            "layers": {**self.report["layers"], **added["layers"]},
+            "peak_memory_mb": max(peaks, default=None),
+            "warnings": warnings,
+            "notes": {**self.report["notes"], **added["notes"]},
+            "resumed": [*self.report.get("resumed", ()), addition],
+        }
+
+
+class _ProgressOnly(StageSpan):
+    """Keeps back warnings that the finished run's report has already."""
+
+    def warning(self, name: str, message: str) -> None:
+        """Said before."""
+
+
+def _settings_of(report: Mapping[str, Any], out: str) -> Settings:
+    """The settings that the run of `report` had.
+
+    Raises:
+        InputError: they are damaged; what is wrong with them concerns the run, not the options that are given now.
+        KeyError, TypeError, ValueError: there are none.
+    """
+    try:
+        return Settings.from_dict({**report["settings"], "resume": False})
+    except InputError as error:
+        what = f"the report of the finished run is damaged ({error.where}: {error.what})"
+        raise InputError(what, where=out, remedy=_NEW_RUN) from None
+
+
+def _shown(value: Any) -> str:
+    return AUTO if value is None else str(value)
+
+
+def _compare(given: Sequence[View], used: Sequence[View], folder: Path, *, poses: bool, lens: bool) -> None:
+    _require(len(given) == len(used), f"{len(given)} views, the finished run has {len(used)}", folder)
+    for new, old in zip(given, used, strict=True):
+        _require(new.key == old.key, f"view '{new.key}' where the finished run has '{old.key}'", folder)
+        sizes = [f"{view.camera.width}x{view.camera.height}" for view in (new, old)]
+        _require(sizes[0] == sizes[1], f"view '{new.key}' is {sizes[0]}, in the finished run {sizes[1]}", folder)
+        same = (
+            _are_near(_middle(new), _middle(old))
+            and (not lens or _are_near(_focal_lengths(new), _focal_lengths(old)))
+            and (not poses or _are_near(new.world_to_camera, old.world_to_camera))
+        )
+        _require(same, f"view '{new.key}' has another camera than in the finished run", folder)
+        _require(np.array_equal(new.image, old.image), f"photograph '{new.key}' has changed since the run", folder)
+
+
+def _are_near(first: ArrayLike, second: ArrayLike) -> bool:
+    return np.allclose(first, second, rtol=_POSE_TOLERANCE, atol=_POSE_TOLERANCE)
+
+
+def _middle(view: View) -> tuple[float, float]:
+    return view.camera.cx, view.camera.cy
+
+
+def _focal_lengths(view: View) -> tuple[float, float]:
+    return view.camera.fx, view.camera.fy
+
+
+def _require(condition: bool, what: str, folder: Path) -> None:
+    if not condition:
+        raise InputError(what, where=folder, remedy=f"give the run's own capture, or {_NEW_RUN}")

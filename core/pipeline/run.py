@@ -1,0 +1,192 @@
+"""A run up to Blender: capture, enhancement, geometry, colour layers, evaluation, and the report of it all."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ..capture.model import Capture
+from ..capture.normalised import write_cameras, write_capture
+from ..capture.reader import read_capture
+from ..enhance import Enhancer, make_enhancer
+from ..evaluate.advice import advise
+from ..evaluate.evaluation import Split
+from ..runs.layout import CAPTURE_FOLDER
+from ..runs.report import SCHEMA, without_non_finite
+from ..runtime.protocol import Reporter
+from ..settings import Layer, Settings
+from ..splats import raster
+from ..splats.training.lens import FOCAL_LENGTH, FocalLength
+from ..splats.training.trainer import TrainingResult
+from .device import (
+    choose_warp_device,
+    describe_device,
+    peak_memory_mb,
+    versions,
+)
+from .resume import EarlierRun
+from .stages import Reconstruction, Stages
+
+# Longer side of the training images when --max-size is auto: what two cores train in minutes, and a GPU in one.
+AUTO_MAX_SIZE = {"cpu": 640, "cuda": 1600}
+
+
+def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool = False) -> dict[str, Any]:
+    """Do the job that `settings` ask for and write its files into `folder`; returns the report.
+
+    With ``settings.resume``, `folder` holds the files of the finished run, and layers are added to them.
+
+    Args:
+        settings: what is asked for.
+        folder: for the results.
+        reporter: told of progress and warnings.
+        previews: whether it is shown pictures of how far the run is.
+
+    Raises:
+        InputError: the capture or the options cannot be used.
+    """
+    clock, recorder = _Clock(), _Recorder(reporter)
+    device = choose_warp_device(settings.device)
+    earlier = EarlierRun.read(folder, settings.out) if settings.resume else None
+    settings = earlier.complete(settings) if earlier else settings
+    enhancers = _make_enhancers(settings, device)  # refuses what cannot be simulated before anything takes time
+    with clock.measure("capture"):
+        if earlier:
+            earlier.check_photographs(Path(settings.capture), recorder)
+            capture = earlier.capture
+        else:
+            size = settings.max_size or AUTO_MAX_SIZE[device]
+            capture = read_capture(Path(settings.capture), max_size=size, sfm=settings.sfm, reporter=recorder)
+            write_capture(capture, folder / CAPTURE_FOLDER)
+    raster.load(device, recorder)
+    split = _split(capture, settings.holdout, recorder)
+    stages = Stages.of(settings, folder, recorder, capture, split, raster.Rasterizer(device), previews=previews)
+    lens = FocalLength()
+    if not earlier:
+        with clock.measure("capture"):
+            lens = stages.check_lens()
+            stages = stages.through(lens)
+    with clock.measure("enhance"):
+        stages.enhance(enhancers)
+    trained: TrainingResult | None = None
+    if earlier:
+        with clock.measure("layers"):
+            made = stages.reconstruction(earlier.gaussians, "layers", 0.0)
+    else:
+        with clock.measure("geometry"):
+            trained = stages.train()
+            stages = stages.after(trained)
+            if lens.was_off or trained.moved_poses:
+                write_cameras(stages.capture, folder / CAPTURE_FOLDER)
+            made = stages.reconstruct(trained)
+    with clock.measure("layers"):
+        pictures = stages.fit_layers(made, enhancers)
+    with clock.measure("evaluate"):
+        figures = stages.evaluate(made, pictures)
+    for found in advise(stages.capture, split, folder, trained.curve if trained else (), figures):
+        recorder.warning(found.name, found.message)
+    stages.end_previews()
+    for layer in figures["layers"].values():
+        layer.update(enhancer=settings.enhancer, strength=settings.strength)
+    report = {
+        "schema": SCHEMA,
+        "versions": versions(),
+        "device": describe_device(stages.rasterizer),
+        "settings": settings.to_dict(),
+        "capture": _describe_capture(capture, split),
+        "seconds": {**clock.seconds, "blender": None, "total": None},
+        "peak_memory_mb": peak_memory_mb(),
+        "warnings": recorder.warnings,
+        **(_describe_training(lens, trained, made) if trained else {}),
+        **figures,
+    }
+    report = without_non_finite(report)
+    return earlier.extend(report) if earlier else report
+
+
+def _describe_training(lens: FocalLength, trained: TrainingResult, made: Reconstruction) -> dict[str, Any]:
+    looked_at = {FOCAL_LENGTH: lens.words} if lens.words else {}
+    return {
+        "gaussians": len(made.original),
+        "gaussians_initial": trained.initial,
+        "sh_degree": made.original.sh_degree,
+        "curve": trained.curve,
+        "decision": {**trained.decision, **looked_at},
+        "skipped_steps": trained.skipped,
+    }
+
+
+def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
+    """Every `holdout`-th view is for testing, unless fewer than two would stay for training."""
+    count = len(capture.views)
+    split = Split.every(count, holdout)
+    if split.test and len(split.train) < 2:
+        reporter.warning("no-holdout", f"only {count} views, so none is held out: all figures are on training views")
+        return Split.every(count, 0)
+    return split
+
+
+def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:
+    return {
+        layer: make_enhancer(
+            settings.enhancer,
+            layer.cvd,
+            layer.severity,
+            settings.simulation,
+            settings.strength,
+            settings.seed,
+            device,
+        )
+        for layer in settings.layers
+    }
+
+
+def _describe_capture(capture: Capture, split: Split) -> dict[str, Any]:
+    first = capture.views[0].camera
+    return {
+        "format": capture.format,
+        "views": len(capture.views),
+        "train": len(split.train),
+        "test": len(split.test),
+        "width": first.width,
+        "height": first.height,
+        "points": len(capture.points),
+    }
+
+
+class _Clock:
+    """Seconds of each stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float | None] = {}
+
+    @contextmanager
+    def measure(self, stage: str) -> Iterator[None]:
+        """Time the block as `stage`, or as more of it."""
+        started = time.perf_counter()
+        yield
+        self.seconds[stage] = round((self.seconds.get(stage) or 0.0) + time.perf_counter() - started, 2)
+
+
+class _Recorder(Reporter):
+    """Passes everything on and keeps the warnings for the report."""
+
+    def __init__(self, inner: Reporter) -> None:
+        self._inner = inner
+        self.warnings: list[dict[str, str]] = []
+
+    def status(self, stage: str, message: str) -> None:
+        self._inner.status(stage, message)
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        self._inner.progress(stage, fraction, message)
+
+    def warning(self, name: str, message: str) -> None:
+        self.warnings.append({"name": name, "message": message})
+        self._inner.warning(name, message)
+
+    def preview(self, file: Path) -> None:
+        self._inner.preview(file)

@@ -1,0 +1,349 @@
+"""The stages of a run between its capture and its report: enhancement, geometry, colour layers, evaluation.
+
+The modes differ in two of them:
+
+    layers   geometry from the photographs; each layer's colours are fitted to the enhanced photographs, with the
+             multi-view loss
+    joint    geometry and the first layer's colours together from its enhanced photographs, with the multi-view loss;
+             the photographs' colours and further layers are then fitted to that geometry
+    post     geometry from the photographs; a layer's pictures are renderings that are enhanced one by one afterwards,
+             and its Gaussians carry the colours that fit those pictures best, which is what Blender can show of them
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..capture.model import Capture, View
+from ..consistency import SceneAgreement, SceneCorrespondences
+from ..enhance import CganEnhancer, Enhancer, IdentityEnhancer, LutEnhancer
+from ..evaluate.evaluation import Evaluation, SceneMatches, Split, enhanced_path, render_path
+from ..files.images import read_png, to_bytes, write_png
+from ..runs.layout import GAUSSIANS_FILE, layer_cube_file, layer_gaussians_file
+from ..runtime.protocol import Reporter, StageSpan
+from ..settings import Layer, Settings
+from ..splats import raster
+from ..splats.gaussians import Gaussians
+from ..splats.io.ply import write_ply
+from ..splats.renderer import SceneRenderer
+from ..splats.targets import Background
+from ..splats.training import lens
+from ..splats.training.joint import JointPlan, JointTraining
+from ..splats.training.layers import LayerPlan, fit_layer
+from ..splats.training.lens import FocalLength, LensCheck, LensPlan
+from ..splats.training.losses import ViewGuide
+from ..splats.training.plan import TrainingPlan, TrainingResult
+from ..splats.training.trainer import Trainer
+from .preview import Preview, PreviewedTraining
+
+# A LUT's fit takes as long as applying it to so many views of 640 pixels.
+LUT_FIT_VIEWS = 100
+NETWORK_FIT_VIEWS = 20  # the same fit, but applying takes longer
+
+# What a reader of the report has to know of a mode.
+MODE_NOTES = {
+    "joint": {"curve": "the PSNR is against the enhanced held-out views, which the geometry was fitted to"},
+    "post": {
+        "layers": "the pictures and figures of a layer are of renderings that were enhanced one by one; its Gaussians "
+        "have the colours that fit these pictures best"
+    },
+}
+
+Image = NDArray[np.uint8]
+Picture = Callable[[int], Image]
+"""Index of a view to how a layer looks from there, (H, W, 3) sRGB."""
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """A geometry with colours.
+
+    Attributes:
+        original: in the photographs' colours.
+        correspondences: between the views, by its depth; shared by all that compare views.
+        agreement: of the training views.
+        layers: whose colours came with the geometry.
+    """
+
+    original: Gaussians
+    correspondences: SceneCorrespondences
+    agreement: SceneAgreement
+    layers: dict[Layer, Gaussians] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Plans:
+    """How the fits are done where the settings leave it open; comparisons vary it.
+
+    Attributes:
+        lens: how the cameras' focal length is looked at; None takes it as given.
+        training: of the geometry; steps, limit, SH degree and poses are those of the settings.
+        joint: of the last part of a joint training.
+        layer: of a layer's colours.
+        guided: whether pixels that vary with the view count less, and the views agree on colours.
+    """
+
+    lens: LensPlan | None = field(default_factory=LensPlan)
+    training: TrainingPlan = field(default_factory=TrainingPlan)
+    joint: JointPlan = field(default_factory=JointPlan)
+    layer: LayerPlan = field(default_factory=LayerPlan)
+    guided: bool = True
+
+
+@dataclass(frozen=True)
+class Stages:
+    """What the stages after the capture have in common, and the stages."""
+
+    settings: Settings
+    folder: Path
+    reporter: Reporter
+    capture: Capture
+    split: Split
+    rasterizer: raster.Rasterizer
+    background: Background
+    scene: SceneRenderer
+    preview: Preview | None = None
+    plans: Plans = field(default_factory=Plans)
+
+    @classmethod
+    def of(
+        cls,
+        settings: Settings,
+        folder: Path,
+        reporter: Reporter,
+        capture: Capture,
+        split: Split,
+        rasterizer: raster.Rasterizer,
+        *,
+        previews: bool = False,
+        plans: Plans | None = None,
+    ) -> Stages:
+        """The stages of a run on `capture` whose files go into `folder`; `previews`: show how far they are."""
+        background = Background.of(capture.views)
+        scene = SceneRenderer(rasterizer, capture.views, background)
+        shown = split.test or split.train
+        preview = Preview(scene, shown[len(shown) // 2], folder, reporter) if previews else None
+        plans = plans or Plans()
+        return cls(settings, folder, reporter, capture, split, rasterizer, background, scene, preview, plans)
+
+    def end_previews(self) -> None:
+        """Leave no picture behind that is not a result."""
+        if self.preview is not None:
+            self.preview.remove()
+
+    def check_lens(self) -> FocalLength:
+        """Look whether the cameras' focal length is right, in runs that are long enough to be worth it."""
+        plan, settings = self.plans.lens, self.settings
+        if plan is None or not settings.checks_lens or settings.iterations < plan.least_steps:
+            return FocalLength()
+        self.reporter.status(lens.STAGE, lens.MESSAGE)
+        check = LensCheck(self.rasterizer, self._views(self.split.train), self.background, plan, settings.seed)
+        found = check.find(self.capture.points, self.capture.point_colors, self.reporter)
+        if found.was_off:
+            self.reporter.warning(
+                "lens-corrected",
+                f"the cameras' focal length seems to be {found.error}, and is corrected; a better calibration may give "
+                "a sharper scene, and --no-refine-poses takes it as it is",
+            )
+        return found
+
+    def through(self, found: FocalLength) -> Stages:
+        """The stages that follow, on the capture with the focal length that was found."""
+        return self._on(self.capture.zoomed(found.factor)) if found.was_off else self
+
+    def enhance(self, enhancers: dict[Layer, Enhancer]) -> None:
+        """Write ``enhanced/<layer>/<view>.png`` for every view; the enhancers are fitted to the training views only.
+
+        The scene's LUT, which the network starts from, is also written as ``layer.<layer>.cube``, for grading tools.
+        """
+        training = self._views(self.split.train)
+        costs = {layer: _fit_cost(enhancer) for layer, enhancer in enhancers.items()}
+        total, done = sum(costs.values()) + len(enhancers) * len(self.capture.views), 0
+        for layer, enhancer in enhancers.items():
+            fit_cost = costs[layer]
+            self.reporter.status("enhance", f"{layer.name}: fitting the enhancer")
+            span = StageSpan(
+                self.reporter, "enhance", done / total, (done + fit_cost) / total, f"{layer.name}: fitting"
+            )
+            enhancer.fit([view.image for view in training], span, alphas=[view.alpha for view in training])
+            if isinstance(enhancer, LutEnhancer | CganEnhancer) and enhancer.lut is not None:
+                cube = self.folder / layer_cube_file(layer.name)
+                enhancer.lut.export_cube(cube, strength=self.settings.strength, title=f"cvdgs {layer.name}")
+            done += fit_cost
+            for view in self.capture.views:
+                write_png(enhanced_path(self.folder, layer, view), to_bytes(enhancer(view.image)))
+                done += 1
+                self.reporter.progress("enhance", done / total, f"{layer.name}: {view.key}")
+
+    def train(self) -> TrainingResult:
+        """Fit the geometry."""
+        if self.settings.mode == "joint":
+            return self._train_jointly(self.settings.layers[0])
+        return self._train_on_photographs()
+
+    def after(self, result: TrainingResult) -> Stages:
+        """The stages that follow, on the capture with the poses that training corrected."""
+        if not result.moved_poses:
+            return self
+        return self._on(self.capture.moved(result.moved_poses))
+
+    def reconstruct(self, result: TrainingResult) -> Reconstruction:
+        """What training gave, with its views matched; writes ``splats.ply`` in the photographs' colours."""
+        made = self.reconstruction(result.gaussians, "geometry", 1.0)
+        if self.settings.mode == "joint":
+            self.reporter.status("geometry", "fitting the photographs' colours")
+            original = self._fit_colors(made, self._views(self.split.train), self._guides(made.agreement))
+            made = replace(made, original=original, layers={self.settings.layers[0]: result.gaussians})
+        write_ply(self.folder / GAUSSIANS_FILE, made.original)
+        return made
+
+    def reconstruction(self, gaussians: Gaussians, stage: str, fraction: float) -> Reconstruction:
+        """A geometry that is there already, with its views matched; `fraction` of the stage is done meanwhile."""
+        message = "matching points between views"
+        self.reporter.status(stage, message)
+        span = StageSpan(self.reporter, stage, fraction, fraction, message)
+        correspondences = SceneCorrespondences(self.capture.views, lambda index: self.scene.depth(gaussians, index))
+        photographs = {i: self.capture.views[i].image for i in self.split.train}
+        agreement = SceneAgreement(correspondences, photographs, reporter=span)
+        return Reconstruction(gaussians, correspondences, agreement)
+
+    def fit_layers(self, made: Reconstruction, enhancers: dict[Layer, Enhancer]) -> dict[Layer, Picture]:
+        """Make each layer's Gaussians; writes ``splats.<layer>.ply``. Returns how the layers look."""
+        pictures: dict[Layer, Picture] = {}
+        for done, (layer, enhancer) in enumerate(enhancers.items()):
+            message = f"{layer.name}: fitting colours"
+            self.reporter.status("layers", message)
+            span = StageSpan(self.reporter, "layers", done / len(enhancers), (done + 1) / len(enhancers), message)
+            gaussians = self.fit_layer(made, layer, enhancer, span)
+            write_ply(self.folder / layer_gaussians_file(layer.name), gaussians)
+            if self.preview is not None:
+                self.preview.show(gaussians)
+            pictures[layer] = self._picture(layer, gaussians)
+        return pictures
+
+    def evaluate(self, made: Reconstruction, pictures: dict[Layer, Picture]) -> dict[str, Any]:
+        """The report's figures; writes ``renders/``."""
+        evaluation = Evaluation(
+            self.capture, self.split, self.settings.simulation, self.scene, self.folder, self.reporter
+        )
+        matches = SceneMatches.find(made.correspondences)
+        figures = evaluation.run(made.original, pictures, matches)
+        figures["notes"] |= MODE_NOTES.get(self.settings.mode, {})
+        return figures
+
+    def _on(self, capture: Capture) -> Stages:
+        scene = SceneRenderer(self.rasterizer, capture.views, self.background)
+        preview = self.preview and self.preview.of(scene)
+        return replace(self, capture=capture, scene=scene, preview=preview)
+
+    def _train_on_photographs(self) -> TrainingResult:
+        trainer = Trainer(
+            self.rasterizer,
+            self._views(self.split.train),
+            self._views(self.split.test),
+            self.capture.points,
+            self.capture.point_colors,
+            self._training_plan(),
+            self.background,
+            self.settings.seed,
+        )
+        if self.preview is None:
+            return trainer.train(self.reporter)
+        return trainer.train(PreviewedTraining(self.reporter, self.preview, lambda: trainer.gaussians))
+
+    def _train_jointly(self, layer: Layer) -> TrainingResult:
+        """Geometry and colours from the layer's enhanced views, every side in the same colours."""
+        training = JointTraining(
+            self.rasterizer,
+            self._views_from(enhanced_path, layer, self.split.train),
+            self._views_from(enhanced_path, layer, self.split.test),
+            replace(self._training_plan(), sh_degree=0),
+            self.plans.joint,
+            self.background,
+            self.settings.seed,
+        )
+
+        def guides_of(geometry: Gaussians) -> Sequence[ViewGuide] | None:
+            agreement = self.reconstruction(geometry, "geometry", 1.0 - self.plans.joint.share).agreement
+            return self._guides(agreement, training.views)
+
+        return training.train(self.capture.points, self.capture.point_colors, guides_of, self.reporter)
+
+    def _training_plan(self) -> TrainingPlan:
+        return replace(
+            self.plans.training,
+            steps=self.settings.iterations,
+            limit=self.settings.gaussians,
+            sh_degree=self.settings.sh_degree,
+            poses=self.plans.training.poses if self.settings.corrects_poses else None,
+        )
+
+    def fit_layer(self, made: Reconstruction, layer: Layer, enhancer: Enhancer, reporter: Reporter) -> Gaussians:
+        """A layer's Gaussians: those that came with the geometry, else it with colours that are fitted to it."""
+        if layer in made.layers:
+            return made.layers[layer]
+        train = self.split.train
+        if self.settings.mode == "post":
+            self._enhance_renderings(made.original, layer, enhancer)
+            # A rendering has its background in it.
+            views = [replace(view, alpha=None) for view in self._views_from(render_path, layer, train)]
+        else:
+            views = self._views_from(enhanced_path, layer, train)
+        guides = self._guides(made.agreement, None if self.settings.mode == "post" else views)
+        return self._fit_colors(made, views, guides, partial(reporter.progress, "layers"))
+
+    def _fit_colors(
+        self,
+        made: Reconstruction,
+        views: Sequence[View],
+        guides: Sequence[ViewGuide] | None,
+        progress: Callable[[float], None] = lambda _: None,
+    ) -> Gaussians:
+        plan, seed = self.plans.layer, self.settings.seed
+        return fit_layer(self.rasterizer, made.original, views, plan, self.background, seed, progress, guides)
+
+    def _guides(self, agreement: SceneAgreement, enhanced: Sequence[View] | None = None) -> list[ViewGuide] | None:
+        """For each training view the weights of its pixels, and with `enhanced` training views their consensus."""
+        if not self.plans.guided:
+            return None
+        train = self.split.train
+        if enhanced is None:
+            return [ViewGuide(agreement.weights[i]) for i in train]
+        consensus = agreement.consensus(
+            {i: self.background.behind(view) for i, view in zip(train, enhanced, strict=True)}
+        )
+        return [ViewGuide(agreement.weights[i], consensus[i]) for i in train]
+
+    def _enhance_renderings(self, original: Gaussians, layer: Layer, enhancer: Enhancer) -> None:
+        """Write ``renders/<layer>/<view>.png`` for every view: the original colours' rendering, enhanced on its own."""
+        for index, view in enumerate(self.capture.views):
+            picture = to_bytes(enhancer(self.scene.color(original, index)))
+            write_png(render_path(self.folder, layer, view), picture)
+
+    def _picture(self, layer: Layer, gaussians: Gaussians) -> Picture:
+        if self.settings.mode == "post":
+            return lambda index: read_png(render_path(self.folder, layer, self.capture.views[index]))
+        return lambda index: self.scene.color(gaussians, index)
+
+    def _views(self, indices: Sequence[int]) -> list[View]:
+        return [self.capture.views[i] for i in indices]
+
+    def _views_from(
+        self, place: Callable[[Path, Layer, View], Path], layer: Layer, indices: Sequence[int]
+    ) -> list[View]:
+        """The views with the layer's images of `place` instead of the photographs."""
+        return [replace(view, image=read_png(place(self.folder, layer, view))) for view in self._views(indices)]
+
+
+def _fit_cost(enhancer: Enhancer) -> int:
+    """As how many applications to a view a fit counts for the progress."""
+    if isinstance(enhancer, IdentityEnhancer):
+        return 0
+    return LUT_FIT_VIEWS if isinstance(enhancer, LutEnhancer) else NETWORK_FIT_VIEWS

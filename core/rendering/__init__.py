@@ -1,0 +1,1 @@
+"""What a run and a batch both render with Blender: requests, frames, turntables."""

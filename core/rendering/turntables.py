@@ -1,0 +1,77 @@
+"""The turntable of a run: pictures from all around, in every layer, by Blender. Standard library only."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+from ..runs.layout import ORIGINAL, TURNTABLE_FOLDER
+from ..runtime.process import Event, Workers
+from ..runtime.supervisor import Listener, Log
+from ..settings import Settings
+from . import frames
+from .requests import CameraPath, FramesArguments
+
+STAGE = "turntable"
+
+
+def render_turntables(
+    folder: Path, report: dict[str, Any], settings: Settings, workers: Workers, log: Log
+) -> dict[str, Any]:
+    """Render the turntable of every layer into ``turntable/<layer>/0001.png`` and so on; those that are there stay.
+
+    Args:
+        folder: of the run, with its Gaussians and capture.
+        report: of the run.
+        log: hears of the progress.
+
+    Returns:
+        What the report says of it: the number of pictures of a turn, the layers, and the engine that was asked for.
+
+    Raises:
+        InputError: there is no Blender.
+        WorkerDefect: Blender failed.
+        Cancelled: nothing half-written is left.
+    """
+    camera = CameraPath()
+    layers = [ORIGINAL, *report["layers"]]
+    missing = [layer for layer in layers if not _is_there(folder / TURNTABLE_FOLDER / layer, settings.turntable)]
+    for done, layer in enumerate(missing):
+        shutil.rmtree(folder / TURNTABLE_FOLDER / layer, ignore_errors=True)
+        arguments = FramesArguments(
+            run=".",
+            layer=layer,
+            engine=settings.engine,
+            folder=f"{TURNTABLE_FOLDER}/{layer}",
+            first=1,
+            last=settings.turntable,
+            frames=settings.turntable,
+            radius=camera.radius,
+            height=camera.height,
+            focal_length=camera.focal_length,
+            arc=camera.arc,
+            width=report["capture"]["width"],
+            height_pixels=report["capture"]["height"],
+            simulated={},
+        )
+        listen = _as_part_of_stage(log.event, layer, done, len(missing))
+        frames.render(arguments, folder, listen, threads=0, model=settings.simulation, workers=workers, log=log.line)
+    return {"frames": settings.turntable, "layers": layers, "engine": settings.engine}
+
+
+def _is_there(folder: Path, count: int) -> bool:
+    return len(list(folder.glob("*.png"))) == count
+
+
+def _as_part_of_stage(listen: Listener, layer: str, done: int, count: int) -> Listener:
+    """What a layer's pictures report, as progress of the whole stage."""
+
+    def hear(event: Event) -> None:
+        if event["event"] in ("status", "progress"):
+            event = {**event, "stage": STAGE, "message": f"{layer}: {event['message']}"}
+        if event["event"] == "progress":
+            event |= {"fraction": (done + event["fraction"]) / count, "seconds_left": None}
+        listen(event)
+
+    return hear

@@ -1,0 +1,243 @@
+"""The output folder of a run: staged, and put in place only when it is complete. Standard library only.
+
+A run writes into ``OUT/.partial`` (same file system, so that moving is a rename). `RunFolder.commit` replaces what an
+earlier run left; `RunFolder.abort` removes every trace. A lock on ``OUT/.lock`` keeps two runs apart and vanishes with
+the process that holds it.
+
+A process that is killed while it puts its results in place leaves one of two states, which the next run mends: before
+``.partial`` was renamed to ``.complete``, the earlier result goes back from ``.replaced``; after that, the new one is
+moved in place to the end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO
+
+from ..errors import InputError
+from . import layout
+
+_STAGING = ".partial"
+_COMPLETE = ".complete"
+_RETIRED = ".replaced"
+_LOCK = ".lock"
+
+# What a system says of a lock that somebody else holds; anything else means that it cannot lock files there.
+_HELD = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
+
+
+def files_of_a_run(out: Path) -> list[Path]:
+    """What an earlier run of scripts/run.py may have left in `out`, whether it is there or not."""
+    return [out / name for name in layout.NAMES] + [path for p in layout.PATTERNS for path in out.glob(p)]
+
+
+class RunFolder:
+    """Owns the output folder for the time of one run.
+
+    Args:
+        out: the folder; made when it is missing.
+        earlier_files: what an earlier run has left in a folder, and a new one replaces. Nothing else there is touched.
+        last: the staged file that vouches for the others, and so is put in place after them.
+
+    Attributes:
+        out: the folder.
+        staging: where the run writes.
+        mended: what was done about an earlier run that was killed while it put its results in place; "" if nothing.
+
+    Raises (on construction):
+        InputError: the folder cannot be made or written, or another run is using it.
+    """
+
+    def __init__(
+        self,
+        out: str | Path,
+        earlier_files: Callable[[Path], list[Path]] = files_of_a_run,
+        last: str = layout.REPORT_FILE,
+    ) -> None:
+        self.out = Path(out).absolute()
+        self._earlier_files, self._last = earlier_files, last
+        self._created: list[Path] = []
+        self.staging = self.out / _STAGING
+        self._complete, self._retired = self.out / _COMPLETE, self.out / _RETIRED
+        self._lock: IO[str] | None = None
+        try:
+            self._created = [path for path in (self.out, *self.out.parents) if not path.exists()]
+            self.out.mkdir(parents=True, exist_ok=True)
+            self._lock = self._take_lock()
+            for path in (self.staging, self._complete, self._retired):
+                if path.is_symlink():  # no run makes one, and what it leads to is not ours to move or remove
+                    path.unlink()
+            self.mended = self._mend()
+            shutil.rmtree(self.staging, ignore_errors=True)
+            self.staging.mkdir()
+        except BaseException as error:
+            self.abort()
+            if not isinstance(error, OSError):
+                raise
+            raise InputError(
+                f"cannot be written to ({error.strerror})", where=out, remedy="choose another folder with --out"
+            ) from None
+
+    def _take_lock(self) -> IO[str]:
+        path = self.out / _LOCK
+        while True:
+            lock = open_lock(path)
+            try:
+                lock_exclusively(lock)
+                # The run that held it may have removed the file meanwhile; a lock on that keeps nobody out.
+                if path.exists() and os.path.samestat(os.fstat(lock.fileno()), path.stat()):
+                    return lock
+            except OSError as error:
+                lock.close()
+                if error.errno not in _HELD:
+                    raise
+                raise InputError(
+                    "another run is writing here",
+                    where=self.out,
+                    remedy="wait for it, or choose another folder with --out",
+                ) from None
+            lock.close()
+
+    def _mend(self) -> str:
+        """Bring a `commit` that was cut short to one of its ends; returns what that was."""
+        if self._complete.is_dir():
+            for path in self._in_order(self._complete):
+                os.replace(path, self.out / path.name)
+            self._end_commit()
+            return "an earlier run was interrupted while it put its results in place; they are all there now"
+        if self._retired.is_dir():
+            for path in self._in_order(self._retired):
+                os.replace(path, self.out / path.name)
+            self._retired.rmdir()
+            return "an earlier run was interrupted while it replaced a result; that result is back"
+        return ""
+
+    def carry_over(self, source: Path | None = None) -> None:
+        """Copy what an earlier run left into the staging folder, for a run that adds to it.
+
+        Args:
+            source: the earlier run's folder; None: this one.
+
+        Raises:
+            OSError: they could not be copied whole.
+        """
+        for path in self._earlier_files(source or self.out):
+            if path.is_dir():
+                shutil.copytree(path, self.staging / path.name, symlinks=True)  # a run has none; cycles end here
+            elif path.is_file():
+                shutil.copy2(path, self.staging / path.name)
+
+    def commit(self) -> None:
+        """Put the staged files in place of an earlier run's; each is a rename, and the old ones go only afterwards.
+
+        Raises:
+            OSError: that is not possible; all is as it was before.
+        """
+        staged = self._in_order(self.staging)
+        earlier = {path.name for path in (*self._earlier_files(self.out), *staged) if (self.out / path.name).exists()}
+        if earlier:
+            _write_through(self.staging)  # a power cut must not find the old files gone and the new ones empty
+            self._retired.mkdir()
+        # The file that vouches for the others goes first and comes last.
+        names = sorted(earlier, key=lambda name: name != self._last)
+        moves = [(self.out / name, self._retired / name) for name in names]
+        moves.append((self.staging, self._complete))
+        moves += [(self._complete / path.name, self.out / path.name) for path in staged]
+        begun: list[tuple[Path, Path]] = []
+        try:
+            for source, target in moves:
+                begun.append((source, target))
+                os.replace(source, target)
+        except BaseException:
+            self._undo(begun)
+            raise
+        self._end_commit()
+        self._release()
+
+    def _undo(self, moves: list[tuple[Path, Path]]) -> None:
+        """Take `moves` back, of which the last one may not have been made."""
+        for source, target in reversed(moves):
+            if not source.exists():
+                os.replace(target, source)
+        with contextlib.suppress(OSError):
+            self._retired.rmdir()
+
+    def _end_commit(self) -> None:
+        """Remove what a commit has replaced. What is still in ``.replaced`` without ``.complete`` would be put back."""
+        if self._retired.is_dir():
+            os.replace(self._retired, self.staging)
+        self._complete.rmdir()
+        shutil.rmtree(self.staging, ignore_errors=True)
+
+    def _in_order(self, folder: Path) -> list[Path]:
+        """What is in `folder`, the file that vouches for the others at the end."""
+        return sorted(folder.iterdir(), key=lambda path: (path.name == self._last, path.name))
+
+    def abort(self, keep: str = "") -> Path | None:
+        """Remove what was staged and any folder that was made for it.
+
+        Args:
+            keep: a staged file to keep as ``OUT/failed.<name>`` (the log of a run that met a defect).
+
+        Returns:
+            Where the kept file is, or None.
+        """
+        kept = None
+        if self._lock is not None:  # else the staging folder is another run's
+            source = self.staging / keep
+            if keep and source.is_file():
+                kept = self.out / f"failed.{keep}"
+                os.replace(source, kept)
+            shutil.rmtree(self.staging, ignore_errors=True)
+            self._release()
+        self._remove_created()
+        return kept
+
+    def _release(self) -> None:
+        if self._lock is not None:
+            with contextlib.suppress(OSError):  # Windows removes no open file; an old lock file does no harm
+                (self.out / _LOCK).unlink(missing_ok=True)  # while it is held, or it might be the next run's
+            self._lock.close()
+            self._lock = None
+
+    def _remove_created(self) -> None:
+        for path in self._created:
+            with contextlib.suppress(OSError):  # not empty, or never made
+                path.rmdir()
+
+
+def open_lock(path: Path) -> IO[str]:
+    """The lock file `path`, made where it is missing, and never what a link in its place leads to.
+
+    Raises:
+        OSError: it is a link, a folder, or cannot be made.
+    """
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    return open(path, "w", opener=lambda name, _: os.open(name, flags, 0o666))
+
+
+def lock_exclusively(file: IO[str]) -> None:
+    """Lock `file` for this process or raise OSError at once; the system releases it when the process ends."""
+    try:
+        import fcntl
+    except ImportError:  # Windows
+        import msvcrt
+
+        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
+    else:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _write_through(folder: Path) -> None:
+    """Wait until the disk has the contents of all files below `folder`."""
+    for parent, _, names in os.walk(folder):
+        for name in names:
+            path = Path(parent, name)
+            # Windows wants a file that is open for writing; elsewhere a read-only one may be waited for too.
+            with open(path, "rb" if os.name == "posix" else "rb+") as file:
+                os.fsync(file.fileno())

@@ -1,0 +1,75 @@
+"""What a finished run leaves in its folder, by the contract of the command line. Standard library only."""
+
+from __future__ import annotations
+
+ORIGINAL = "original"  # the layer of the photographs' own colours
+
+CAPTURE_FOLDER = "capture"  # the photographs and cameras that the run used
+ENHANCED_FOLDER = "enhanced"
+RENDERS_FOLDER = "renders"
+STILLS_FOLDER = "stills"
+TURNTABLE_FOLDER = "turntable"
+GAUSSIANS_FILE = "splats.ply"
+BLEND_FILE = "scene.blend"
+# Pictures of a layer's folder, in folders of their own: the scene and the photograph as the observer sees them.
+SIMULATED_FOLDER, SIMULATED_INPUT_FOLDER = "simulated", "simulated_input"
+REPORT_FILE = "report.json"
+REPORT_PAGE = "report.html"
+LOG_FILE = "run.log"
+
+# Of a capture in the normalised form, which the capture folder has (core/capture/normalised.py).
+CAMERAS_FILE = "transforms.json"
+POINTS_FILE = "points.ply"
+IMAGES_FOLDER = "images"
+
+_LAYER_PREFIX, _LAYER_SUFFIX = "splats.", ".ply"
+LAYER_GAUSSIANS_PATTERN = f"{_LAYER_PREFIX}*{_LAYER_SUFFIX}"
+
+# Everything that a run may have written.
+NAMES = (
+    CAPTURE_FOLDER,
+    ENHANCED_FOLDER,
+    RENDERS_FOLDER,
+    STILLS_FOLDER,
+    TURNTABLE_FOLDER,
+    BLEND_FILE,
+    GAUSSIANS_FILE,
+    REPORT_FILE,
+    REPORT_PAGE,
+    LOG_FILE,
+)
+PATTERNS = (LAYER_GAUSSIANS_PATTERN, "layer.*.cube")
+
+
+def layer_gaussians_file(layer: str) -> str:
+    """File of the Gaussians in the colours of `layer`."""
+    return f"{_LAYER_PREFIX}{layer}{_LAYER_SUFFIX}"
+
+
+def layer_of(name: str) -> str:
+    """The layer whose `layer_gaussians_file` is called `name`."""
+    return name.removeprefix(_LAYER_PREFIX).removesuffix(_LAYER_SUFFIX)
+
+
+def layer_cube_file(layer: str) -> str:
+    """File of the LUT that makes the colours of `layer`."""
+    return f"layer.{layer}.cube"
+
+
+DIGITS = 4  # of a picture's number in its file name
+
+
+def picture_name(number: int) -> str:
+    """File name of a sequence's picture; the first one has the number 1."""
+    return f"{number:0{DIGITS}d}.png"
+
+
+def evenly_spread(frames: int, count: int) -> list[int]:
+    """Numbers of `count` pictures of a turn of `frames`, as far apart as can be; fewer where the turn has fewer."""
+    count = min(count, frames)
+    return [1 + place * frames // count for place in range(count)]
+
+
+def pictures(folder: str, first: int, last: int) -> str:
+    """The pictures of a sequence from `first` to `last`, as a task's inputs and outputs name them."""
+    return f"{folder}/{{{first:0{DIGITS}d}..{last:0{DIGITS}d}}}.png"

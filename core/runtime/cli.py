@@ -1,0 +1,114 @@
+"""Command lines of scripts: inside Blender too, and complaints in one line. Standard library only."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+import time
+import typing
+from collections.abc import Callable, Iterable
+from typing import NoReturn, TextIO
+
+from ..errors import InputError
+from ..settings import AUTO, OPTIONS, Settings, flag
+from .progress import LEAST_SHARE, format_seconds
+from .protocol import Reporter
+from .supervisor import EXIT_CANCELLED, EXIT_DONE, EXIT_INPUT
+
+
+def script_arguments() -> list[str]:
+    """The arguments of the script that runs; under ``blender -b -P SCRIPT -- ARGUMENTS`` Blender's own come before."""
+    inside_blender = "bpy" in sys.modules and "--" in sys.argv
+    return sys.argv[sys.argv.index("--") + 1 :] if inside_blender else sys.argv[1:]
+
+
+def exit_code(program: str, work: Callable[[], None], *, stopped: str = "stopped") -> int:
+    """Do a script's `work`; returns the exit code, with a line on stderr where that is not 0.
+
+    Args:
+        program: the script's name.
+        work: may raise `InputError`.
+        stopped: what is said after Ctrl-C.
+    """
+    try:
+        work()
+    except InputError as error:
+        print(f"{program}: {error}", file=sys.stderr)
+        return EXIT_INPUT
+    except KeyboardInterrupt:
+        print(f"{program}: {stopped}", file=sys.stderr)
+        return EXIT_CANCELLED
+    return EXIT_DONE
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Raises `InputError` where argparse would print its usage and leave."""
+
+    def error(self, message: str) -> NoReturn:
+        raise InputError(message, remedy="see --help")
+
+
+def add_settings(parser: argparse.ArgumentParser, names: Iterable[str]) -> None:
+    """Declare the command line's options for the fields `names` of `Settings`, whose ranges it checks itself."""
+    hints = typing.get_type_hints(Settings)
+    for name in names:
+        option, default = OPTIONS[name], getattr(Settings, name)
+        text = f"{option.text}: {'|'.join(option.choices)}" if option.choices else option.text
+        shown = f"{text} ({AUTO if default is None else default})"
+        if hints[name] is bool and default:
+            parser.add_argument(flag(f"no-{name}"), dest=name, action="store_false", help=f"do not {option.text}")
+        elif hints[name] is bool:
+            parser.add_argument(flag(name), action="store_true", help=option.text)
+        elif bool in typing.get_args(hints[name]):
+            parser.add_argument(flag(name), action=argparse.BooleanOptionalAction, help=shown)
+        else:
+            kind = _number_or_auto if int in typing.get_args(hints[name]) else hints[name]
+            metavar = option.metavar or name.upper()
+            parser.add_argument(flag(name), type=kind, default=default, metavar=metavar, help=shown)
+
+
+def _number_or_auto(text: str) -> int | None:
+    """argparse names this function when the text is neither."""
+    return None if text == AUTO else int(text)
+
+
+_number_or_auto.__name__ = f"number or {AUTO}"
+_QUIET_INTERVAL = 30.0  # seconds between lines when the stream is no terminal
+_LIVELY_INTERVAL = 0.2
+
+
+class ConsoleReporter(Reporter):
+    """Rewrites one line on a terminal; elsewhere says something now and then."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+        self._terminal = stream.isatty()
+        self._stage, self._started, self._first, self._last = "", 0.0, 0.0, 0.0
+
+    def status(self, stage: str, message: str) -> None:
+        self._stream.write(f"{stage}: {message}\n")
+        self._stream.flush()
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        now = time.monotonic()
+        if stage != self._stage:
+            # A resumed stage does not start at 0, so its pace counts from where it was first heard of.
+            self._stage, self._started, self._first, self._last = stage, now, fraction, now
+        interval = _LIVELY_INTERVAL if self._terminal else _QUIET_INTERVAL
+        if now - self._last < interval and fraction < 1.0:
+            return
+        self._last = now
+        done = fraction - self._first
+        left = f", {format_seconds((now - self._started) / done * (1.0 - fraction))} left" if done > LEAST_SHARE else ""
+        text = f"{stage} {fraction:4.0%}{left}  {message}"
+        if self._terminal:
+            width = shutil.get_terminal_size().columns - 1
+            self._stream.write("\r" + text[:width].ljust(width) + ("\n" if fraction >= 1.0 else ""))
+        else:
+            self._stream.write(text.rstrip() + "\n")
+        self._stream.flush()
+
+    def warning(self, name: str, message: str) -> None:
+        self._stream.write(f"note: {message}\n")
+        self._stream.flush()

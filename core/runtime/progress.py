@@ -1,0 +1,105 @@
+"""From a stage's events to one bar with the time left of the whole run. Standard library only."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from .process import Event
+
+STARTING = "start"
+"""The stage before the work: interpreters start and libraries load. How long that takes says little about the rest."""
+
+# What an estimate is made from at least: a share of the work, and seconds.
+LEAST_SHARE, _LEAST_SECONDS = 0.02, 2.0
+
+# Share of a run's time that each stage takes, measured on two cores with the embedded demo; only the estimate of the
+# time left depends on it, and that corrects itself as the run goes on.
+STAGE_SHARES = {
+    STARTING: 0.02,
+    "capture": 0.01,
+    "geometry": 0.68,
+    "enhance": 0.04,
+    "layers": 0.06,
+    "evaluate": 0.07,
+    "blender": 0.12,
+    "turntable": 0.5,  # of 48 pictures in two layers; goes by their number
+}
+
+
+@dataclass
+class RunProgress:
+    """Follows the events of a run.
+
+    Attributes:
+        stages: the stages that this run has, in order.
+        stage: the one that it is in.
+        message: what it last said.
+        shares: of the time, by stage.
+    """
+
+    stages: tuple[str, ...]
+    stage: str = ""
+    message: str = ""
+    shares: Mapping[str, float] = field(default_factory=lambda: STAGE_SHARES)
+    _fraction: float = 0.0
+    _reached: float = 0.0
+    _stage_seconds_left: float | None = None
+    _worked: float = 0.0
+    _updated: float = 0.0
+
+    def update(self, event: Event) -> None:
+        """Take in a status or progress event; others are ignored."""
+        if event.get("event") not in ("status", "progress"):
+            return
+        self._worked, self._updated = self._seconds_worked, time.monotonic()
+        if event.get("stage") != self.stage:
+            self.stage, self._fraction, self._stage_seconds_left = str(event.get("stage")), 0.0, None
+        self.message = str(event.get("message") or self.message)
+        if event["event"] == "progress":
+            self._fraction = float(event["fraction"])
+            self._stage_seconds_left = event.get("seconds_left")
+
+    @property
+    def fraction(self) -> float:
+        """Of the whole run, in [0, 1]; it stands still in a stage that was not expected."""
+        if self.stage in self.stages:
+            before = self._share_of(self.stages[: self.stages.index(self.stage)])
+            here = self._share_of((self.stage,)) * self._fraction
+            self._reached = max(self._reached, min(before + here, 1.0))
+        return self._reached
+
+    @property
+    def seconds_left(self) -> float | None:
+        """Of the whole run: the stage's own estimate, and its pace for what follows. None while nothing is known."""
+        done = self.fraction - self._share_of((STARTING,))
+        worked = self._seconds_worked
+        pace = worked / done if done > LEAST_SHARE and worked > _LEAST_SECONDS else None
+        overall = None if pace is None else pace * (1.0 - self.fraction)
+        if self._stage_seconds_left is None or self.stage not in self.stages:
+            return overall
+        share = self._share_of((self.stage,)) * (1.0 - self._fraction)
+        if share <= LEAST_SHARE and pace is None:
+            return None
+        in_stage = max(self._stage_seconds_left - (time.monotonic() - self._updated), 0.0)
+        later = self._share_of(self.stages[self.stages.index(self.stage) + 1 :])
+        return in_stage + (in_stage / share if pace is None else pace) * later
+
+    @property
+    def _seconds_worked(self) -> float:
+        """Time in the stages whose shares are known, from which the pace is taken."""
+        working = self.stage in self.stages and self.stage != STARTING
+        return self._worked + (time.monotonic() - self._updated if working else 0.0)
+
+    def _share_of(self, stages: tuple[str, ...]) -> float:
+        """Of the run's time, in [0, 1]."""
+        total = sum(self.shares.get(name, 0.0) for name in self.stages) or 1.0
+        return sum(self.shares.get(name, 0.0) for name in stages if name in self.stages) / total
+
+
+def format_seconds(seconds: float) -> str:
+    """``m:ss`` or ``h:mm:ss``."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"

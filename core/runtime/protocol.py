@@ -1,0 +1,152 @@
+"""The worker's protocol: one JSON object a line on stdout. Standard library only: Blender's Python imports this.
+
+    {"event": "status",   "stage": "geometry", "message": "training 10288 Gaussians"}
+    {"event": "progress", "stage": "geometry", "fraction": 0.42, "seconds_left": 61.0, "message": "28.1 dB"}
+    {"event": "preview",  "file": "/path/of/a/picture.png"}      only where the request asks for previews
+    {"event": "warning",  "name": "few-views", "message": "..."}
+    {"event": "error",    "kind": "input" | "defect", "message": "one line"}
+    {"event": "result",   ...}       the last line of a job that succeeded
+
+`Reporter` is what every long-running function of `core` takes; the base class is silent.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TextIO
+
+from ..errors import one_line
+from ..files.untrusted import parse_json
+
+
+class Reporter:
+    """Receives what a job has to say. This base class ignores it, which suits tests and library use."""
+
+    def status(self, stage: str, message: str) -> None:
+        """A stage begins, or what it does has changed."""
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        """`fraction` of the stage in [0, 1] is done."""
+
+    def warning(self, name: str, message: str) -> None:
+        """Something the user should know; `name` is stable for programs."""
+
+    def preview(self, file: Path) -> None:
+        """`file` is a picture of how far things are, complete; a later one may take its place."""
+
+
+class StageSpan(Reporter):
+    """What a part of a stage reports, as the share of the stage that it is.
+
+    Args:
+        inner: hears of the stage.
+        stage: the stage's name; the part may use another.
+        start, end: the fractions of the stage between which the part lies.
+        message: said instead of the part's own.
+    """
+
+    def __init__(self, inner: Reporter, stage: str, start: float, end: float, message: str) -> None:
+        self._inner, self._stage, self._start, self._end, self._message = inner, stage, start, end, message
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        self._inner.progress(self._stage, self._start + (self._end - self._start) * fraction, self._message)
+
+    def warning(self, name: str, message: str) -> None:
+        self._inner.warning(name, message)
+
+
+class JsonReporter(Reporter):
+    """Writes events as JSON lines; progress at most every `interval` seconds, with the time left of its stage."""
+
+    def __init__(self, stream: TextIO, interval: float = 0.2) -> None:
+        self._stream = stream
+        self._interval = interval
+        self._last = 0.0
+        self._stage = ""
+        self._stage_started = 0.0
+
+    def emit(self, event: str, **fields: Any) -> None:
+        """Write one event now."""
+        self._stream.write(json.dumps({"event": event, **fields}, allow_nan=False) + "\n")
+        self._stream.flush()
+
+    def _enter(self, stage: str) -> None:
+        if stage != self._stage:
+            self._stage, self._stage_started, self._last = stage, time.monotonic(), 0.0
+
+    def status(self, stage: str, message: str) -> None:
+        self._enter(stage)
+        self.emit("status", stage=stage, message=message)
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        self._enter(stage)
+        now = time.monotonic()
+        if now - self._last < self._interval and fraction < 1.0:
+            return
+        self._last = now
+        fraction = min(max(float(fraction), 0.0), 1.0)
+        elapsed = now - self._stage_started
+        left = elapsed / fraction * (1.0 - fraction) if fraction > 0.0 and elapsed > 0.5 else None
+        self.emit(
+            "progress", stage=stage, fraction=round(fraction, 4), seconds_left=left and round(left, 1), message=message
+        )
+
+    def warning(self, name: str, message: str) -> None:
+        self.emit("warning", name=name, message=message)
+
+    def preview(self, file: Path) -> None:
+        self.emit("preview", file=str(file))
+
+
+# What an event must have, and may have, by its kind. Of a result the kind of job decides.
+_REQUIRED: Mapping[str, Mapping[str, tuple[type, ...]]] = {
+    "status": {"stage": (str,), "message": (str,)},
+    "progress": {"stage": (str,), "fraction": (int, float)},
+    "preview": {"file": (str,)},
+    "warning": {"name": (str,), "message": (str,)},
+    "error": {"kind": (str,), "message": (str,)},
+}
+_OPTIONAL = {"message": (str,), "seconds_left": (int, float, type(None))}
+_LARGEST_NUMBER = 1e12  # of seconds or a fraction; what is larger need not fit a float
+_SHOWN = ("stage", "name", "message")
+
+
+def parse_event(line: str) -> dict[str, Any] | None:
+    """The event that `line` is, with texts that may be shown anywhere, or None.
+
+    None is whatever else a process writes (a library's print, Blender's banner), and what looks like an event but is
+    none: not JSON, or without what an event of its kind has.
+    """
+    if not line.startswith('{"event"'):
+        return None
+    try:
+        event = parse_json(line)
+    except ValueError:
+        return None
+    if event["event"] == "result":
+        return event
+    required = _REQUIRED.get(event["event"], {}) if isinstance(event["event"], str) else None
+    if required is None or not all(name in event for name in required):
+        return None
+    types = {**_OPTIONAL, **required}
+    if not all(_is_usable(event[name], kinds) for name, kinds in types.items() if name in event):
+        return None
+    shown = {name: one_line(event[name]) for name in _SHOWN if isinstance(event.get(name), str)}
+    return {**event, **shown}
+
+
+def _is_usable(value: Any, kinds: tuple[type, ...]) -> bool:
+    return isinstance(value, kinds) and not (isinstance(value, int | float) and abs(value) > _LARGEST_NUMBER)
+
+
+def claim_stdout() -> TextIO:
+    """Keep stdout for the protocol: what libraries print, from C++ too, goes to stderr from now on."""
+    protocol = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    sys.stdout = sys.stderr
+    return protocol

@@ -1,0 +1,76 @@
+"""What this machine has to share out among tasks. Standard library only."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+_CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
+_UNKNOWN_MEMORY_MB = 8192  # where the system does not tell
+_MIB = 1 << 20
+
+
+@dataclass(frozen=True)
+class Resources:
+    """Processor cores, main memory in MiB, graphics cards: of a machine, or of a task."""
+
+    cores: int
+    memory_mb: int
+    gpus: int
+
+    def __add__(self, other: Resources) -> Resources:
+        return Resources(self.cores + other.cores, self.memory_mb + other.memory_mb, self.gpus + other.gpus)
+
+    def __sub__(self, other: Resources) -> Resources:
+        return Resources(self.cores - other.cores, self.memory_mb - other.memory_mb, self.gpus - other.gpus)
+
+    def covers(self, other: Resources) -> bool:
+        """Whether there is enough of everything."""
+        return self.cores >= other.cores and self.memory_mb >= other.memory_mb and self.gpus >= other.gpus
+
+    def capped(self, limit: Resources) -> Resources:
+        """These resources, or all of `limit` where it has less."""
+        return Resources(min(self.cores, limit.cores), min(self.memory_mb, limit.memory_mb), min(self.gpus, limit.gpus))
+
+
+def this_machine(cores: int | None = None, memory_mb: int | None = None, gpus: int | None = None) -> Resources:
+    """What this machine has, as far as it is not given."""
+    return Resources(
+        available_processors() if cores is None else cores,
+        _memory_mb() if memory_mb is None else memory_mb,
+        _graphics_cards() if gpus is None else gpus,
+    )
+
+
+def _memory_mb() -> int:
+    """Main memory, or the container's share of it."""
+    try:
+        memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // _MIB
+    except (AttributeError, ValueError, OSError):
+        return _UNKNOWN_MEMORY_MB
+    try:
+        return min(memory, int(_CONTAINER_LIMIT.read_text()) // _MIB)
+    except (OSError, ValueError):  # no container, or one without a limit ("max")
+        return memory
+
+
+def _graphics_cards() -> int:
+    """CUDA devices of this machine, as far as the driver's own program tells."""
+    program = shutil.which("nvidia-smi")
+    if program is None:
+        return 0
+    try:
+        listed = subprocess.run([program, "-L"], capture_output=True, text=True, timeout=20.0, check=True).stdout
+    except (OSError, subprocess.SubprocessError):
+        return 0
+    return sum(line.startswith("GPU ") for line in listed.splitlines())
+
+
+def available_processors() -> int:
+    """At least one; fewer than the machine has where the process is confined to some of them."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -1,0 +1,290 @@
+"""A worker's job as its user meets it on a console: signals, progress, errors, exit codes. Standard library only."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import time
+from collections.abc import Callable, Iterator
+from typing import TextIO
+
+from ..errors import Cancelled, InputError
+from ..runs.folder import RunFolder
+from .process import Event, Job
+from .progress import RunProgress, format_seconds
+
+EXIT_DONE, EXIT_DEFECT, EXIT_INPUT, EXIT_CANCELLED = 0, 1, 2, 130
+
+# A worker that says nothing for so long may be stuck. It may also swap, or render a large picture, so this is said and
+# the user decides; compiling the kernels, the longest silence of a healthy run, takes about a minute.
+PATIENCE_SECONDS = 120.0
+
+# Signals by which a worker is ended by somebody else.
+_FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
+
+Listener = Callable[[Event], None]
+
+
+class WorkerDefect(Exception):
+    """A worker ended without a result: a defect of ours, described in one line."""
+
+
+class WorkerKilled(WorkerDefect):
+    """A worker was ended by somebody else: the system when its memory ran out, a user, a farm."""
+
+
+class WorkerRefusal(InputError):
+    """A worker's own complaint about the input, already one line."""
+
+    def __str__(self) -> str:
+        return self.what
+
+
+def in_console(
+    work: Callable[[Listener], Event], display: Listener, *, cancelled: str = "cancelled; nothing was written"
+) -> int:
+    """Do `work` so that Ctrl-C cancels it and every failure is one line; returns the exit code of the contract.
+
+    Args:
+        work: takes a listener for the events of its workers and returns the fields of the result.
+        display: shows events, the final result or error included.
+        cancelled: what to say when the user has cancelled it.
+    """
+    cancel = _cancel_once()
+    previous = {number: signal.signal(number, cancel) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        result = work(display)
+    except InputError as error:
+        display({"event": "error", "kind": "input", "message": str(error)})
+        return EXIT_INPUT
+    except Cancelled:
+        display({"event": "error", "kind": "cancelled", "message": cancelled})
+        return EXIT_CANCELLED
+    except WorkerDefect as error:
+        display({"event": "error", "kind": "defect", "message": str(error)})
+        return EXIT_DEFECT
+    finally:
+        for number, handler in previous.items():
+            if handler is not None:  # None: set by the program around us (Blender), and Python cannot put it back
+                signal.signal(number, handler)
+    display({"event": "result", **result})
+    return EXIT_DONE
+
+
+@contextlib.contextmanager
+def all_or_nothing(folder: RunFolder, out: str, log_name: str) -> Iterator[None]:
+    """Put what the block stages into `folder` in place when it succeeds, and nothing when it does not.
+
+    Args:
+        folder: of the block.
+        out: the folder as the user named it.
+        log_name: of the staged log, which is kept when a worker failed.
+
+    Raises:
+        InputError: the results could not be written.
+        WorkerDefect: with the place of the log.
+    """
+    try:
+        yield
+        folder.commit()
+    except WorkerKilled as error:
+        kept = folder.abort(keep=log_name)
+        raise WorkerKilled(f"{error} (its log is {kept})") from None
+    except WorkerDefect as error:
+        kept = folder.abort(keep=log_name)
+        raise WorkerDefect(f"{error} - this is a defect of ours; please report it with {kept}") from None
+    except OSError as error:
+        folder.abort()
+        what, remedy = f"cannot be written to ({error.strerror})", "free space or choose another folder with --out"
+        raise InputError(what, where=out, remedy=remedy) from None
+    except BaseException:
+        folder.abort()
+        raise
+
+
+def finish(job: Job, listen: Listener, patience_seconds: float | None = PATIENCE_SECONDS) -> Event:
+    """Follow `job` to its end and return its result.
+
+    Args:
+        listen: hears of its events but the last.
+        patience_seconds: `listen` is warned once a stage when nothing is heard for so long; None waits without a word.
+
+    Raises:
+        WorkerRefusal: the worker refused its input.
+        Cancelled: another thread cancelled it.
+        WorkerKilled: it was ended from outside.
+        WorkerDefect: it ended without a result.
+        OSError: what it said could not be logged.
+    """
+    result: Event | None = None
+    complaint: Event | None = None
+    stage = ""
+    warned_in: str | None = None
+
+    def warn_of_silence() -> None:
+        nonlocal warned_in
+        if warned_in != stage:
+            warned_in = stage
+            listen(_silence(stage, patience_seconds or 0.0))
+
+    try:
+        for event in job.events(patience_seconds, warn_of_silence):
+            if event["event"] == "result":
+                result = event
+            elif event["event"] == "error":
+                complaint = event
+            else:
+                stage = str(event.get("stage", stage))
+                listen(event)
+        code = job.wait()
+    except BaseException:
+        job.cancel()
+        raise
+    if job.cancelled:
+        raise Cancelled
+    if complaint is not None and complaint.get("kind") == "input":
+        raise WorkerRefusal(str(complaint["message"]))
+    if job.log_failure is not None:
+        raise job.log_failure
+    if complaint is not None and (code != 0 or result is None):
+        raise WorkerDefect(str(complaint["message"]))
+    if code != 0 or result is None:
+        raise _end_without_result(code, f" during '{stage}'" if stage else "")
+    return result
+
+
+def _silence(stage: str, seconds: float) -> Event:
+    where = f" in '{stage}'" if stage else ""
+    message = f"nothing was heard of the worker for {format_seconds(seconds)}{where}; it may have much to do or be "
+    message += "stuck - cancel it and run again if it stays so: an earlier result is untouched until a run succeeds"
+    return {"event": "warning", "name": "silent-worker", "message": message}
+
+
+def _end_without_result(code: int, during: str) -> WorkerDefect:
+    """What became of a worker that ended with `code` (negative: by a signal) and gave neither result nor reason."""
+    if code == EXIT_CANCELLED:
+        return WorkerKilled(f"the worker was told to stop by another program{during} - run again")
+    if code >= 0:
+        return WorkerDefect(f"the worker ended with exit code {code}{during}")
+    name = _signal_name(-code)
+    if name == "SIGKILL":
+        why = "most likely because the machine ran out of memory - close other programs or give a smaller --max-size"
+        return WorkerKilled(f"the worker was killed{during}, {why}, then run again")
+    if name in _FROM_OUTSIDE:
+        return WorkerKilled(f"the worker was ended by another program ({name}){during} - run again")
+    return WorkerDefect(f"the worker was ended by signal {-code} ({name}){during}")
+
+
+def _signal_name(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return "unknown"
+
+
+def _cancel_once() -> Callable[..., None]:
+    """A signal handler that raises `Cancelled` the first time: what is tidied up then must not be cut short."""
+    cancelled = False
+
+    def cancel(*_: object) -> None:
+        nonlocal cancelled
+        if not cancelled:
+            cancelled = True
+            raise Cancelled
+
+    return cancel
+
+
+class Log:
+    """Time-stamped lines of everything that happens, and the way of the events to the display."""
+
+    def __init__(self, file: TextIO, listen: Listener) -> None:
+        self._file = file
+        self._listen = listen
+        self._started = time.monotonic()
+
+    def line(self, text: str) -> None:
+        """Write one line."""
+        self._file.write(f"{time.monotonic() - self._started:9.2f} {text}\n")
+        self._file.flush()
+
+    def event(self, event: Event) -> None:
+        """Write an event and pass it on."""
+        self.line(json.dumps(event))
+        self._listen(event)
+
+
+class JsonDisplay:
+    """Events as JSON lines; when their reader has gone, the job is cancelled.
+
+    Raises (when called):
+        Cancelled: nobody reads any more.
+    """
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def __call__(self, event: Event) -> None:
+        try:
+            self._stream.write(json.dumps(event) + "\n")
+            self._stream.flush()
+        except BrokenPipeError:
+            # What is still to be said, and what Python writes at its end, goes nowhere.
+            with open(os.devnull, "w") as nowhere:
+                os.dup2(nowhere.fileno(), self._stream.fileno())
+            raise Cancelled from None
+
+
+class BarDisplay:
+    """One line that is rewritten on a terminal; elsewhere a line now and then.
+
+    Args:
+        stream: where to, usually stderr.
+        program: name of the script, said before an error.
+        progress: that of the whole job.
+        summarise: what to say of a result.
+    """
+
+    _QUIET_INTERVAL = 10.0  # seconds between lines when the stream is no terminal
+
+    def __init__(self, stream: TextIO, program: str, progress: RunProgress, summarise: Callable[[Event], str]) -> None:
+        self._stream = stream
+        self._program, self._progress, self._summarise = program, progress, summarise
+        self._terminal = stream.isatty()
+        self._last_line = 0.0
+        self._last_stage = ""
+
+    def __call__(self, event: Event) -> None:
+        kind = event["event"]
+        if kind in ("status", "progress"):
+            self._progress.update(event)
+            self._show()
+        elif kind == "warning":
+            self._say(f"note: {event['message']}")
+        elif kind == "error":
+            self._say(f"{self._program}: {event['message']}")
+        elif kind == "result":
+            self._say(self._summarise(event))
+
+    def _show(self) -> None:
+        progress = self._progress
+        left = progress.seconds_left
+        text = f"{progress.fraction:4.0%} {progress.stage:<9}"
+        text += f" {format_seconds(left)} left" if left is not None else " " * 10
+        text += f"  {progress.message}"
+        if self._terminal:
+            width = shutil.get_terminal_size().columns - 1
+            self._stream.write("\r" + text[:width].ljust(width))
+        elif progress.stage != self._last_stage or time.monotonic() - self._last_line >= self._QUIET_INTERVAL:
+            self._stream.write(text.rstrip() + "\n")
+            self._last_line, self._last_stage = time.monotonic(), progress.stage
+        self._stream.flush()
+
+    def _say(self, text: str) -> None:
+        if self._terminal:
+            self._stream.write("\r" + " " * (shutil.get_terminal_size().columns - 1) + "\r")
+        self._stream.write(text + "\n")
+        self._stream.flush()

@@ -1,0 +1,1 @@
+"""Corrections of a capture's cameras: poses, exposure and, with `training.lens`, focal length."""

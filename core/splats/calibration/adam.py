@@ -1,0 +1,57 @@
+"""Adam for the few parameters of a correction, whose learning rate decays: exposures, poses, a focal length."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+
+_BETA_1, _BETA_2 = 0.9, 0.99  # a view is visited some hundred times
+
+
+class AdamMoments:
+    """Bias-corrected moving averages of a gradient (Kingma and Ba 2015); a step is -learning_rate * mean / scale.
+
+    Args:
+        epsilon: added to the scale.
+        shared: one second moment for all components, the mean of their squares.
+    """
+
+    def __init__(self, epsilon: float = 1e-30, *, shared: bool = False) -> None:
+        self._epsilon, self._shared = epsilon, shared
+        self._first: Any = None
+        self._second: Any = None
+        # The powers of numpy's integers differ from Python's in the last bit; the choice keeps results what they were.
+        self._steps: Any = np.int64(0) if shared else 0
+
+    def update(self, gradient: Any) -> tuple[Any, Any]:
+        """The mean and the scale (root mean square) of the gradients so far, `gradient` included.
+
+        Args:
+            gradient: a number, an array or a tensor, which stays on its device; finite, and always of the same shape.
+        """
+        square = (gradient**2).mean() if self._shared else gradient**2
+        if not self._steps:
+            self._first = 0.0 * gradient
+            self._second = 0.0 if self._shared else self._first
+        average, root = (torch.lerp, torch.sqrt) if isinstance(gradient, torch.Tensor) else (_lerp, np.sqrt)
+        self._steps += 1
+        self._first = average(self._first, gradient, 1.0 - _BETA_1)
+        self._second = average(self._second, square, 1.0 - _BETA_2)
+        mean = self._first / (1.0 - _BETA_1**self._steps)
+        return mean, root(self._second / (1.0 - _BETA_2**self._steps)) + self._epsilon
+
+
+def decayed(rate: float, final_factor: float, progress: float, start: float = 0.0) -> float:
+    """A learning rate at the fraction `progress` of a run: `rate` until `start`, then exponential decay.
+
+    Args:
+        final_factor: of the rate, at the end of the run.
+    """
+    done = (progress - start) / (1.0 - start) if start < 1.0 else 1.0
+    return rate * final_factor ** min(max(done, 0.0), 1.0)
+
+
+def _lerp(start: Any, end: Any, weight: float) -> Any:
+    return start + weight * (end - start)

@@ -1,0 +1,1 @@
+"""File formats of Gaussians. numpy only: Blender's Python imports this."""

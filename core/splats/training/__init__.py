@@ -1,0 +1,1 @@
+"""Fitting Gaussians to photographs: the trainer, its plan and decisions, colour layers."""

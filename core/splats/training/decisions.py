@@ -1,0 +1,237 @@
+"""Automatic decisions: how many Gaussians, steps and SH degrees a scene needs, by views held back for validation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from ..gaussians import Gaussians
+from ..raster import LearningRates
+from .fitting import Fit
+
+MANY_VIEWS = 24
+"""Training views from which some can be spared for validation."""
+FEW_VIEWS = 8
+"""Training views from which one can be spared for validation if no view is held out."""
+_MOST_VALIDATION = 6
+_ONE_IN = 18  # on the demo, validating on two of 35 views to the end cost 0.3 dB
+_LEAST_DOUBLINGS = 0.1  # of the number of Gaussians, for a gain to be ascribed to it
+# A few validation views scatter by this much from one measurement to the next; a smaller loss is no reason to go back.
+_WORTH_RESTORING = 0.15  # dB
+
+
+@dataclass(frozen=True)
+class ViewSplit:
+    """Which training views are fitted and which views validate.
+
+    Attributes:
+        fitted: indices into the training views.
+        validation: indices into the training views, of those that are not fitted.
+        validate_on_held_out: whether the held-out views, on which the run will be evaluated, validate as well.
+        reason: all this in plain words, for the report.
+    """
+
+    fitted: list[int]
+    validation: list[int]
+    validate_on_held_out: bool
+    reason: str
+
+
+def split_views(training: int, held_out: int, *, decides: bool = True) -> ViewSplit:
+    """The split of a capture: training views validate if there are enough of them, else the held-out ones.
+
+    Args:
+        training, held_out: numbers of views.
+        decides: whether the run has anything to decide; if not, all views are fitted.
+    """
+    everything = list(range(training))
+    if not decides:
+        return ViewSplit(everything, [], False, "no validation: there was nothing to decide")
+    if training >= MANY_VIEWS or (not held_out and training >= FEW_VIEWS):
+        count = min(max(training // _ONE_IN, 1), _MOST_VALIDATION)
+        validation = sorted({int((i + 0.5) * training / count) for i in range(count)})
+        fitted = [i for i in everything if i not in validation]
+        return ViewSplit(fitted, validation, False, f"{count} of {training} training views held back for validation")
+    if held_out:
+        return ViewSplit(
+            everything,
+            [],
+            True,
+            f"validated on the held-out views, because {training} training views are too few to hold some back: "
+            "figures on them are slightly optimistic",
+        )
+    return ViewSplit(everything, [], False, f"no validation: {training} views are too few to hold one back")
+
+
+class Measurement(NamedTuple):
+    """PSNR (dB) of the validation views after `step` steps, with this number of Gaussians.
+
+    `work` counts the tile intersections so far, a hardware-independent cost proxy: unlike time it is the same whenever
+    a run is repeated, so the same seed gives the same decisions.
+    """
+
+    step: int
+    gaussians: int
+    psnr: float
+    work: int
+
+
+@dataclass(frozen=True)
+class GrowthRule:
+    """When there are enough Gaussians.
+
+    Attributes:
+        doubling_gain: dB that a doubling of their number has to gain. Around their knee, peers gain 0.25 to 0.35 dB
+            by one (FastGS 0.4 to 1.15 million, gsplat 1 to 2 million); more is required here, since it includes what
+            training alone gains meanwhile.
+        work_gain: dB that a doubling of all the work so far has to gain.
+        window: rounds over which a gain is measured, so that one noisy measurement does not decide.
+        pixels_per_gaussian: of the fitted views, at least; limits the number of Gaussians.
+        fewest: lower bound of that limit.
+    """
+
+    doubling_gain: float = 0.4
+    work_gain: float = 0.4
+    window: int = 2
+    pixels_per_gaussian: int = 100
+    fewest: int = 1000
+
+    def ceiling(self, pixels: int) -> int:
+        """Most Gaussians that this number of pixels can determine."""
+        return max(pixels // self.pixels_per_gaussian, self.fewest)
+
+    def verdict(self, rounds: Sequence[Measurement]) -> str | None:
+        """Why the last `window` rounds show that there are enough; None while growth pays."""
+        if len(rounds) <= self.window:
+            return None
+        before, now = rounds[-1 - self.window], rounds[-1]
+        gain = now.psnr - before.psnr
+        doublings = math.log2(now.gaussians / before.gaussians)
+        if doublings > _LEAST_DOUBLINGS and gain < self.doubling_gain * doublings:
+            return f"doubling them gained {gain / doublings:.2f} dB, less than {self.doubling_gain:g}"
+        doublings = math.log2(now.work / max(before.work, 1))
+        if gain < self.work_gain * doublings:
+            return f"doubling the time gained {gain / doublings:.2f} dB, less than {self.work_gain:g}"
+        return None
+
+
+@dataclass(frozen=True)
+class StopRule:
+    """Early stopping.
+
+    Attributes:
+        every: share of the run between two measurements.
+        patience: share of the run without a new best after which it ends.
+        min_gain: dB that make a new best.
+    """
+
+    every: float = 0.025
+    patience: float = 0.25
+    min_gain: float = 0.02
+
+    def due(self, step: int, steps: int) -> bool:
+        """Whether to measure after `step` of `steps`."""
+        return step % max(round(self.every * steps), 1) == 0
+
+    def should_stop(self, measured: Sequence[Measurement], steps: int) -> bool:
+        """Whether `patience` has run out."""
+        best, last_gain = -math.inf, 0
+        for measurement in measured:
+            if measurement.psnr > best + self.min_gain:
+                best, last_gain = measurement.psnr, measurement.step
+        return bool(measured) and measured[-1].step - last_gain >= self.patience * steps
+
+
+@dataclass(frozen=True)
+class ShDegreeRule:
+    """When a higher degree of spherical harmonics pays, by trials of the colours near the end of a run.
+
+    Attributes:
+        highest: degree that is tried.
+        steps: of a trial, as a share of the run's steps; at least `fewest_steps`.
+        largest_share: of the run's steps; if a trial would take more, none is made. Such a run has not settled, and a
+            higher degree would make up for that: a matte scene was given degree 2 after 450 steps.
+        degree_gain: dB that a degree has to gain: it makes every Gaussian larger by half and more.
+        sh0_learning_rate, sh_rest_learning_rate: of the degree-0 and the higher coefficients at the start of a trial.
+        lr_final_factor: factor of the learning rates at its end.
+    """
+
+    highest: int = 3
+    steps: float = 0.04
+    fewest_steps: int = 120
+    largest_share: float = 0.1
+    degree_gain: float = 0.25
+    sh0_learning_rate: float = 2e-3
+    sh_rest_learning_rate: float = 1e-2
+    lr_final_factor: float = 0.1
+
+    def trial_steps(self, steps: int) -> int:
+        """Steps of a trial in a run of `steps`; 0 if the run is too short for one."""
+        trial = max(round(self.steps * steps), self.fewest_steps)
+        return trial if trial <= self.largest_share * steps else 0
+
+    def learning_rates(self, progress: float) -> LearningRates:
+        """Learning rates of a trial: of the colours alone, so that its gain is due to them."""
+        factor = self.lr_final_factor**progress
+        return LearningRates(sh0=self.sh0_learning_rate * factor, sh_rest=self.sh_rest_learning_rate * factor)
+
+
+@dataclass
+class DecisionLog:
+    """The measurements and decisions of a run, and its best Gaussians so far.
+
+    Attributes:
+        views: which views validate, in plain words.
+        strategy: its name.
+        steps: planned.
+        limit: of the number of Gaussians as asked for, or None.
+        measured: on the validation views, at regular steps.
+        rounds: likewise, before each refinement.
+        growth, degree: verdicts in plain words, empty if there is none.
+        stopped: whether it stopped early.
+    """
+
+    views: str
+    strategy: str
+    steps: int
+    limit: int | None
+    measured: list[Measurement] = field(default_factory=list)
+    rounds: list[Measurement] = field(default_factory=list)
+    growth: str = ""
+    degree: str = ""
+    stopped: bool = False
+    _best: tuple[Measurement, Gaussians] | None = None
+    _restored: str = ""
+
+    def keep_if_best(self, measurement: Measurement, fit: Fit) -> None:
+        """Keep a copy of the Gaussians if no measurement was better."""
+        if self._best is None or measurement.psnr > self._best[0].psnr:
+            self._best = measurement, fit.parameters.to_gaussians()
+
+    def restore_best(self, now: Measurement, fit: Fit) -> None:
+        """Put the best Gaussians back, unless those of `now` are about as good."""
+        if self._best is None or self._best[0].psnr < now.psnr + _WORTH_RESTORING:
+            return
+        best, gaussians = self._best
+        fit.restart(gaussians)
+        gain = best.psnr - now.psnr
+        self._restored = f"the Gaussians of step {best.step} were restored, because they were {gain:.2f} dB better"
+
+    def in_words(self, step: int, initial: int, fit: Fit) -> dict[str, Any]:
+        """For the report, after the last step of a run that started with `initial` Gaussians."""
+        if self.limit is not None:
+            verdict = f"limited to {self.limit:,}, as asked for"
+        else:
+            verdict = self.growth or "growth paid to the end of its schedule"
+        degree = fit.parameters.sh_count**0.5 - 1
+        words = {
+            "strategy": self.strategy,
+            "views": self.views,
+            "gaussians": f"{initial:,} at the start, {len(fit):,} at the end; {verdict}",
+            "steps": f"{step:,} of {self.steps:,}"
+            + (": the validation views no longer improved" if self.stopped else ""),
+            "sh_degree": f"{degree:.0f}" + (f": {self.degree}" if self.degree else ""),
+        }
+        return words | ({"restored": self._restored} if self._restored else {})

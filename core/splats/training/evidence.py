@@ -1,0 +1,78 @@
+"""Gathers what training views say about every Gaussian: how much of it they show, and with how much error."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import warp as wp
+
+from ..gaussians import SH_C0
+from ..raster import ParameterSet, Rasterizer
+from ..strategy import ViewEvidence, ViewEvidenceSum
+from ..targets import Background, TrainingView
+
+ERROR_PERCENTILE = 70.0
+"""Of a view's own pixel errors: a rank, so that neither a single pixel nor the scene's noise level dominates."""
+ERROR_FLOOR = 0.02
+"""Mean absolute difference of sRGB values (5 of 255) that counts as well fitted, whatever the percentile."""
+
+_DARKEST = np.float32((1.0 / 512.0 - 0.5) / SH_C0)  # degree-0 coefficient of a colour just above black
+
+
+def gather_view_evidence(
+    rasterizer: Rasterizer,
+    parameters: ParameterSet,
+    views: Sequence[TrainingView],
+    background: Background,
+    *,
+    complete: bool,
+    reduction: int = 1,
+) -> ViewEvidence:
+    """Render every view, and sum blend weights and weighted errors per Gaussian in one backward pass.
+
+    dL/d(colour of k) is the sum over the pixels of w_jk dL/d(pixel j). So with a "dL/d(pixel)" of 1 in one channel and
+    of the error in another, one backward pass gives both sums.
+
+    Args:
+        complete: whether `views` are all training views.
+        reduction: factor by which the views are reduced. Sums are in pixels of the full images.
+    """
+    shown, weighed = _without_black(parameters)
+    means = parameters.means.numpy()
+    total = ViewEvidenceSum(len(parameters))
+    for view in views:
+        image, camera = view.at(reduction)
+        frame = rasterizer.render(shown, camera, background.color)
+        color = frame.color.numpy()
+        error = np.nan_to_num(np.abs(color - image.numpy() * np.float32(1.0 / 255.0)).mean(axis=2))
+        threshold = max(float(np.percentile(error, ERROR_PERCENTILE)), ERROR_FLOOR)
+        grad_color = wp.array(
+            np.stack([np.ones_like(error), error, np.zeros_like(error)], axis=2),
+            dtype=wp.float32,
+            device=rasterizer.device,
+        )
+        if weighed is not shown:
+            frame = rasterizer.render(weighed, camera, background.color)
+        sums = rasterizer.backward(frame, grad_color=grad_color, colors_only=True).sh.numpy()[:, 0]
+        full_image, _ = view.at(1)
+        pixels = np.float32(full_image.size / image.size / SH_C0)
+        distance = np.linalg.norm(means - camera.center.astype(np.float32), axis=1)
+        total.add(sums[:, 0] * pixels, sums[:, 1] * pixels, threshold, distance)
+    return total.evidence(complete)
+
+
+def _without_black(parameters: ParameterSet) -> tuple[ParameterSet, ParameterSet]:
+    """The Gaussians to compare with the photographs and those to sum weights on; the same if possible.
+
+    The gradient of a channel vanishes where the colour is clipped at black, and its weight with it. Colours of degree 0
+    are lifted from black by less than a byte's step; with view-dependent colours, weights are summed in grey.
+    """
+    sh = parameters.sh.numpy()
+    if parameters.sh_count > 1:
+        grey = wp.zeros(parameters.sh.shape, dtype=wp.float32, device=parameters.device)
+        return parameters, replace(parameters, sh=grey)
+    lifted = wp.array(np.maximum(sh, _DARKEST), dtype=wp.float32, device=parameters.device)
+    shown = replace(parameters, sh=lifted)
+    return shown, shown

@@ -1,0 +1,109 @@
+"""Losses guided by the other views: the photometric loss weighted by pixel, and the multi-view loss L_mv."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from ...consistency import Consensus
+from ..raster import Frame, Loss, Mask, Rasterizer
+
+# The annotations of kernels are values that Warp evaluates.
+# mypy: disable-error-code="valid-type, misc, index"
+
+_SOFTNESS = 2.0 / 255.0
+"""ε of the multi-view loss: smaller differences are resampling rather than drift, and are pulled less."""
+
+
+@dataclass(frozen=True)
+class ViewGuide:
+    """What the other views say about a view that colours are fitted to.
+
+    Attributes:
+        weights: (H, W) float32, weight of each pixel: lower where the photographs vary with the view.
+        consensus: colours that the views agree on; None leaves out the multi-view loss.
+    """
+
+    weights: NDArray[np.float32]
+    consensus: Consensus | None = None
+
+
+class GuidedLoss:
+    """The photometric loss weighted by pixel, and the multi-view loss, as the guides of the views ask.
+
+    Args:
+        rasterizer: that renders the frames.
+        guides: one per view, or None.
+        ssim_weight: weight of 1 - SSIM in the photometric loss.
+        multi_view_weight: λ_mv.
+    """
+
+    def __init__(
+        self, rasterizer: Rasterizer, guides: Sequence[ViewGuide] | None, ssim_weight: float, multi_view_weight: float
+    ) -> None:
+        device = rasterizer.device
+        self._rasterizer, self.ssim_weight = rasterizer, ssim_weight
+        self._masks = [Mask.of(guide.weights, device) for guide in guides or ()]
+        self._pulls = [
+            MultiViewLoss(guide.consensus, multi_view_weight, device) if guide.consensus and multi_view_weight else None
+            for guide in guides or ()
+        ]
+
+    def of(self, view: int) -> Callable[[Frame, wp.array], Loss]:
+        """The loss of a view, by its index, which fills `frame.grad_color`.
+
+        Its value is that of the photometric part; the multi-view loss contributes a gradient only.
+        """
+        return partial(self._measure, view)
+
+    def _measure(self, view: int, frame: Frame, image: wp.array) -> Loss:
+        mask = self._masks[view] if self._masks else None
+        loss = self._rasterizer.photometric_loss(frame, image, self.ssim_weight, mask)
+        pull = self._pulls[view] if self._pulls else None
+        if pull is not None:
+            pull.add_gradient(frame)
+        return loss
+
+
+class MultiViewLoss:
+    """L_mv of one view: the distance to the consensus, sqrt(d² + ε²), averaged over channels and weighted pixels.
+
+    Args:
+        consensus: of the view.
+        strength: λ_mv, L_mv's weight beside the photometric loss.
+        device: of the frames.
+    """
+
+    def __init__(self, consensus: Consensus, strength: float, device: wp.Device) -> None:
+        total = float(consensus.weights.sum())
+        self._scale = strength / (3.0 * total) if total > 0.0 else 0.0
+        self._colors = wp.array(consensus.colors, dtype=wp.uint8, device=device)
+        self._weights = wp.array(consensus.weights, dtype=wp.float32, device=device)
+
+    def add_gradient(self, frame: Frame) -> None:
+        """Add strength · dL_mv/dcolor to `frame.grad_color`, which the photometric loss has filled."""
+        if self._scale:
+            inputs = [frame.color, self._colors, self._weights, self._scale, _SOFTNESS, frame.grad_color]
+            wp.launch(_add_pull, dim=self._weights.shape, inputs=inputs, device=self._weights.device)
+
+
+@wp.kernel(enable_backward=False)
+def _add_pull(
+    color: wp.array3d(dtype=wp.float32),
+    consensus: wp.array3d(dtype=wp.uint8),
+    weights: wp.array2d(dtype=wp.float32),
+    scale: wp.float32,
+    softness: wp.float32,
+    gradient: wp.array3d(dtype=wp.float32),
+):
+    row, column = wp.tid()
+    weight = weights[row, column] * scale
+    if weight > 0.0:
+        for channel in range(3):
+            apart = color[row, column, channel] - wp.float32(consensus[row, column, channel]) / 255.0
+            gradient[row, column, channel] += weight * apart / wp.sqrt(apart * apart + softness * softness)

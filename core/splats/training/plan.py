@@ -1,0 +1,113 @@
+"""The settings of a training run (`TrainingPlan`), and its result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration.exposure import ExposurePlan
+from ..calibration.poses import PosePlan
+from ..gaussians import Gaussians
+from ..raster import LearningRates
+from ..strategy import Strategy
+from .decisions import GrowthRule, ShDegreeRule, StopRule
+from .initialise import InitialGaussians
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class TrainingPlan:
+    """The settings of a training run; the defaults are the same for every scene.
+
+    Attributes:
+        steps: optimisation steps, on one view each; fewer if `stopping` ends the run.
+        limit: largest number of Gaussians; None lets `growth` decide.
+        sh_degree: of the colours; terms above 0 start at zero. None lets `sh_degree_rule` decide.
+        ssim_weight: λ of the photometric loss (1 - λ) L1 + λ (1 - SSIM).
+        learning_rates: initial ones, in frame units where they are lengths; about four times those of 3DGS, whose runs
+            are six times as long.
+        means_lr_final_factor, lr_final_factor: factors of the learning rates of the means and of all others at the end,
+            reached exponentially.
+        coarse: (fraction of the run, factor) pairs: until then the photographs are reduced by the factor.
+        initial: how the Gaussians are initialised.
+        strategy: of densification; None takes `MultiViewConsistent`.
+        growth: when there are enough Gaussians.
+        stopping: early stopping; None runs all steps.
+        sh_degree_rule: when a higher SH degree pays.
+        validation_until: fraction of the run at which validation ends: the SH degree is chosen, and training views held
+            back for validation are fitted like the others, so as to leave no gap where they are.
+        exposure: how photographs of different exposure or white balance are corrected; None to leave them.
+        poses: how bad poses are refined; None to leave them. Validation views are then aligned with the scene before
+            they are measured.
+        curve_points: measurements on the held-out views.
+        curve_views: views in each of them, about.
+    """
+
+    steps: int = 5000
+    limit: int | None = None
+    sh_degree: int | None = 0
+    ssim_weight: float = 0.2
+    learning_rates: LearningRates = field(
+        default_factory=lambda: LearningRates(
+            means=6.4e-4, log_scales=2e-2, quaternions=4e-3, opacity_logits=1e-1, sh0=1e-2, sh_rest=5e-4
+        )
+    )
+    means_lr_final_factor: float = 0.02
+    lr_final_factor: float = 0.2
+    coarse: tuple[tuple[float, int], ...] = ((0.2, 2),)
+    initial: InitialGaussians = field(default_factory=InitialGaussians)
+    strategy: Strategy | None = None
+    growth: GrowthRule = field(default_factory=GrowthRule)
+    stopping: StopRule | None = field(default_factory=StopRule)
+    sh_degree_rule: ShDegreeRule = field(default_factory=ShDegreeRule)
+    validation_until: float = 0.9
+    exposure: ExposurePlan | None = field(default_factory=ExposurePlan)
+    poses: PosePlan | None = field(default_factory=PosePlan)
+    curve_points: int = 10
+    curve_views: int = 6
+
+    @property
+    def decides(self) -> bool:
+        """Whether anything is left for validation views to decide."""
+        return self.stopping is not None or self.limit is None or self.sh_degree is None
+
+    def learning_rates_at(self, progress: float) -> LearningRates:
+        """The learning rates at the fraction `progress` of the run."""
+        rest = self.learning_rates.scaled(self.lr_final_factor**progress)
+        return replace(rest, means=self.learning_rates.means * self.means_lr_final_factor**progress)
+
+    def curve_subset(self, held_out: Sequence[T]) -> list[T]:
+        """The held-out views on which the curve is measured, about `curve_views` of them."""
+        return list(held_out[:: max(len(held_out) // self.curve_views, 1)])
+
+
+@dataclass(frozen=True)
+class TrainingResult:
+    """The result of a training run.
+
+    Attributes:
+        gaussians: in world units.
+        curve: one entry per measurement: step, seconds, psnr (held-out, dB; None without such views), gaussians;
+            deciding_psnr if training views were held back for validation; and psnr_any_exposure (held-out, with each
+            photograph's exposure compensated) if exposures were corrected. The last entry is that of `gaussians`.
+        seconds: of the loop and its preparation, without the measurements for the curve.
+        initial: number of Gaussians at the start.
+        decision: automatic decisions and their reasons in plain words: views, strategy, gaussians, steps, sh_degree,
+            exposure, poses.
+        skipped: steps skipped, entirely or for some Gaussians, because of non-finite numbers.
+        moved_poses: (4, 4) world-to-camera by view key, if poses were refined. Held-out views are then aligned with
+            the finished scene, which is not fitted to them.
+    """
+
+    gaussians: Gaussians
+    curve: list[dict[str, float | None]]
+    seconds: float
+    initial: int
+    decision: dict[str, Any] = field(default_factory=dict)
+    skipped: int = 0
+    moved_poses: dict[str, NDArray[np.float64]] = field(default_factory=dict)

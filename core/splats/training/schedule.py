@@ -1,0 +1,58 @@
+"""The schedule of a training run: when it densifies, at which resolution and with which learning rates."""
+
+from __future__ import annotations
+
+from ..raster import LearningRates
+from ..strategy import Schedule
+from .plan import TrainingPlan
+
+
+class TrainingSchedule:
+    """The schedule of one run: growth in its first part, then fine-tuning at falling learning rates.
+
+    Args:
+        plan: of the run.
+        densification: when the strategy refines.
+
+    Attributes:
+        steps: the run's length.
+    """
+
+    def __init__(self, plan: TrainingPlan, densification: Schedule) -> None:
+        self._plan = plan
+        self._densification = densification
+        self._growth_ended = False
+        self.steps = plan.steps
+
+    def end_growth(self) -> None:
+        """Stop densifying for good, earlier than planned."""
+        self._growth_ended = True
+
+    def refines(self, step: int) -> bool:
+        """Whether to refine the set of Gaussians after `step`."""
+        return not self._growth_ended and self._densification.due(step, self.steps)
+
+    def growing(self, step: int) -> bool:
+        """Whether Gaussians may still be added at `step` or later."""
+        return not self._growth_ended and self._densification.growing(step, self.steps)
+
+    def reduction(self, step: int) -> int:
+        """The factor by which views are reduced at `step`."""
+        return next((factor for until, factor in self._plan.coarse if step <= until * self.steps), 1)
+
+    @property
+    def coarsest(self) -> int:
+        """The largest factor by which views are reduced."""
+        return max((factor for _, factor in self._plan.coarse), default=1)
+
+    def at_full_resolution(self, step: int) -> bool:
+        """Whether there have been steps at full resolution up to `step`."""
+        return step > round(max((until for until, _ in self._plan.coarse), default=0.0) * self.steps)
+
+    def progress(self, step: int) -> float:
+        """The share of the run done after `step`, from 0 to 1."""
+        return step / self.steps
+
+    def learning_rates(self, step: int) -> LearningRates:
+        """The learning rates at `step`."""
+        return self._plan.learning_rates_at(self.progress(step))

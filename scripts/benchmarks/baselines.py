@@ -1,0 +1,210 @@
+"""Enhancers to compare ours with: controls, a classical method, and ones that are inconsistent between views.
+
+Local contrast preservation rewards any gain in contrast, so every comparison should include plain contrast gain: an
+enhancer achieves something only where it beats a gain that changes the images as much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.color.matrices import check_simulation
+from ...core.color.simulation import Observer
+from ...core.color.spaces import (
+    delta_e_76,
+    image_to_tensor,
+    lab_to_linear,
+    linear_to_srgb,
+    srgb_to_lab,
+    tensor_to_image,
+)
+from ...core.enhance import Enhancer, LutEnhancer
+from ...core.enhance.enhancer import SceneIndependent, check_strength
+from ...core.enhance.lut import as_float
+from ...core.enhance.teacher import TeacherSettings
+from ...core.errors import InputError
+from ...core.files.images import to_bytes
+from ...core.runtime.protocol import Reporter
+
+_LARGEST_GAIN = 16.0
+_BISECTIONS = 20  # to 16 / 2^20
+_SAMPLES = 10_000  # pixels on which the gain is found; few enough that torch starts no threads
+_MATCHED_VIEWS = 8  # on which a scene's contrast gain is matched; more hardly change the mean
+# Of a LUT fitted to each view and rendering: a third of the teacher's usual effort.
+_PER_VIEW_STEPS = 80
+_PER_VIEW_PAIRS = 3000
+
+# From the (red, green, blue) error to the correction. Red-green observers keep blue and overall lightness, so the error
+# of red goes to green and blue: the original matrix. It would give tritan observers their errors back in blue, which
+# they cannot see, so for them the error of blue goes to red and green, as in later programs.
+_FROM_RED = np.array([[0.0, 0.0, 0.0], [0.7, 1.0, 0.0], [0.7, 0.0, 1.0]], np.float32)
+_FROM_BLUE = np.array([[1.0, 0.0, 0.7], [0.0, 1.0, 0.7], [0.0, 0.0, 0.0]], np.float32)
+_REDISTRIBUTION = {"protan": _FROM_RED, "deutan": _FROM_RED, "tritan": _FROM_BLUE}
+
+
+class ContrastGain:
+    """Plain contrast gain: scales colours about the scene's mean so that the mean ΔE76 to the original is `delta_e`.
+
+    Args:
+        delta_e: mean ΔE76 over the training views to match, usually that of another enhancer.
+        seed: for the pixels on which the gain is found.
+    """
+
+    def __init__(self, delta_e: float, seed: int = 0) -> None:
+        self._delta_e, self._seed = delta_e, seed
+        self.gain = 1.0
+        """The factor found by `fit`; 16 if no smaller gain changes the images enough."""
+        self._center = np.zeros(3, np.float32)
+
+    def fit(
+        self,
+        images: Sequence[NDArray[np.uint8]],
+        reporter: Reporter | None = None,
+        *,
+        alphas: Sequence[NDArray[np.uint8] | None] | None = None,
+    ) -> None:
+        """Find the scene's mean colour and the gain, by bisection."""
+        covered = [
+            image.reshape(-1, 3) if alphas is None or alphas[view] is None else image[np.asarray(alphas[view]) > 0]
+            for view, image in enumerate(images)
+        ]
+        colors = np.concatenate(covered)
+        self._center = as_float(colors).mean(0, dtype=np.float64).astype(np.float32)
+        sample = as_float(np.random.default_rng(self._seed).choice(colors, min(_SAMPLES, len(colors)), replace=False))[
+            :, None
+        ]
+        low, high = 1.0, _LARGEST_GAIN
+        for _ in range(_BISECTIONS):
+            self.gain = (low + high) / 2.0
+            if _mean_delta_e(sample, self(sample)) < self._delta_e:
+                low = self.gain
+            else:
+                high = self.gain
+
+    def __call__(self, image: NDArray) -> NDArray[np.float32]:
+        """The image with its contrast raised."""
+        return np.clip(self._center + (as_float(image) - self._center) * np.float32(self.gain), 0.0, 1.0)
+
+
+class MatchedGain:
+    """Contrast gain that changes the scene by the same mean ΔE76 as another enhancer.
+
+    Args:
+        reference: the other enhancer; fitted along with this one.
+    """
+
+    def __init__(self, reference: Enhancer) -> None:
+        self._reference = reference
+        self._gain = ContrastGain(0.0)
+
+    def fit(
+        self,
+        images: Sequence[NDArray[np.uint8]],
+        reporter: Reporter | None = None,
+        *,
+        alphas: Sequence[NDArray[np.uint8] | None] | None = None,
+    ) -> None:
+        """Fit the reference and match its change."""
+        self._reference.fit(images, reporter, alphas=alphas)
+        some = images[:: max(len(images) // _MATCHED_VIEWS, 1)]
+        changes = [_mean_delta_e(image, self._reference(image)) for image in some]
+        self._gain = ContrastGain(float(np.mean(changes)))
+        self._gain.fit(images, alphas=alphas)
+
+    def __call__(self, image: NDArray) -> NDArray[np.float32]:
+        """The image with its contrast raised."""
+        return self._gain(image)
+
+
+class FidanerEnhancer(SceneIndependent):
+    """The classic "daltonize": redistributes what the simulation S loses, image + M (image - S(image)).
+
+    After Fidaner, Lin and Ozguven, "Analysis of Color Blindness" (Stanford, Psych 221, 2005), whose method most such
+    programs still use. As there, the error is taken between encoded values, but S is the product's own, in linear
+    light, so that all methods are compared for the same observer.
+
+    Args:
+        cvd, severity, simulation: the observer, as for `simulate`, without "achromat".
+        strength: the share of the redistributed error that is added; 1 as published.
+    """
+
+    def __init__(self, cvd: str, severity: float, simulation: str = "machado", strength: float = 1.0) -> None:
+        check_simulation(cvd, severity, simulation)
+        if cvd not in _REDISTRIBUTION:
+            raise InputError(
+                f"error redistribution is not defined for {cvd} vision",
+                remedy=f"use {', '.join(_REDISTRIBUTION)}, or another enhancer",
+            )
+        check_strength(strength)
+        self._observer = Observer(cvd, severity, simulation)
+        self._matrix = _REDISTRIBUTION[cvd] * np.float32(strength)
+
+    def __call__(self, image: NDArray) -> NDArray[np.float32]:
+        """(H, W, 3) uint8, or float in [0, 1], to the recoloured (H, W, 3) float32 image in [0, 1]."""
+        pixels = as_float(image)
+        error = pixels - tensor_to_image(self._observer.simulate(image_to_tensor(pixels)))
+        return np.clip(pixels + error @ self._matrix.T, 0.0, 1.0)
+
+
+class PerViewLut(SceneIndependent):
+    """Fits a new LUT to every image, as a method for single images would treat a scene.
+
+    Two confused colours can be separated in either direction. For a scene the teacher decides that once; here nothing
+    ties the views together, and each image is decided by a coin toss seeded with its pixels.
+
+    Args:
+        cvd, severity, simulation: the observer, as for `simulate`.
+    """
+
+    def __init__(self, cvd: str, severity: float, simulation: str) -> None:
+        self._observer = (cvd, severity, simulation)
+
+    def __call__(self, image: NDArray) -> NDArray[np.float32]:
+        """The image, recoloured by its own LUT."""
+        usual = TeacherSettings()
+        direction = 1.0 if _seeded_by(image).random() < 0.5 else -1.0
+        settings = replace(
+            usual,
+            steps=_PER_VIEW_STEPS,
+            pairs=_PER_VIEW_PAIRS,
+            relaxations=0,
+            initial_shift=direction * usual.initial_shift,
+        )
+        enhancer = LutEnhancer(*self._observer, settings=settings)
+        enhancer.fit([image])
+        return enhancer(image)
+
+
+class Drifting:
+    """Another enhancer, with the hues of each image rotated by a random angle.
+
+    Args:
+        inner: the other enhancer.
+        degrees: standard deviation of the angle in CIELAB's a*b* plane; seeded with the image's pixels.
+    """
+
+    def __init__(self, inner: Enhancer, degrees: float) -> None:
+        self._inner, self._degrees = inner, degrees
+        self.fit = inner.fit
+
+    def __call__(self, image: NDArray) -> NDArray[np.float32]:
+        """The enhanced image with rotated hues."""
+        angle = np.deg2rad(self._degrees * _seeded_by(image).standard_normal())
+        lab = srgb_to_lab(image_to_tensor(self._inner(image)))
+        a, b = lab[1].clone(), lab[2].clone()
+        lab[1], lab[2] = np.cos(angle) * a - np.sin(angle) * b, np.sin(angle) * a + np.cos(angle) * b
+        return tensor_to_image(linear_to_srgb(lab_to_linear(lab).clamp(0.0, 1.0)))
+
+
+def _seeded_by(image: NDArray) -> np.random.Generator:
+    """A generator seeded with the image's pixels."""
+    return np.random.default_rng(int(to_bytes(image).astype(np.uint64).sum()))
+
+
+def _mean_delta_e(first: NDArray, second: NDArray) -> float:
+    """Mean ΔE76 of two (H, W, 3) images."""
+    return float(delta_e_76(*(srgb_to_lab(image_to_tensor(image)) for image in (first, second))).double().mean())

@@ -1,0 +1,1 @@
+"""Comparisons of enhancers on photographs, plates and textiles, with controls."""

@@ -1,0 +1,67 @@
+"""Where methods fail as one condition at a time is made worse. Command: ``benchmark.py stress``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from ....core.demo import SHOWROOM
+from ....core.errors import InputError
+from ....core.runtime.cli import ConsoleReporter
+from ..options import Part, add_trial_arguments, names, shown_command, work_folder
+from ..studies.captures import DEMO, CaptureFolder
+from .axes import AXES, HARMLESS, LEVELS, Axis
+from .page import write_stress
+from .plan import StressPlan, run_stress
+
+QUICK_AXES = ("views", "drift")
+_SIZE, _ITERATIONS, _SEEDS = 128, 300, 3
+_QUICK_SIZE, _QUICK_ITERATIONS, _QUICK_LEVEL = 80, 60, 3
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    known = ",".join(axis.name for axis in AXES)
+    add("--axes", type=names, metavar="A,B", help=f"conditions to make worse ({known})")
+    what = f"levels, the harmless one included; the worst are left out ({LEVELS})"
+    add("--levels", type=int, default=LEVELS, metavar="N", help=what)
+    add_trial_arguments(parser, max_size=_SIZE, iterations=_ITERATIONS, seeds=_SEEDS)
+    add("--quick", action="store_true", help="two axes, two levels, small and short: a smoke test")
+
+
+def _measure(options: argparse.Namespace) -> str:
+    """Try the methods on every level; writes stress.csv, stress.md, the chart and stress.html."""
+    plan = _plan(options)
+    reporter = ConsoleReporter(sys.stderr)
+    results = run_stress(plan, work_folder(options), reporter, processes=options.processes, again=options.again)
+    return write_stress(options.out, plan, results, shown_command(options))
+
+
+def _plan(options: argparse.Namespace) -> StressPlan:
+    if options.quick:
+        base = CaptureFolder(DEMO, SHOWROOM, _QUICK_SIZE)
+        return StressPlan(base, _axes(QUICK_AXES), (HARMLESS, _QUICK_LEVEL), (0,), _QUICK_ITERATIONS)
+    if not 2 <= options.levels <= LEVELS:
+        raise InputError(f"{options.levels} is out of range", where="--levels", remedy=f"give 2 to {LEVELS}")
+    if options.seeds < 1:
+        raise InputError(f"{options.seeds} is too small", where="--seeds", remedy="give 1 or more")
+    return StressPlan(
+        CaptureFolder(DEMO, SHOWROOM, options.max_size),
+        _axes(options.axes) if options.axes else AXES,
+        tuple(range(options.levels)),
+        tuple(range(options.seeds)),
+        options.iterations,
+    )
+
+
+def _axes(wanted: tuple[str, ...]) -> tuple[Axis, ...]:
+    known = {axis.name: axis for axis in AXES}
+    unknown = sorted(set(wanted) - set(known))
+    if unknown:
+        raise InputError(f"unknown axis '{unknown[0]}'", where="--axes", remedy=f"use {', '.join(known)}")
+    return tuple(known[name] for name in wanted)
+
+
+PART = Part(
+    "stress", "where methods fail: views, cameras, light, cloth, drift and more made worse", _add_arguments, _measure
+)

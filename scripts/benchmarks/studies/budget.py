@@ -1,0 +1,266 @@
+"""How many Gaussians a scene needs, and how many the automatic decision takes.
+
+Command: ``benchmark.py budget``. Each capture is trained automatically, and then with fixed numbers of Gaussians around
+the automatic one; the knee is where more of them stop paying.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from ....core.errors import InputError
+from ....core.runtime.cli import ConsoleReporter
+from ....core.runtime.protocol import Reporter
+from ..charts import Theme, logarithmic, picture, plot_series, plot_stars, write_charts
+from ..options import Part, add_study_arguments, chosen_sources, made_by, with_quick_defaults, work_folder
+from ..tables import Column, frame_of, markdown_table, write_csv, write_text
+from ..timing.runs import at_quality
+from .captures import CaptureFolder
+from .jobs import Job, run_jobs
+from .recipe import Recipe, Trial
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+NAME = "budget"
+SIZE, ITERATIONS = 240, 1000
+HALF_DOUBLINGS = (-4, -2, -1, 0, 1, 2, 4)
+"""Fixed numbers of Gaussians, in half doublings of the automatic number: a quarter to four times; closer around the
+expected knee."""
+FEW_HALF_DOUBLINGS = (-2, 0, 2)
+TOLERANCE = 0.1
+"""dB below the plateau that still count as being on it."""
+ALLOWED = 1.3
+"""Times the knee's Gaussians that a good decision may take."""
+
+_PANEL_WIDTH, _HEIGHT = 4.0, 7.2  # inches
+_FIGURES = (("psnr", "PSNR of held-out views, dB"), ("rwe", "RWE (lower is better)"), ("ccpr", "CCPR"))
+_DEFINITIONS = f"""\
+Each capture is trained once with the number of Gaussians decided automatically, and then with fixed limits from a
+quarter to four times of what that took; everything else is the same. Defined beforehand:
+
+- The *plateau* is the best PSNR of held-out views (every eighth) of all fixed limits.
+- The *knee* is the fewest Gaussians that come within {TOLERANCE:g} dB of the plateau, interpolated between runs in the
+  logarithm of the number. Where even the smallest run does, it is an upper bound.
+- *Auto* should be within {TOLERANCE:g} dB of the plateau with at most {ALLOWED:g} times the knee's Gaussians.
+- *Half* and *twice* are what half and twice auto's Gaussians gave, interpolated in the same way.
+
+PSNR scatters between runs that differ in the number of Gaussians alone, and the plateau is the best of several such
+runs: auto is held to a line that is a little too high."""
+_RUN_COLUMNS: tuple[Column, ...] = (
+    ("capture", "capture", ""),
+    ("limit", "limit", ".0f"),
+    ("gaussians", "Gaussians", "d"),
+    ("psnr", "PSNR", ".2f"),
+    ("ccpr", "CCPR", ".3f"),
+    ("rwe", "RWE", ".3f"),
+    ("geometry_seconds", "geometry, s", ".1f"),
+    ("processor_seconds", "processor s", ".1f"),
+    ("peak_memory_mb", "MB", ".0f"),
+)
+_VERDICT_COLUMNS: tuple[Column, ...] = (
+    ("capture", "capture", ""),
+    ("plateau", "plateau, dB", ".2f"),
+    ("knee", "knee", ".0f"),
+    ("gaussians", "auto", "d"),
+    ("times_knee", "auto / knee", ".2f"),
+    ("psnr", "auto, dB", ".2f"),
+    ("behind", "behind, dB", ".2f"),
+    ("half", "half, dB", ".2f"),
+    ("twice", "twice, dB", ".2f"),
+)
+
+
+@dataclass(frozen=True)
+class Knee:
+    """Where more Gaussians no longer pay.
+
+    Attributes:
+        plateau: best PSNR of all numbers of Gaussians, dB.
+        gaussians: fewest that come within `TOLERANCE` of it, interpolated between runs in the logarithm of the number;
+            an upper bound if even the fewest tried do.
+    """
+
+    plateau: float
+    gaussians: float
+
+
+def find_knee(runs: pd.DataFrame) -> Knee:
+    """The knee of runs on one capture that differ only in their number of Gaussians.
+
+    Args:
+        runs: ``gaussians``, ``psnr`` and ``processor_seconds`` of each; at least one.
+    """
+    plateau = float(runs.psnr.max())
+    return Knee(plateau, at_quality(runs, plateau - TOLERANCE).gaussians)
+
+
+def quality_at(runs: pd.DataFrame, gaussians: float) -> float:
+    """PSNR in dB at a number of Gaussians, interpolated as for the knee; beyond the runs, that of the nearest."""
+    ordered = runs.sort_values("gaussians")
+    return float(np.interp(np.log(gaussians), np.log(ordered.gaussians), ordered.psnr))
+
+
+def measure_budgets(
+    sources: Sequence[CaptureFolder],
+    iterations: int,
+    half_doublings: Sequence[int],
+    folder: Path,
+    reporter: Reporter,
+    *,
+    processes: int = 1,
+    again: bool = False,
+    seed: int = 0,
+) -> pd.DataFrame:
+    """Train each capture automatically, and then with fixed numbers of Gaussians around that of the automatic run.
+
+    Args:
+        half_doublings: of the automatic run's number of Gaussians.
+
+    Returns:
+        Columns of `Trial`, and ``limit``: most Gaussians that were asked for, 0 where they were decided automatically.
+    """
+    auto = Recipe(f"auto, {iterations} steps", iterations=iterations, seed=seed)
+    jobs = [Job(source, (auto,)) for source in sources]
+    decided = run_jobs(jobs, folder, reporter, processes=processes, again=again)
+    jobs = []
+    for source, trial in zip(sources, decided, strict=True):
+        if not trial.error:
+            limits = [round(trial.gaussians * 2.0 ** (number / 2.0)) for number in half_doublings]
+            recipes = [replace(auto, label=f"{n} Gaussians, {iterations} steps", gaussians=n) for n in limits]
+            # Trainings have only the enhancer in common, so they may as well be spread over the processes.
+            chunks = [tuple(recipes[start::processes]) for start in range(processes)]
+            jobs += [Job(source, chunk) for chunk in chunks if chunk]
+    trials = run_jobs(jobs, folder, reporter, processes=processes)
+    limits = [0] * len(decided) + [recipe.gaussians or 0 for job in jobs for recipe in job.recipes]
+    runs = frame_of(Trial, [*decided, *trials]).assign(limit=limits)
+    order = {source.name: number for number, source in enumerate(sources)}
+    return runs.sort_values(["capture", "limit"], key=lambda key: key.map(order) if key.name == "capture" else key)
+
+
+def judge(runs: pd.DataFrame) -> pd.DataFrame:
+    """A verdict for each capture that was trained automatically and with fixed numbers of Gaussians.
+
+    Returns:
+        ``capture``; ``plateau`` and ``knee`` of the fixed runs, see `Knee`; ``gaussians``, ``psnr`` and ``decision`` of
+        the automatic run; ``half`` and ``twice``, the PSNR at half and twice its Gaussians; ``behind``, its distance to
+        the plateau in dB, and ``times_knee``, its Gaussians relative to the knee; ``on_plateau`` and ``is_lean``,
+        whether these are within `TOLERANCE` and `ALLOWED`.
+    """
+    verdicts: list[dict[str, Any]] = []
+    for capture, made in runs[runs.error == ""].groupby("capture", sort=False):
+        fixed, automatic = made[made.limit > 0], made[made.limit == 0]
+        if fixed.empty or automatic.empty:
+            continue
+        auto, knee = automatic.iloc[0], find_knee(fixed)
+        behind, times_knee = knee.plateau - auto.psnr, auto.gaussians / knee.gaussians
+        verdicts.append(
+            {
+                "capture": capture,
+                "plateau": knee.plateau,
+                "knee": knee.gaussians,
+                **auto[["gaussians", "psnr", "decision"]],
+                "half": quality_at(fixed, auto.gaussians / 2.0),
+                "twice": quality_at(fixed, auto.gaussians * 2.0),
+                "behind": behind,
+                "times_knee": times_knee,
+                "on_plateau": behind <= TOLERANCE,
+                "is_lean": times_knee <= ALLOWED,
+            }
+        )
+    return pd.DataFrame(verdicts)
+
+
+def write_budget(folder: Path, runs: pd.DataFrame, heading: Sequence[str]) -> str:
+    """Write ``budget.csv``, ``budget.md`` and its chart; returns the text of the page.
+
+    Args:
+        runs: as `measure_budgets` returns them.
+        heading: lines that say how the figures were made.
+    """
+    names = [name for name, _, _ in _RUN_COLUMNS]
+    runs = runs[[*names, "decision", "error"]]
+    write_csv(folder / f"{NAME}.csv", runs)
+    verdicts = judge(runs)
+    lines = ["# How many Gaussians a scene needs", "", *heading, "", _DEFINITIONS, ""]
+    if not verdicts.empty:
+        size = (_PANEL_WIDTH * len(verdicts), _HEIGHT)
+        write_charts(folder, NAME, size, partial(_draw, runs=runs, verdicts=verdicts))
+        alternative = "PSNR, RWE and CCPR over the number of Gaussians; the tables below have the same figures"
+        table = markdown_table(verdicts, _VERDICT_COLUMNS)
+        lines += [picture(NAME, alternative), "", *table, "", *_in_words(verdicts), ""]
+    shown = runs.assign(
+        capture=runs.capture + runs.error.map(lambda error: f": {error}" if error else ""),
+        limit=runs.limit.map(lambda limit: str(limit) if limit else "auto"),
+        peak_memory_mb=runs.peak_memory_mb.where(runs.peak_memory_mb > 0),
+    )
+    lines += ["## All runs", "", *markdown_table(shown, _RUN_COLUMNS)]
+    return write_text(folder / f"{NAME}.md", lines)
+
+
+def _draw(figure: Figure, theme: Theme, runs: pd.DataFrame, verdicts: pd.DataFrame) -> None:
+    """A column for each capture, a row for each figure, one legend below."""
+    axes = figure.subplots(len(_FIGURES), len(verdicts), sharex="col", squeeze=False)
+    for column, verdict in enumerate(verdicts.itertuples()):
+        mine = runs[(runs.capture == verdict.capture) & (runs.error == "")]
+        fixed, auto = mine[mine.limit > 0], mine[mine.limit == 0]
+        for row, (name, title) in enumerate(_FIGURES):
+            panel = axes[row, column]
+            panel.set_title(title if row else f"{verdict.capture}: {title}")
+            logarithmic(panel)
+            plot_series(panel, fixed.gaussians, fixed[name], theme.series[row], "fixed limits")
+            plot_stars(panel, auto.gaussians, auto[name], theme, "auto")
+            panel.axvline(verdict.knee, color=theme.muted, linewidth=0.9, linestyle="dotted", label="knee")
+            if name == "psnr":
+                level = verdict.plateau - TOLERANCE
+                words = f"{TOLERANCE:g} dB below the plateau"
+                panel.axhline(level, color=theme.muted, linewidth=0.9, linestyle="dashed", label=words)
+        axes[-1, column].set_xlabel("Gaussians")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2 * min(len(verdicts), 2))
+
+
+def _in_words(verdicts: pd.DataFrame) -> list[str]:
+    """Whether each capture reaches the target, and the reason that the automatic decision gave."""
+    lines = []
+    for v in verdicts.itertuples():
+        quality = "on the plateau" if v.on_plateau else f"{v.behind:.2f} dB below the plateau"
+        size = f"{v.times_knee:.2f} times the knee's Gaussians"
+        reached = "reached" if v.on_plateau and v.is_lean else "missed"
+        lines.append(f"- **{v.capture}**: target {reached}: auto is {quality} with {size}. It said: {v.decision}.")
+    return lines
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_study_arguments(parser, max_size=SIZE, iterations=ITERATIONS)
+
+
+def _measure(options: argparse.Namespace) -> str:
+    """Train captures with automatic and fixed numbers of Gaussians; writes budget.csv, budget.md and a chart."""
+    options = with_quick_defaults(options)
+    if options.seeds != 1:
+        raise InputError("budgets are compared within one seed", where="--seeds", remedy="leave it out")
+    runs = measure_budgets(
+        chosen_sources(options),
+        options.iterations,
+        FEW_HALF_DOUBLINGS if options.quick else HALF_DOUBLINGS,
+        work_folder(options),
+        ConsoleReporter(sys.stderr),
+        processes=options.processes,
+        again=options.again,
+    )
+    return write_budget(options.out, runs, made_by(options))
+
+
+PART = Part(
+    NAME, "PSNR, consistency and contrast over the number of Gaussians, and where auto stops", _add_arguments, _measure
+)

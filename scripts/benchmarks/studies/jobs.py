@@ -1,0 +1,198 @@
+"""Runs trials in separate processes and stores their figures, so that a long comparison can be resumed.
+
+With a process for each job, peak memory can be measured and a crash does not affect other jobs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import multiprocessing
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from itertools import count
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from .... import __version__
+from ....core.errors import InputError
+from ....core.runtime.protocol import Reporter
+from ....core.runtime.resources import available_processors
+from ....core.splats import raster
+from ..enhancers.drift import cached_matches
+from .captures import SubjectSource
+from .recipe import Recipe, Trial
+from .trials import CaptureTrials, recipe_folder
+
+STAGE = "trials"
+TRIALS_FILE = "trials.jsonl"
+MATCHES_FOLDER = "matches"
+PICTURES_FOLDER = "pictures"
+
+
+@dataclass(frozen=True)
+class Job:
+    """Recipes to try on one subject, one after the other, in one process.
+
+    Attributes:
+        source: of the subject.
+        recipes: with distinct labels for each seed. Recipes that share enhanced views or a geometry should be in one
+            job, which makes these once.
+    """
+
+    source: SubjectSource
+    recipes: tuple[Recipe, ...]
+
+
+def run_jobs(
+    jobs: Sequence[Job], folder: Path, reporter: Reporter, *, processes: int = 1, again: bool = False
+) -> list[Trial]:
+    """The trials of all jobs, in order; those that `folder` has from an earlier call are not repeated.
+
+    Args:
+        folder: for the trials and their pictures (`pictures_of`).
+        processes: number of parallel processes, which share the cores.
+        again: repeat all of them.
+    """
+    store = TrialStore(folder / TRIALS_FILE, again=again)
+    missing = [Job(job.source, recipes) for job in jobs if (recipes := store.missing(job))]
+    threads = max(available_processors() // processes, 1)
+    total, finished, lock = sum(len(job.recipes) for job in missing), count(1), threading.Lock()
+    if missing:
+        raster.load("cpu", reporter)
+        reporter.progress(STAGE, 0.0, f"0 of {total} trials")
+
+    def keep(source: SubjectSource, recipe: Recipe, trial: Trial) -> None:
+        with lock:
+            store.add(source, recipe, trial)
+            number = next(finished)
+            reporter.progress(STAGE, number / total, f"{number} of {total} trials")
+
+    with ThreadPoolExecutor(processes) as pool:
+        running = [pool.submit(_run_in_process, job, folder, threads, keep) for job in missing]
+        for job_run in as_completed(running):
+            job_run.result()
+    return [store.trial(job.source, recipe) for job in jobs for recipe in job.recipes]
+
+
+def pictures_of(folder: Path, source: SubjectSource, recipe: Recipe) -> Path:
+    """The folder with a trial's ``renders`` and ``enhanced``, under the folder of its comparison."""
+    return recipe_folder(folder / PICTURES_FOLDER / source.name, recipe)
+
+
+class TrialStore:
+    """Trials in a file of JSON lines, by keys of subject and recipe.
+
+    Args:
+        path: of the file; need not exist.
+        again: discard its contents.
+    """
+
+    def __init__(self, path: Path, *, again: bool = False) -> None:
+        self._path = path
+        self._trials: dict[str, Trial] = {}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if again:
+            path.unlink(missing_ok=True)
+        if path.exists():
+            self._trials = dict(_read(path))
+            _end_with_a_line(path)
+
+    def missing(self, job: Job) -> tuple[Recipe, ...]:
+        """The recipes of a job that have not been tried yet."""
+        return tuple(recipe for recipe in job.recipes if _key(job.source, recipe) not in self._trials)
+
+    def trial(self, source: SubjectSource, recipe: Recipe) -> Trial:
+        """The trial of a recipe."""
+        return self._trials[_key(source, recipe)]
+
+    def add(self, source: SubjectSource, recipe: Recipe, trial: Trial) -> None:
+        """Store a trial."""
+        key = _key(source, recipe)
+        values = {name: _to_json(value) for name, value in asdict(trial).items()}
+        self._trials[key] = trial
+        with open(self._path, "a", encoding="utf-8") as file:
+            file.write(json.dumps({"key": key, **values}) + "\n")
+
+
+def _key(source: SubjectSource, recipe: Recipe) -> str:
+    return hashlib.sha256(repr((__version__, source.key, recipe)).encode()).hexdigest()[:20]
+
+
+def _read(path: Path) -> Iterator[tuple[str, Trial]]:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    for number, line in enumerate(lines, start=1):
+        try:
+            values = json.loads(line)
+            key = values.pop("key")
+            yield key, Trial(**{name: _from_json(name, value) for name, value in values.items()})
+        except (ValueError, TypeError, KeyError):
+            # A power cut leaves half a line at most, the last.
+            if number < len(lines):
+                raise InputError(f"line {number} is not a trial", where=path, remedy="remove the file") from None
+
+
+def _end_with_a_line(path: Path) -> None:
+    """Remove an unfinished last line, so that the next one does not continue it."""
+    text = path.read_bytes()
+    if not text.endswith(b"\n"):
+        path.write_bytes(text[: text.rfind(b"\n") + 1])
+
+
+def _to_json(value: Any) -> Any:
+    """A value for JSON, which has neither NaN nor infinity."""
+    return value if not isinstance(value, float) or math.isfinite(value) else str(value)
+
+
+def _from_json(name: str, value: Any) -> Any:
+    return float(value) if Trial.__annotations__[name] == "float" else value
+
+
+def _run_in_process(job: Job, folder: Path, threads: int, keep: Callable[[SubjectSource, Recipe, Trial], None]) -> None:
+    """Run a job in a new process and keep its trials; if a recipe kills the process, continue after it in another."""
+    context, waiting = multiprocessing.get_context("spawn"), list(job.recipes)
+    while waiting:
+        receiver, sender = context.Pipe(duplex=False)
+        rest = Job(job.source, tuple(waiting))
+        process = context.Process(target=_try_all, args=(rest, folder, threads, sender), daemon=True)
+        process.start()
+        sender.close()
+        try:
+            while waiting:
+                keep(job.source, waiting[0], receiver.recv())
+                waiting.pop(0)
+        except EOFError:
+            process.join()
+            reason = f"the process ended with exit code {process.exitcode}"
+            keep(job.source, waiting[0], Trial.failed(job.source.name, waiting[0], reason))
+            waiting.pop(0)
+        process.join()
+
+
+def _try_all(job: Job, folder: Path, threads: int, sender: Connection) -> None:
+    """In a process of its own: send one trial for each recipe."""
+    torch.set_num_threads(threads)
+    trials: CaptureTrials | None = None
+    for recipe in job.recipes:
+        try:
+            if trials is None:
+                subject = job.source.load()
+                matches = cached_matches(folder / MATCHES_FOLDER, subject.judged)
+                place = folder / PICTURES_FOLDER / job.source.name
+                trials = CaptureTrials(job.source.name, subject, matches, place, threads)
+            trial = trials.try_recipe(recipe)
+        except Exception as error:  # any failure under stress is a result
+            trial = Trial.failed(job.source.name, recipe, f"{type(error).__name__}: {error}")
+            if not isinstance(error, InputError):
+                traceback.print_exc()
+        sender.send(trial)
+    if trials is not None:
+        trials.close()
+    sender.close()

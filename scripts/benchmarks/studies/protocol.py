@@ -1,0 +1,157 @@
+"""The protocol of Hu and Xiao (2026) on photographs in recording order, such as the scenes of Mip-NeRF 360.
+
+Sequences of frames that are hard for the observer are reconstructed and compared; easy frames are measured separately,
+because enhancement must not harm them. Part of ``benchmark.py table``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ....core.capture.reader import read_capture
+from ....core.errors import InputError
+from ....core.runtime.protocol import Reporter
+from ....core.settings import Layer
+from ..enhancers.frames import EASY, HARD, SelectionRule, likeness, measure_selection, select_frames
+from ..enhancers.methods import LUT, NETWORK, method_factory, method_label
+from ..enhancers.scores import ENHANCED_FOR
+from ..tables import Column, markdown_table, write_csv
+from .captures import CaptureFolder, Subject
+
+ENHANCERS = (NETWORK, LUT)
+PAPERS_RULE = SelectionRule()
+SSIM_TARGET = 0.975
+"""Of easy frames; Hu and Xiao report 0.962."""
+PSNR_TARGET = 34.0
+"""dB, of easy frames; Hu and Xiao report 31.8."""
+_MODELS = "sparse"  # folder with the cameras of a Mip-NeRF 360 scene
+_COLUMNS: tuple[Column, ...] = (
+    ("scene", "scene", ""),
+    ("enhancer", "enhancer", ""),
+    ("frames", "frames", "d"),
+    ("hard", "hard", "d"),
+    ("longest_run", "longest run", "d"),
+    ("sequences", "sequences", "d"),
+    ("easy", "easy", "d"),
+    ("easy_ssim", "SSIM", ".3f"),
+    ("easy_psnr", "PSNR", ".1f"),
+    ("reached", "reached", ""),
+    ("others_ssim", "SSIM, all not hard", ".3f"),
+    ("others_psnr", "PSNR, all not hard", ".1f"),
+)
+
+
+@dataclass(frozen=True)
+class FrameRun:
+    """A sequence of a capture: a subject with these frames alone.
+
+    Attributes:
+        name: its name in tables.
+        capture: the whole capture.
+        first, last: indices of its views, inclusive.
+    """
+
+    name: str
+    capture: CaptureFolder
+    first: int
+    last: int
+
+    @property
+    def key(self) -> str:
+        return repr((self.capture.key, self.first, self.last))
+
+    def load(self) -> Subject:
+        whole = read_capture(self.capture.folder, max_size=self.capture.max_size)
+        return Subject.of(replace(whole, views=whole.views[self.first : self.last + 1]))
+
+
+def scenes_of(folder: Path, max_size: int) -> list[CaptureFolder]:
+    """The scenes in a folder of scenes, or the folder itself if it is a scene.
+
+    Raises:
+        InputError: there is none.
+    """
+    places = [folder] if (folder / _MODELS).is_dir() else sorted(path.parent for path in folder.glob(f"*/{_MODELS}"))
+    if not places:
+        remedy = "give a folder with images_4/ and sparse/0/, or one with such folders in it"
+        raise InputError("no scene in the layout of Mip-NeRF 360", where=folder, remedy=remedy)
+    return [CaptureFolder(place.resolve().name, place, max_size) for place in places]
+
+
+def filter_frames(
+    source: CaptureFolder, enhancers: Sequence[str], observer: Layer, folder: Path, reporter: Reporter
+) -> dict[str, pd.DataFrame]:
+    """The frames of a capture by enhancer, as from `measure_selection`; stored in `folder` for the next call."""
+    found = {}
+    for name in enhancers:
+        label = method_label(name)
+        path = folder / f"{source.name}-{source.max_size}-{observer.name}-{label}.csv"
+        if path.is_file():
+            found[label] = pd.read_csv(path, dtype={"frame": str}, float_precision="round_trip")
+            continue
+        views = read_capture(source.folder, max_size=source.max_size).views
+        enhancer = method_factory(name)(observer.cvd, observer.severity, ENHANCED_FOR)
+        frames = {view.key: view.image for view in views}
+        found[label] = measure_selection(frames, enhancer, observer, reporter=reporter)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        found[label].to_csv(path, index=False, na_rep="nan")
+    return found
+
+
+def sequences_of(source: CaptureFolder, frames: pd.DataFrame, rule: SelectionRule = PAPERS_RULE) -> list[FrameRun]:
+    """The runs of hard frames that are long enough."""
+    runs = select_frames(frames.ccpr.tolist(), rule).sequences
+    return [
+        FrameRun(f"{source.name}-{count}", source, run.start, run.stop - 1) for count, run in enumerate(runs, start=1)
+    ]
+
+
+def summarise(scene: str, enhancer: str, frames: pd.DataFrame) -> dict[str, Any]:
+    """A row of ``frames.csv``: counts of frames, and the means of `likeness` for easy ones and for all not hard."""
+    runs = [len(list(group)) for kind, group in groupby(frames.kind) if kind == HARD]
+    easy_ssim, easy_psnr = likeness(frames[frames.kind == EASY])
+    others_ssim, others_psnr = likeness(frames[frames.kind != HARD])
+    return {
+        "scene": scene,
+        "enhancer": enhancer,
+        "frames": len(frames),
+        "hard": int((frames.kind == HARD).sum()),
+        "longest_run": max(runs, default=0),
+        "sequences": frames.sequence[frames.sequence > 0].nunique(),
+        "easy": int((frames.kind == EASY).sum()),
+        "easy_ssim": easy_ssim,
+        "easy_psnr": easy_psnr,
+        "others_ssim": others_ssim,
+        "others_psnr": others_psnr,
+    }
+
+
+def write_frames(
+    folder: Path, scenes: pd.DataFrame, heading: Sequence[str], rule: SelectionRule = PAPERS_RULE
+) -> list[str]:
+    """Write ``frames.csv``; returns the lines of the text.
+
+    Args:
+        scenes: rows of `summarise`.
+    """
+    write_csv(folder / "frames.csv", scenes)
+    reached = (scenes.easy_ssim >= SSIM_TARGET) & (scenes.easy_psnr >= PSNR_TARGET)
+    verdicts = reached.map({True: "yes", False: "no"}).where(scenes.easy > 0, "no easy frame")
+    return [
+        "# Hard and easy frames",
+        "",
+        *heading,
+        "",
+        f"Observer: deutan 1.0. A frame is hard where its CCPR is below {rule.hard_below:g}; a run of more than "
+        f"{rule.longer_than} hard frames is a sequence, which is reconstructed and compared; a frame is easy where its "
+        f"CCPR is above {rule.easy_above:g}. SSIM and PSNR are of the enhanced easy frames to the originals, PSNR over "
+        f"those that changed. To be reached: SSIM {SSIM_TARGET:g} and PSNR {PSNR_TARGET:g} dB.",
+        "",
+        *markdown_table(scenes.assign(reached=verdicts), _COLUMNS),
+    ]

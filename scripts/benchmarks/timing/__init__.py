@@ -1,0 +1,1 @@
+"""Time and memory of training, batches, stills and files."""

@@ -1,0 +1,128 @@
+"""One training of a capture with its quality and cost, and the cost of a quality among several."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from ....core.capture.model import Capture
+from ....core.evaluate.evaluation import Split
+from ....core.runtime.protocol import Reporter
+from ....core.splats.raster import Rasterizer
+from ....core.splats.targets import Background
+from ....core.splats.training.plan import TrainingPlan
+from ....core.splats.training.trainer import Trainer
+
+
+@dataclass(frozen=True)
+class TrainedRun:
+    """The result and cost of one training.
+
+    Attributes:
+        capture, label: what was trained, and how.
+        seed: of everything random.
+        steps: planned steps.
+        gaussians, sh_degree: of the result.
+        psnr: of the held-out views, dB.
+        seconds, processor_seconds: wall time without measuring, and processor time of all threads, which depends less
+            on the load of a shared machine.
+        decision: the reason for the number of Gaussians.
+        curve: (seconds, PSNR) during training.
+    """
+
+    capture: str
+    label: str
+    seed: int
+    steps: int
+    gaussians: int
+    sh_degree: int
+    psnr: float
+    seconds: float
+    processor_seconds: float
+    decision: str
+    curve: tuple[tuple[float, float], ...]
+
+    def seconds_to(self, psnr: float) -> float:
+        """The first time at which a held-out PSNR of at least `psnr` was measured; NaN if it never was."""
+        return next((seconds for seconds, value in self.curve if value >= psnr), math.nan)
+
+
+def train_once(
+    capture: Capture, label: str, plan: TrainingPlan, *, seed: int = 0, threads: int | None = None
+) -> TrainedRun:
+    """Train on all views except every eighth, and measure on those.
+
+    Raises:
+        ValueError: too few views to hold one out.
+    """
+    views = capture.views
+    split = Split.every(len(views))
+    if len(split.train) < 2:
+        raise ValueError(f"{len(views)} views are too few to hold some out")
+    started = time.process_time()
+    trainer = Trainer(
+        Rasterizer("cpu", threads),
+        [views[i] for i in split.train],
+        [views[i] for i in split.test],
+        capture.points,
+        capture.point_colors,
+        plan,
+        Background.of(views),
+        seed,
+    )
+    result = trainer.train(Reporter())
+    curve = tuple((float(entry["seconds"] or 0.0), float(entry["psnr"] or 0.0)) for entry in result.curve)
+    return TrainedRun(
+        capture=capture.source.name,
+        label=label,
+        seed=seed,
+        steps=plan.steps,
+        gaussians=len(result.gaussians),
+        sh_degree=result.gaussians.sh_degree,
+        psnr=curve[-1][1],
+        seconds=result.seconds,
+        processor_seconds=time.process_time() - started,
+        decision=str(result.decision["gaussians"]),
+        curve=curve,
+    )
+
+
+@dataclass(frozen=True)
+class AtQuality:
+    """The cost of a quality, interpolated between runs of different sizes; NaN if they do not reach it.
+
+    Attributes:
+        gaussians: their number.
+        processor_seconds: of the training.
+    """
+
+    gaussians: float
+    processor_seconds: float
+
+
+def at_quality(runs: pd.DataFrame, psnr: float) -> AtQuality:
+    """Interpolate between runs: PSNR is nearly linear in the logarithm of the number of Gaussians.
+
+    Between the smallest run that reaches `psnr` and the largest below it; if all reach it, the smallest is an upper
+    bound.
+
+    Args:
+        runs: ``gaussians``, ``psnr`` and ``processor_seconds`` of each.
+    """
+    ordered = runs.sort_values("gaussians").reset_index()
+    reaching = ordered[ordered.psnr >= psnr]
+    if reaching.empty:
+        return AtQuality(math.nan, math.nan)
+    upper = reaching.iloc[0]
+    if reaching.index[0] == 0:
+        return AtQuality(float(upper.gaussians), float(upper.processor_seconds))
+    lower = ordered.iloc[reaching.index[0] - 1]
+    share = (psnr - lower.psnr) / (upper.psnr - lower.psnr)
+    logarithms = np.log([lower.gaussians, upper.gaussians])
+    gaussians = float(np.exp(logarithms[0] + share * (logarithms[1] - logarithms[0])))
+    seconds = lower.processor_seconds + share * (upper.processor_seconds - lower.processor_seconds)
+    return AtQuality(gaussians, float(seconds))

@@ -1,0 +1,137 @@
+"""When a task counts as done: from the same inputs, with the same arguments, and with all that it left in place."""
+
+import json
+import os
+from dataclasses import replace
+
+import pytest
+
+from cvdgs.core.batch import records as done
+from cvdgs.core.batch.records import is_done, record_path, sign_inputs, write_record
+from cvdgs.core.batch.task import Kind, Task
+from cvdgs.core.errors import InputError
+from cvdgs.core.runs.layout import pictures
+
+FRAMES = Task(
+    "chair.frames",
+    Kind.FRAMES,
+    arguments={"first": 1, "last": 3},
+    inputs=("chair/run/splats.ply", "chair/run/capture"),
+    outputs=(pictures("chair/frames", 1, 3),),
+    cores=2,
+    seconds=10.0,
+)
+
+
+@pytest.fixture
+def out(tmp_path):
+    """A batch's folder in which `FRAMES` is done."""
+    run, frames = tmp_path / "chair" / "run", tmp_path / "chair" / "frames"
+    (run / "capture").mkdir(parents=True)
+    (run / "splats.ply").write_text("Gaussians")
+    (run / "capture" / "cameras").write_text("cameras")
+    inputs = sign_inputs(FRAMES, tmp_path)
+    frames.mkdir()
+    for number in range(1, 4):
+        (frames / f"{number:04d}.png").write_text(f"picture {number}")
+    write_record(FRAMES, tmp_path, inputs, 12.0)
+    return tmp_path
+
+
+def test_what_was_recorded_is_done(out):
+    assert is_done(FRAMES, out)
+
+
+def test_what_was_never_done_is_not(out):
+    assert not is_done(replace(FRAMES, name="sofa.frames"), out)
+
+
+def test_other_arguments_make_another_task(out):
+    assert not is_done(replace(FRAMES, arguments={"first": 1, "last": 4}), out)
+
+
+def test_what_a_task_takes_of_a_machine_does_not(out):
+    assert is_done(replace(FRAMES, cores=8, memory_mb=5, gpu=1, seconds=1.0), out)
+
+
+def test_the_layers_that_are_made_along_with_a_run_do_not_make_it_another(out):
+    train = Task("chair.train", Kind.TRAIN, arguments={"settings": {"seed": 0}, "layers": [{"cvd": "deutan"}]})
+    write_record(train, out, sign_inputs(train, out), 1.0)
+    assert is_done(replace(train, arguments={**train.arguments, "layers": [{"cvd": "protan"}]}), out)
+    assert not is_done(replace(train, arguments={**train.arguments, "settings": {"seed": 1}}), out)
+
+
+def test_another_version_does_everything_again(out, monkeypatch):
+    monkeypatch.setattr(done, "__version__", "99")
+    assert not is_done(FRAMES, out)
+
+
+@pytest.mark.parametrize("content", [None, "", "picture 2 and more"])
+def test_an_output_that_is_missing_or_of_another_size_is_made_again(out, content):
+    path = out / "chair/frames/0002.png"
+    path.unlink() if content is None else path.write_text(content)
+    assert not is_done(FRAMES, out)
+
+
+def test_an_input_that_has_changed_makes_it_be_done_again(out):
+    (out / "chair/run/splats.ply").write_text("gAUSSIANS")
+    assert not is_done(FRAMES, out)
+
+
+@pytest.mark.parametrize("change", ["remove", "add", "link"])
+def test_so_do_files_that_come_and_go_in_a_folder(out, change):
+    cameras = out / "chair/run/capture/cameras"
+    if change == "add":
+        cameras.with_name("more").touch()
+    else:
+        cameras.unlink()
+        if change == "link":
+            cameras.symlink_to("elsewhere")
+    assert not is_done(FRAMES, out)
+
+
+def test_the_same_content_written_anew_does_not(out):
+    path = out / "chair/run/splats.ply"
+    path.write_text("Gaussians")
+    os.utime(path, ns=(1, 1))
+    assert is_done(FRAMES, out)
+
+
+def test_the_folder_may_be_mounted_elsewhere(out):
+    elsewhere = out.with_name("elsewhere")
+    out.rename(elsewhere)
+    assert is_done(FRAMES, elsewhere)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"fingerprint": 1}'])
+def test_a_damaged_record_vouches_for_nothing(out, text):
+    done.record_path(FRAMES, out).write_text(text)
+    assert not is_done(FRAMES, out)
+
+
+@pytest.mark.parametrize("name", ["a\0b", "a" * 300], ids=["zero-byte", "too-long"])
+def test_a_record_of_an_output_that_no_file_can_be_vouches_for_nothing(out, name):
+    path = record_path(FRAMES, out)
+    path.write_text(json.dumps({**json.loads(path.read_text()), "outputs": {name: 1}}))
+    assert not is_done(FRAMES, out)
+
+
+def test_nothing_is_vouched_for_that_is_not_there(out):
+    (out / "chair/frames/0001.png").unlink()
+    with pytest.raises(FileNotFoundError):
+        write_record(FRAMES, out, sign_inputs(FRAMES, out), 1.0)
+
+
+def test_a_missing_input_is_said_except_for_the_page(out):
+    missing = replace(FRAMES, inputs=("chair/run/nothing.ply",))
+    with pytest.raises(InputError, match=r"nothing\.ply"):
+        sign_inputs(missing, out)
+    assert sign_inputs(replace(missing, kind=Kind.PAGE), out) == {"chair/run/nothing.ply": ()}
+
+
+def test_the_page_is_made_again_when_what_was_missing_appears(out):
+    page = Task("page", Kind.PAGE, inputs=("chair/run/report.json",))
+    write_record(page, out, sign_inputs(page, out), 1.0)
+    assert is_done(page, out)
+    (out / "chair/run/report.json").touch()
+    assert not is_done(page, out)

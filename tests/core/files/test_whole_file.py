@@ -1,0 +1,43 @@
+"""Files get their names when they are whole, and leave nothing behind when they are not."""
+
+import os
+
+import pytest
+
+from cvdgs.core.errors import InputError
+from cvdgs.core.files.untrusted import partial_file, replacing, writing_whole
+
+
+def test_a_file_gets_its_name_when_it_is_whole(tmp_path):
+    path = tmp_path / "scene.ply"
+    path.write_text("earlier")
+    with replacing(path) as temporary:
+        temporary.write_text("new")
+        assert path.read_text() == "earlier"
+    assert path.read_text() == "new"
+    assert os.listdir(tmp_path) == ["scene.ply"]
+
+
+def test_what_fails_leaves_the_earlier_file_and_nothing_else(tmp_path):
+    path = tmp_path / "scene.ply"
+    path.write_text("earlier")
+    with pytest.raises(TypeError), replacing(path) as temporary:
+        temporary.write_bytes("no bytes")
+    assert path.read_text() == "earlier"
+    assert os.listdir(tmp_path) == ["scene.ply"]
+
+
+def test_a_file_that_nobody_has_made_is_an_error(tmp_path):
+    with pytest.raises(FileNotFoundError), replacing(tmp_path / "scene.ply"):
+        pass
+
+
+def test_a_file_keeps_its_ending_while_it_is_made_and_is_hidden(tmp_path):
+    assert partial_file(tmp_path / "a.png") == tmp_path / ".a.partial.png"
+    assert partial_file(tmp_path / "a.png", contested=True) == tmp_path / f".a.{os.getpid()}.partial.png"
+
+
+def test_a_place_that_cannot_be_written_is_the_users_affair(tmp_path):
+    refused = pytest.raises(InputError, match=r"cannot be written \(No such file or directory\)")
+    with refused, writing_whole(tmp_path / "missing" / "scene.ply") as file:
+        file.write(b"")

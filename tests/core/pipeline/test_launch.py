@@ -1,0 +1,169 @@
+"""A run on the console, with worker processes that behave and misbehave in known ways."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from ...patience import SOON
+from ..workers import REPORT, ROOT, start_run
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Starts run.py with a worker whose body is given; returns the started process."""
+
+    def start(body: str, *options: str, out: Path = tmp_path / "out", wait: bool = True):
+        process = start_run(tmp_path / "worker", body, *options, out=out)
+        if wait:
+            process.out, process.err = process.communicate(timeout=SOON)
+        return process
+
+    return start
+
+
+def test_a_run_that_succeeds_puts_report_page_and_log_in_place(run, tmp_path):
+    result = run(
+        "emit('status', stage='capture', message='reading'); print('a library talks'); emit('result', report=REPORT)"
+    )
+    assert result.returncode == 0, result.err
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["report.html", "report.json", "run.log"]
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["reconstruction"] == {"psnr": None, "ssim": 0.5}
+    assert report["seconds"]["total"] > 0
+    assert "a library talks" in (tmp_path / "out" / "run.log").read_text()
+
+
+def test_events_can_be_read_by_a_program(run):
+    result = run(
+        "emit('progress', stage='geometry', fraction=0.5, seconds_left=3.0); emit('result', report=REPORT)", "--json"
+    )
+    events = [json.loads(line) for line in result.out.splitlines()]
+    assert [event["event"] for event in events] == ["status", "progress", "result"]
+
+
+def test_unusable_input_is_one_line_and_exit_code_2(run, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "report.json").write_text("earlier")
+    result = run("emit('error', kind='input', message='photos: no cameras - pass --sfm'); sys.exit(2)")
+    assert result.returncode == 2
+    assert result.err.splitlines()[-1] == "run.py: photos: no cameras - pass --sfm"
+    assert "Traceback" not in result.err
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["report.json"]
+    assert (tmp_path / "out" / "report.json").read_text() == "earlier"
+
+
+@pytest.mark.parametrize(
+    "body",
+    ["raise ValueError('oops')", "os.kill(os.getpid(), signal.SIGSEGV)", "sys.exit(0)"],
+    ids=["exception", "crash", "no-result"],
+)
+def test_a_defect_of_ours_is_one_line_exit_code_1_and_leaves_the_log(run, tmp_path, body):
+    result = run("open(folder + '/half.ply', 'w').write('x')\n" + body)
+    assert result.returncode == 1
+    assert "Traceback" not in result.err
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["failed.run.log"]
+
+
+@pytest.fixture
+def earlier(tmp_path):
+    """A finished run's files."""
+    out = tmp_path / "out"
+    (out / "capture").mkdir(parents=True)
+    for name in ("splats.ply", "splats.deutan-1.0.ply", "capture/points.ply", "run.log", "scene.blend"):
+        (out / name).write_text(f"earlier {name}\n")
+    (out / "report.json").write_text(json.dumps(REPORT))
+    return out
+
+
+def test_a_resumed_run_adds_to_the_files_and_to_the_log(run, earlier):
+    body = """
+        assert open(folder + '/splats.ply').read() == 'earlier splats.ply\\n'
+        open(folder + '/splats.protan-1.0.ply', 'w').write('new')
+        seconds = {'layers': 2.0, 'blender': None, 'total': None}
+        added = [{'layers': ['protan-1.0'], 'seconds': seconds}]
+        emit('result', report={**REPORT, 'blender': {'stills': []}, 'resumed': added})
+    """
+    result = run(body, "--resume")
+    assert result.returncode == 0, result.err
+    names = {str(path.relative_to(earlier)) for path in earlier.rglob("*") if path.is_file()}
+    assert names == {
+        "splats.ply", "splats.deutan-1.0.ply", "splats.protan-1.0.ply", "capture/points.ply", "scene.blend",
+        "run.log", "report.json", "report.html",
+    }  # fmt: skip
+    log = (earlier / "run.log").read_text()
+    assert log.startswith("earlier run.log")
+    assert '"resume": true' in log
+    report = json.loads((earlier / "report.json").read_text())
+    assert report["seconds"]["total"] is None  # the first run's own
+    assert report["resumed"][0]["seconds"]["total"] > 0
+    assert "does not have the new layers" in result.err
+
+
+@pytest.mark.parametrize(
+    ("body", "code"),
+    [
+        ("emit('error', kind='input', message='no'); sys.exit(2)", 2),
+        ("raise ValueError('oops')", 1),
+        ("os.kill(os.getpid(), signal.SIGKILL)", 1),
+    ],
+    ids=["refused", "defect", "killed"],
+)
+def test_a_resumed_run_that_fails_loses_nothing(run, earlier, body, code):
+    before = {path: path.read_bytes() for path in earlier.rglob("*") if path.is_file()}
+    spoil = "open(folder + '/splats.ply', 'w').write('half')\nos.remove(folder + '/report.json')\n"
+    assert run(spoil + body, "--resume").returncode == code
+    after = {path: path.read_bytes() for path in earlier.rglob("*") if path.is_file()}
+    after.pop(earlier / "failed.run.log", None)
+    assert after == before
+
+
+@pytest.mark.parametrize("stubborn", [False, True], ids=["cooperative", "deaf"])
+def test_ctrl_c_ends_the_run_soon_and_leaves_nothing(run, tmp_path, stubborn):
+    ignore = "signal.signal(signal.SIGINT, signal.SIG_IGN)\n" if stubborn else ""
+    body = (
+        ignore
+        + "open(folder + '/half.ply', 'w').write('x')\nemit('status', stage='geometry', message='')\ntime.sleep(60)"
+    )
+    process = run(body, "--json", wait=False)
+    assert "starting" in process.stdout.readline()
+    assert "geometry" in process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=SOON) == 130
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "mentions"),
+    [
+        (["--severity", "2"], "--severity"),
+        (["--cvd", "deutan", "--cvd", "protan", "--severity", "1", "--severity", "1", "--severity", "1"], "--severity"),
+        (["--iterations", "many"], "--iterations"),
+        (["--mode", "both"], "--mode"),
+        (["--colour", "red"], "--colour"),
+    ],
+)
+def test_unusable_options_are_one_line_and_exit_code_2(run, tmp_path, options, mentions):
+    result = run("emit('result', report=REPORT)", *options)
+    assert result.returncode == 2
+    assert len(result.err.splitlines()) == 1
+    assert mentions in result.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="needs a folder that even root cannot write to")
+def test_an_unwritable_output_folder_is_one_line_and_exit_code_2(run):
+    result = run("emit('result', report=REPORT)", out=Path("/proc/out"))
+    assert result.returncode == 2
+    assert "--out" in result.err
+
+
+def test_a_missing_interpreter_is_explained(tmp_path):
+    command = [sys.executable, str(ROOT / "scripts" / "run.py"), "photos", "--out", str(tmp_path / "out")]
+    result = subprocess.run(command, env={**os.environ, "CVDGS_PYTHON": "/no/python"}, capture_output=True, text=True)
+    assert result.returncode == 2
+    assert "CVDGS_PYTHON" in result.stderr

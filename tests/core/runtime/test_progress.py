@@ -1,0 +1,106 @@
+"""The bar of the whole run: it only moves forward, and its estimate ends at nothing."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from cvdgs.core.runtime import progress
+from cvdgs.core.runtime.progress import RunProgress, format_seconds
+
+STAGES = ("start", "capture", "geometry", "enhance", "layers", "evaluate", "blender")
+
+
+def test_the_fraction_rises_from_stage_to_stage_and_ends_at_one():
+    run = RunProgress(STAGES)
+    seen = []
+    for stage in STAGES:
+        for fraction in (0.0, 0.5, 1.0):
+            run.update({"event": "progress", "stage": stage, "fraction": fraction, "seconds_left": 1.0})
+            seen.append(run.fraction)
+    assert seen == sorted(seen)
+    assert seen[-1] == pytest.approx(1.0)
+
+
+def test_the_stages_own_estimate_counts_and_later_stages_add_to_it():
+    run = RunProgress(STAGES)
+    run.update({"event": "progress", "stage": "geometry", "fraction": 0.5, "seconds_left": 30.0})
+    assert run.seconds_left >= 29.0
+    run.update({"event": "progress", "stage": "blender", "fraction": 1.0, "seconds_left": 0.0})
+    assert run.seconds_left in (None, 0.0)
+
+
+class Clock:
+    """Stands still until it is told."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Clock()
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=clock))
+    return clock
+
+
+@pytest.mark.parametrize("loading", [0.5, 60.0])
+def test_the_time_that_loading_takes_does_not_count_for_the_rest(clock, loading):
+    run = RunProgress(("start", "geometry"), shares={"start": 0.02, "geometry": 0.98})
+    run.update({"event": "status", "stage": "start", "message": "loading"})
+    clock.now += loading
+    run.update({"event": "progress", "stage": "geometry", "fraction": 0.0})
+    assert run.seconds_left is None
+    clock.now += 30.0
+    run.update({"event": "progress", "stage": "geometry", "fraction": 0.5})
+    assert run.seconds_left == pytest.approx(30.0)
+
+
+def test_the_time_of_a_stage_that_was_not_expected_does_not_count_for_the_rest(clock):
+    run = RunProgress(("capture", "geometry"), shares={"capture": 0.25, "geometry": 0.75})
+    run.update({"event": "status", "stage": "capture"})
+    clock.now += 5.0
+    run.update({"event": "status", "stage": "sfm"})
+    clock.now += 500.0
+    run.update({"event": "status", "stage": "capture"})
+    clock.now += 5.0
+    run.update({"event": "progress", "stage": "geometry", "fraction": 0.0})
+    assert run.seconds_left == pytest.approx(30.0)
+
+
+def test_before_the_pace_is_known_the_stages_own_estimate_says_how_long_the_rest_takes(clock):
+    run = RunProgress(("geometry", "evaluate"), shares={"geometry": 0.5, "evaluate": 0.5})
+    run.update({"event": "progress", "stage": "geometry", "fraction": 0.01, "seconds_left": 99.0})
+    assert run.seconds_left == pytest.approx(199.0)
+
+
+def test_the_estimate_of_a_small_stage_says_nothing_of_the_rest(clock):
+    run = RunProgress(("capture", "geometry"), shares={"capture": 0.01, "geometry": 0.99})
+    run.update({"event": "progress", "stage": "capture", "fraction": 0.1, "seconds_left": 9.0})
+    assert run.seconds_left is None
+
+
+def test_events_of_other_kinds_change_nothing():
+    run = RunProgress(STAGES)
+    run.update({"event": "warning", "name": "x", "message": "y"})
+    assert (run.stage, run.fraction, run.seconds_left) == ("", 0.0, None)
+
+
+def test_a_stage_that_was_not_expected_does_not_move_the_bar():
+    run = RunProgress(STAGES)
+    run.update({"event": "progress", "stage": "capture", "fraction": 1.0, "seconds_left": 0.0})
+    reached = run.fraction
+    run.update({"event": "progress", "stage": "sfm", "fraction": 0.9, "seconds_left": 5.0})
+    assert run.fraction == reached
+
+
+def test_times_are_written_for_people():
+    assert [format_seconds(s) for s in (0.4, 59.6, 61, 3725)] == ["0:00", "1:00", "1:01", "1:02:05"]
+
+
+def test_another_job_brings_the_shares_of_its_own_stages():
+    run = RunProgress(("read", "enhance"), shares={"read": 1.0, "enhance": 3.0})
+    run.update({"event": "progress", "stage": "enhance", "fraction": 0.5, "seconds_left": 1.0})
+    assert run.fraction == pytest.approx(0.625)

@@ -1,0 +1,96 @@
+"""Automatic decisions on known curves: how many Gaussians, steps and SH degrees, and which views validate."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cvdgs.core.splats.strategy import Schedule
+from cvdgs.core.splats.training.decisions import GrowthRule, Measurement, ShDegreeRule, StopRule, split_views
+from cvdgs.core.splats.training.plan import TrainingPlan
+from cvdgs.core.splats.training.schedule import TrainingSchedule
+
+
+def rounds(counts, psnr):
+    """Measurements whose work is the sum of the counts so far."""
+    work = np.cumsum(counts)
+    return [Measurement(i, n, p, int(w)) for i, (n, p, w) in enumerate(zip(counts, psnr, work, strict=True))]
+
+
+def test_growth_continues_while_a_doubling_gains_enough():
+    counts = [1000 * 2**i for i in range(6)]
+    assert GrowthRule().verdict(rounds(counts, [20.0, 22.0, 24.0, 25.5, 26.5, 27.5])) is None
+
+
+def test_growth_ends_when_a_doubling_gains_too_little_and_says_so():
+    counts = [1000 * 2**i for i in range(6)]
+    verdict = GrowthRule(doubling_gain=0.4).verdict(rounds(counts, [20.0, 22.0, 24.0, 24.2, 24.4, 24.6]))
+    assert verdict == "doubling them gained 0.20 dB, less than 0.4"
+
+
+def test_growth_ends_when_time_gains_too_little_though_the_number_hardly_changes():
+    verdict = GrowthRule().verdict(rounds([1000, 1010, 1020, 1030, 1040, 1050], [24.0] * 6))
+    assert "time" in verdict
+
+
+def test_growth_is_not_judged_by_its_first_rounds():
+    assert GrowthRule(window=3).verdict(rounds([1000, 2000, 4000], [24.0, 24.0, 24.0])) is None
+
+
+@given(st.lists(st.floats(5, 40), min_size=5, max_size=12))
+def test_views_that_get_worse_always_end_growth(psnr):
+    falling = sorted(psnr, reverse=True)
+    assert GrowthRule().verdict(rounds([1000 * 2**i for i in range(len(psnr))], falling)) is not None
+
+
+def test_a_run_continues_while_it_gains_and_ends_after_its_patience():
+    rule = StopRule(patience=0.15, min_gain=0.02)
+    rising = [Measurement(step, 1, 20.0 + step / 1000, 1) for step in range(25, 1001, 25)]
+    assert not rule.should_stop(rising, 1000)
+    flat = [*rising, *(Measurement(1000 + step, 1, 21.0, 1) for step in range(25, 126, 25))]
+    assert not rule.should_stop(flat, 1000)
+    assert rule.should_stop([*flat, Measurement(1150, 1, 21.0, 1)], 1000)
+    assert not rule.should_stop([], 1000)
+
+
+@given(st.integers(1, 500), st.integers(0, 100))
+def test_every_view_is_fitted_or_validates_and_enough_are_fitted(training, held_out):
+    split = split_views(training, held_out)
+    assert sorted(split.fitted + split.validation) == list(range(training))
+    assert len(split.fitted) >= max(1, 0.85 * training)
+    assert not (split.validation and split.validate_on_held_out)
+
+
+@pytest.mark.parametrize(
+    ("training", "held_out", "validation", "on_held_out"),
+    [(43, 7, 2, False), (200, 20, 6, False), (9, 2, 0, True), (9, 0, 1, False), (3, 0, 0, False), (24, 0, 1, False)],
+)
+def test_held_out_views_validate_only_if_there_are_too_few_others(training, held_out, validation, on_held_out):
+    split = split_views(training, held_out)
+    assert (len(split.validation), split.validate_on_held_out) == (validation, on_held_out)
+    assert ("optimistic" in split.reason) == on_held_out
+
+
+def test_when_growth_ends_early_the_rest_settles_as_long_as_planned():
+    """A plateau at high learning rates says nothing about the gain at falling ones."""
+    schedule, whole = (TrainingSchedule(TrainingPlan(steps=1000), Schedule(0.1, 0.5, 10)) for _ in range(2))
+    schedule.end_growth()
+    assert schedule.steps == 1000
+    assert not schedule.growing(301)
+    assert not any(schedule.refines(step) for step in range(301, 1001))
+    assert all(schedule.learning_rates(step) == whole.learning_rates(step) for step in range(1001))
+
+
+@given(st.integers(1, 5000))
+def test_learning_rates_never_rise(steps):
+    schedule = TrainingSchedule(TrainingPlan(steps=steps), Schedule(0.1, 0.6, 10))
+    rates = [schedule.learning_rates(step).means for step in range(steps + 1)]
+    assert rates == sorted(rates, reverse=True)
+
+
+@given(st.integers(1, 50_000))
+def test_a_trial_of_a_degree_is_never_long_beside_its_run(steps):
+    trial = ShDegreeRule().trial_steps(steps)
+    assert 0 <= trial <= 0.1 * steps
+    assert trial == 0 or trial >= ShDegreeRule().fewest_steps
+    assert (trial > 0) == (steps >= 1200)

@@ -1,0 +1,125 @@
+"""Guided losses: pixels with gloss count less, and colours are pulled towards what the views agree on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+
+from cvdgs.core.consistency import Consensus
+from cvdgs.core.splats.gaussians import SH_C0, Gaussians
+from cvdgs.core.splats.raster import ParameterSet, RasterCamera, Rasterizer
+from cvdgs.core.splats.renderer import SceneRenderer
+from cvdgs.core.splats.training.layers import LayerPlan, fit_layer
+from cvdgs.core.splats.training.losses import MultiViewLoss, ViewGuide
+
+from .test_trainer import BLACK, photographs, wall
+
+PLAN = LayerPlan(epochs=20, minimum_steps=120)
+BAND = slice(20, 50)  # rows
+HEIGHT, WIDTH = 24, 32
+SOFTNESS = 2.0 / 255.0
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return wall(300)
+
+
+@pytest.fixture(scope="module")
+def views(scene):
+    return photographs(scene, 6)
+
+
+def highlighted(views):
+    """Most views have a band of glare; whoever believes them all paints it onto the wall."""
+    glare = []
+    for i, view in enumerate(views):
+        image = view.image.copy()
+        if i < 4:
+            image[BAND] = 255
+        glare.append(replace(view, image=image))
+    return glare
+
+
+def psnr_in_band(scene, layer, views, index: int) -> float:
+    shown = SceneRenderer(Rasterizer("cpu", 1), views, BLACK).color(layer, index)[BAND].astype(float)
+    return -10 * np.log10(((shown - views[index].image[BAND]) ** 2).mean() / 255**2)
+
+
+def test_pixels_of_little_weight_hardly_count(scene, views):
+    weights = [np.ones(view.image.shape[:2], np.float32) for view in views]
+    for i in range(4):
+        weights[i][BAND] = 0.02
+    rasterizer, glare = Rasterizer("cpu", 1), highlighted(views)
+    believed = fit_layer(rasterizer, scene, glare, PLAN, BLACK, seed=0)
+    doubted = fit_layer(rasterizer, scene, glare, PLAN, BLACK, 0, guides=[ViewGuide(w) for w in weights])
+    assert psnr_in_band(scene, doubted, views, 4) > psnr_in_band(scene, believed, views, 4) + 6
+
+
+def test_the_consensus_pulls_the_colours_as_far_as_its_weight_says(scene, views):
+    grey = [Consensus(np.full_like(view.image, 128), np.ones(view.image.shape[:2], np.float32)) for view in views]
+    guides = [
+        ViewGuide(np.ones(view.image.shape[:2], np.float32), said) for view, said in zip(views, grey, strict=True)
+    ]
+    rasterizer = Rasterizer("cpu", 1)
+    renderer = SceneRenderer(rasterizer, views, BLACK)
+    apart = []
+    for weight in (0.0, 0.5, 50.0):
+        layer = fit_layer(rasterizer, scene, views, replace(PLAN, multi_view_weight=weight), BLACK, 0, guides=guides)
+        apart.append(np.abs(renderer.color(layer, 2)[BAND].astype(float) - 128).mean())
+    assert apart[0] > apart[1] > apart[2]
+    assert apart[2] < 0.3 * apart[0]
+
+
+@pytest.fixture
+def frame():
+    rng = np.random.default_rng(0)
+    scene = Gaussians(
+        rng.uniform([-1, -1, 3], [1, 1, 4], (60, 3)).astype(np.float32),
+        np.full((60, 3), np.log(0.3), np.float32),
+        rng.standard_normal((60, 4)).astype(np.float32),
+        np.full(60, 2.0, np.float32),
+        ((rng.uniform(0, 1, (60, 1, 3)) - 0.5) / SH_C0).astype(np.float32),
+    )
+    rasterizer = Rasterizer("cpu", 1)
+    camera = RasterCamera(WIDTH, HEIGHT, 30.0, 30.0, WIDTH / 2, HEIGHT / 2, np.eye(4))
+    return rasterizer.render(ParameterSet.from_gaussians(scene), camera)
+
+
+def consensus(seed: int = 1) -> Consensus:
+    rng = np.random.default_rng(seed)
+    weights = rng.uniform(0, 1, (HEIGHT, WIDTH)).astype(np.float32)
+    weights[:8] = 0.0
+    return Consensus(rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8), weights)
+
+
+def loss(color: np.ndarray, said: Consensus) -> float:
+    """L_mv by its formula."""
+    apart = color.astype(np.float64) - said.colors / 255.0
+    penalty = np.sqrt(apart**2 + SOFTNESS**2).sum(axis=2)
+    return float((said.weights * penalty).sum() / (3.0 * said.weights.sum()))
+
+
+def test_the_gradient_is_that_of_the_formula_and_is_added(frame):
+    said, strength = consensus(), 0.7
+    color = frame.color.numpy().astype(np.float64)
+    frame.grad_color.fill_(0.25)
+    MultiViewLoss(said, strength, wp.get_device("cpu")).add_gradient(frame)
+    gradient = frame.grad_color.numpy() - 0.25
+    step = 1e-6
+    for row, column, channel in ((3, 3, 0), (10, 20, 1), (20, 5, 2), (23, 31, 0)):
+        moved = [color.copy(), color.copy()]
+        moved[0][row, column, channel] += step
+        moved[1][row, column, channel] -= step
+        expected = strength * (loss(moved[0], said) - loss(moved[1], said)) / (2 * step)
+        assert gradient[row, column, channel] == pytest.approx(expected, rel=1e-3, abs=1e-8)
+
+
+def test_where_nobody_has_a_say_nothing_is_added(frame):
+    said = consensus()
+    frame.grad_color.fill_(0.25)
+    MultiViewLoss(said, 1.0, wp.get_device("cpu")).add_gradient(frame)
+    assert (frame.grad_color.numpy()[:8] == 0.25).all()
+    MultiViewLoss(Consensus(said.colors, np.zeros_like(said.weights)), 1.0, wp.get_device("cpu")).add_gradient(frame)
+    assert np.isfinite(frame.grad_color.numpy()).all()

@@ -1,0 +1,120 @@
+"""The examples of docs/extending.md, run as they stand on the page."""
+
+from __future__ import annotations
+
+import csv
+import re
+import tomllib
+
+import numpy as np
+import pytest
+
+from cvdgs.core.bootstrap import ROOT
+from cvdgs.core.capture.reader import read_capture
+from cvdgs.core.color.metrics import ccpr
+from cvdgs.core.color.simulation import simulate
+from cvdgs.core.color.spaces import image_to_tensor
+from cvdgs.core.enhance import make_enhancer
+from cvdgs.core.errors import InputError
+from cvdgs.core.files.images import to_bytes, write_png
+from cvdgs.core.settings import Layer, Settings
+from cvdgs.core.splats.io.ply import read_ply
+
+PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+LONGEST_EXAMPLE = 40  # lines; the page promises about thirty
+
+
+def blocks(title: str) -> list[str]:
+    """The code blocks of a section, in order."""
+    (section,) = re.findall(rf"^## {title}\n(.*?)(?=^## |\Z)", PAGE, re.MULTILINE | re.DOTALL)
+    return re.findall(r"^```\w+\n(.*?)^```", section, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    """The package of the page's first example, as pip would install it."""
+    module, project = blocks("An enhancer")
+    entry = tomllib.loads(project)["project"]
+    (tmp_path / "deutan_shift.py").write_text(module, encoding="utf-8")
+    folder = tmp_path / f"deutan_shift-{entry['version']}.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {entry['name']}\nVersion: {entry['version']}\n")
+    groups = entry["entry-points"].items()
+    lines = [line for group, points in groups for line in (f"[{group}]", *(f"{k} = {v}" for k, v in points.items()))]
+    (folder / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return folder
+
+
+def test_an_installed_enhancer_is_used_by_its_name(installed):
+    name = "plugin:blue_shift"
+    assert Settings("capture", "out", layers=(Layer("deutan", 1.0),), enhancer=name).enhancer == name
+    stripes = np.zeros((32, 32, 3), np.uint8)
+    stripes[:, ::2], stripes[:, 1::2] = (150, 90, 90), (105, 110, 90)
+    enhancer = make_enhancer(name, "deutan", 1.0)
+    enhancer.fit([stripes])
+    original = image_to_tensor(stripes)
+    seen = [simulate(image_to_tensor(image), "deutan", 1.0) for image in (stripes, to_bytes(enhancer(stripes)))]
+    before, after = (ccpr(original, image)[0] for image in seen)
+    assert after > before + 0.5
+    assert np.array_equal(to_bytes(make_enhancer(name, "deutan", 0.0)(stripes)), stripes)
+
+
+def test_an_enhancer_that_is_not_installed_is_one_line():
+    with pytest.raises(InputError, match="'plugin:blue_shift' is not installed"):
+        make_enhancer("plugin:blue_shift", "deutan", 1.0)
+
+
+def test_an_enhancer_that_cannot_be_loaded_is_one_line(installed):
+    (installed / "entry_points.txt").write_text("[cvdgs.enhancers]\nblue_shift = gone_module:BlueShift\n")
+    with pytest.raises(InputError, match="cannot be loaded") as refusal:
+        make_enhancer("plugin:blue_shift", "deutan", 1.0)
+    assert "gone_module" in str(refusal.value)
+
+
+@pytest.mark.parametrize("name", ["os:system", "plugin:os.system", "plugin:", "plugin:../x"])
+def test_a_name_cannot_choose_a_module(name):
+    with pytest.raises(InputError):
+        Settings("capture", "out", layers=(Layer("deutan", 1.0),), enhancer=name)
+
+
+def test_the_strategy_trains_the_demo(tmp_path, monkeypatch, capsys):
+    strategy, training = blocks("A densification strategy")
+    monkeypatch.chdir(tmp_path)
+    namespace = {"__name__": __name__}  # a dataclass looks for its module
+    exec(strategy, namespace)
+    exec(training.replace('"core/demo', f'"{ROOT}/core/demo'), namespace)
+    before, after, decibels = re.search(r"(\d+) -> (\d+) Gaussians, ([\d.]+) dB", capsys.readouterr().out).groups()
+    assert int(before) < int(after) <= 10_000
+    assert float(decibels) > 20.0
+    assert len(read_ply(tmp_path / "divided.ply")) == int(after)
+
+
+def test_the_importer_makes_a_capture_with_the_cameras_of_the_table(tmp_path):
+    rows = [
+        {"file": f"{i}.png", "width": 64, "height": 48, "focal": 60, "at_x": 3.0, "at_y": i, "at_z": 1.0}
+        | {"to_x": 0.0, "to_y": 0.0, "to_z": 0.5}
+        for i in range(3)
+    ]
+    rng = np.random.default_rng(0)
+    for row in rows:
+        write_png(tmp_path / row["file"], rng.integers(0, 256, (48, 64, 3), dtype=np.uint8))
+    with open(tmp_path / "cameras.csv", "w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    namespace: dict = {}
+    exec(blocks("An importer")[0], namespace)
+    namespace["import_table"](tmp_path / "cameras.csv", tmp_path / "capture")
+    capture = read_capture(tmp_path / "capture", max_size=None)
+    assert len(capture.views) == 3
+    for view, row in zip(capture.views, rows, strict=True):
+        assert view.center == pytest.approx([row["at_x"], row["at_y"], row["at_z"]])
+        x, y, z = view.world_to_camera[:3, :3] @ (np.array([0.0, 0.0, 0.5]) - view.center)
+        assert (x, y) == pytest.approx((0.0, 0.0), abs=1e-9)
+        assert z > 0.0
+        assert (view.world_to_camera[:3, :3] @ [0.0, 0.0, 1.0])[1] < 0.0  # up in the world is up in the picture
+
+
+def test_the_examples_are_short():
+    assert all(len(block.splitlines()) <= LONGEST_EXAMPLE for block in re.findall(r"```\w+\n(.*?)```", PAGE, re.DOTALL))

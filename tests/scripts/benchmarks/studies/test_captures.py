@@ -1,0 +1,72 @@
+"""Captures are named on the command line, and loaded as recipes are given and judged by them."""
+
+from pathlib import Path
+
+import pytest
+
+from cvdgs.core.demo import SHOWROOM
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.scripts.benchmarks.studies.captures import DEMO, SHOWROOMS, CaptureFolder, capture_sources, showrooms
+
+
+def test_recipes_can_be_given_smaller_photographs_than_they_are_judged_by():
+    subject = CaptureFolder("demo", SHOWROOM, 64, fitted_size=48).load()
+    assert {view.camera.width for view in subject.given.views} == {48}
+    assert {view.camera.width for view in subject.judged.views} == {64}
+    assert [view.key for view in subject.given.views] == [view.key for view in subject.judged.views]
+    assert subject.split == subject.judged_split
+    assert not subject.is_ordinary
+
+
+@pytest.mark.parametrize("fitted_size", [None, 64, 100])
+def test_photographs_are_not_enlarged(fitted_size):
+    assert CaptureFolder("demo", SHOWROOM, 64, fitted_size).load().is_ordinary
+
+
+def test_a_subject_s_key_tells_sizes_apart():
+    keys = {CaptureFolder("demo", SHOWROOM, 64, size).key for size in (None, 32, 48)}
+    assert len(keys) == 3
+
+
+def sources(tmp_path: Path, *asked: str):
+    return capture_sources(asked, 96, tmp_path / "scenes", Reporter())
+
+
+def rendered(folder: Path, name: str) -> Path:
+    """A showroom that an earlier call has rendered."""
+    (folder / name).mkdir(parents=True)
+    (folder / name / "transforms.json").write_text("{}")
+    return folder / name
+
+
+def test_the_demo_is_the_shipped_one(tmp_path):
+    (source,) = sources(tmp_path, DEMO)
+    assert (source.name, source.folder, source.max_size) == ("demo", SHOWROOM, 96)
+
+
+def test_a_showroom_that_is_there_is_not_rendered_again(tmp_path):
+    places = {name: rendered(tmp_path, name) for name in SHOWROOMS if name != DEMO}
+    assert showrooms(tmp_path, Reporter()) == {DEMO: SHOWROOM, **places}
+
+
+def test_folders_are_taken_by_their_names_or_by_given_ones(tmp_path):
+    place = tmp_path / "room"
+    place.mkdir()
+    found = sources(tmp_path, str(place), f"other={place}")
+    assert [(source.name, source.folder) for source in found] == [("room", place), ("other", place)]
+
+
+def test_a_folder_can_stand_in_for_a_showroom(tmp_path):
+    (source,) = sources(tmp_path, f"{SHOWROOMS[1]}={tmp_path}")
+    assert (source.name, source.folder) == (SHOWROOMS[1], tmp_path)
+
+
+def test_a_capture_that_is_not_there_is_refused_with_those_that_are(tmp_path):
+    with pytest.raises(InputError, match=r"unknown capture 'nowhere'.*demo, showroom-protan, showroom-tritan"):
+        sources(tmp_path, "nowhere")
+
+
+def test_two_captures_of_one_name_are_refused(tmp_path):
+    with pytest.raises(InputError, match="two captures have the same name"):
+        sources(tmp_path, f"demo={tmp_path}", "demo")

@@ -1,0 +1,111 @@
+"""Trials are stored and resumed, and a process that dies fails its own recipe alone."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from cvdgs.core.capture.normalised import write_capture
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.scripts.benchmarks.studies.captures import CaptureFolder
+from cvdgs.scripts.benchmarks.studies.jobs import TRIALS_FILE, Job, TrialStore, pictures_of, run_jobs
+from cvdgs.scripts.benchmarks.studies.recipe import Recipe, Trial
+
+from .test_trials import capture_of_a_wall
+
+SOURCE = CaptureFolder("wall", Path("nowhere"), 96)
+FIRST, SECOND = Recipe("first"), Recipe("second", seed=1)
+MEASURED = replace(Trial.failed("wall", FIRST, ""), psnr=30.5, ccpr=math.nan, rwe=math.inf, gaussians=7)
+
+
+def same(first: Trial, second: Trial) -> bool:
+    return repr(first) == repr(second)  # NaN is not equal to itself
+
+
+def test_a_trial_is_read_back_as_it_was(tmp_path):
+    path = tmp_path / TRIALS_FILE
+    TrialStore(path).add(SOURCE, FIRST, MEASURED)
+    store = TrialStore(path)
+    assert same(store.trial(SOURCE, FIRST), MEASURED)
+    assert store.missing(Job(SOURCE, (FIRST, SECOND))) == (SECOND,)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [replace(FIRST, iterations=7), replace(FIRST, seed=7), replace(FIRST, drift=7.0)],
+    ids=["iterations", "seed", "drift"],
+)
+def test_a_recipe_that_differs_in_anything_is_tried_anew(tmp_path, other):
+    store = TrialStore(tmp_path / TRIALS_FILE)
+    store.add(SOURCE, FIRST, MEASURED)
+    assert store.missing(Job(SOURCE, (other,))) == (other,)
+    assert store.missing(Job(replace(SOURCE, max_size=95), (FIRST,))) == (FIRST,)
+
+
+def test_half_a_line_at_the_end_is_forgotten_and_does_not_spoil_the_next(tmp_path):
+    path = tmp_path / TRIALS_FILE
+    store = TrialStore(path)
+    store.add(SOURCE, FIRST, MEASURED)
+    whole = path.read_bytes()
+    path.write_bytes(whole + whole[: len(whole) // 2])
+    store = TrialStore(path)
+    store.add(SOURCE, SECOND, MEASURED)
+    assert TrialStore(path).missing(Job(SOURCE, (FIRST, SECOND))) == ()
+
+
+def test_a_file_of_something_else_is_refused_in_one_line(tmp_path):
+    path = tmp_path / TRIALS_FILE
+    path.write_text("a table\nof something\n")
+    with pytest.raises(InputError, match="line 1 is not a trial"):
+        TrialStore(path)
+
+
+def test_again_forgets_what_was_measured(tmp_path):
+    path = tmp_path / TRIALS_FILE
+    TrialStore(path).add(SOURCE, FIRST, MEASURED)
+    assert TrialStore(path, again=True).missing(Job(SOURCE, (FIRST,))) == (FIRST,)
+
+
+@dataclass(frozen=True)
+class Dying(Recipe):
+    """Ends the process that it is sent to."""
+
+    def __reduce__(self):
+        return os._exit, (3,)
+
+
+class Progress(Reporter):
+    def __init__(self) -> None:
+        self.fractions: list[float] = []
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        self.fractions.append(fraction)
+
+
+def test_a_process_that_dies_and_a_capture_that_cannot_be_read_are_errors_of_their_recipes_alone(tmp_path):
+    source, progress = CaptureFolder("gone", tmp_path / "gone", 96), Progress()
+    died, unread = run_jobs([Job(source, (Dying("dying"), FIRST))], tmp_path / "work", progress)
+    assert died.error == "the process ended with exit code 3"
+    assert math.isnan(died.psnr)
+    assert unread.error.startswith("InputError: ")
+    assert progress.fractions == [0.0, 0.5, 1.0]
+
+
+@pytest.mark.slow
+def test_what_was_tried_is_not_tried_again(tmp_path):
+    write_capture(capture_of_a_wall(), tmp_path / "wall")
+    source = CaptureFolder("wall", tmp_path / "wall", 96)
+    bad, good = Dying("bad", iterations=20), Recipe("good", enhancer="none", iterations=20, gaussians=400)
+    first = run_jobs([Job(source, (bad, good))], tmp_path / "work", Reporter())
+    assert first[1].error == ""
+    assert first[1].psnr > 10.0
+    assert (pictures_of(tmp_path / "work", source, good) / "renders" / "original").is_dir()
+    progress = Progress()
+    second = run_jobs([Job(source, (bad, good))], tmp_path / "work", progress)
+    assert all(same(*pair) for pair in zip(first, second, strict=True))
+    assert progress.fractions == []
