@@ -7,7 +7,9 @@ import warp as wp
 
 from .state import State, read_headers
 
-_HEADERS = ("numeric.h", "projection.h", "binning.h", "stages_cpu.h", "blend_cpu.h", "loss.h", "loss_cpu.h", "adam.h")
+_HEADERS = (
+    "numeric.h", "projection.h", "binning.h", "stages_cpu.h", "blend_cpu.h", "loss.h", "loss_cpu.h", "contrast.h", "adam.h"
+)  # fmt: skip
 
 wp.set_module_options(
     {
@@ -33,6 +35,9 @@ class Stage(IntEnum):
     BACKWARD = 7
     GATHER = 8
     ADAM = 9
+    OBSERVE = 10
+    PAIRS = 11
+    CONTRAST = 12
 
 
 def _kernel(stage: Stage) -> wp.Kernel:

@@ -11,7 +11,8 @@ LOSS_THREADS = 256  # of a block: the pixels of a square of loss_cuda.h
 LOSS_SQUARE = 16  # pixels; as in loss_cuda.h
 
 _HEADERS = (
-    "numeric.h", "projection.h", "binning.h", "stages_cuda.h", "blend_cuda.h", "loss.h", "loss_cuda.h", "adam.h"
+    "numeric.h", "projection.h", "binning.h", "stages_cuda.h", "blend_cuda.h", "loss.h", "loss_cuda.h", "contrast.h",
+    "adam.h",
 )  # fmt: skip
 
 wp.set_module_options(
@@ -63,6 +64,9 @@ count_slots = _per_thread("count_slots", "count_slots")
 fill_slots = _per_thread("fill_slots", "fill_slots")
 gather = _per_thread("gather", "gather_one")
 adam = _per_thread("adam", "adam_one")
+observe = _per_thread("observe", "observe_one")
+list_pairs = _per_thread("list_pairs", "list_pairs")
+contrast = _per_thread("contrast", "contrast_gradient_one")
 forward = _per_block("forward", "forward_tile")
 ssim = _per_block("ssim", "ssim_block")
 loss = _per_block("loss", "loss_block")

@@ -43,6 +43,9 @@ RASTER_FN Mask is_finite(Real x) { return x - x == 0.0f; }
 RASTER_FN float lane(Real x, int) { return x; }
 RASTER_FN bool lane_is_set(Mask m, int) { return m; }
 RASTER_FN Real gather(const float* p, const int* index, int stride) { return p[(size_t)index[0] * stride]; }
+RASTER_FN Real load(const float* p) { return *p; }
+RASTER_FN void store(float* p, Real r) { *p = r; }
+RASTER_FN void set_lane(Real& r, int, float x) { r = x; }
 
 #else
 
@@ -59,6 +62,7 @@ RASTER_FN Real lane_indices() { return Real{0.0f, 1.0f, 2.0f, 3.0f, 4.0f, 5.0f, 
 RASTER_FN Mask is_finite(Real x) { return x - x == splat(0.0f); }
 RASTER_FN float lane(Real x, int i) { return x[i]; }
 RASTER_FN bool lane_is_set(Mask m, int i) { return m[i] != 0; }
+RASTER_FN void set_lane(Real& r, int i, float x) { r[i] = x; }
 
 #define EXP2_ROUNDER 12582912.0f  // 1.5 * 2^23: the sum's low mantissa bits hold the integer
 // Minimax in relative error on [-1/2, 1/2], highest power first.

@@ -66,6 +66,18 @@ class Runner(ABC):
         """Fill `grad_color`; returns a function that waits for the sums of |x - y| and SSIM over the image."""
 
     @abstractmethod
+    def observe(self) -> None:
+        """Fill `contrast_lab`."""
+
+    @abstractmethod
+    def list_pairs(self) -> None:
+        """Fill `contrast_pairs` from the target's part of `contrast_lab`."""
+
+    @abstractmethod
+    def contrast(self) -> None:
+        """Add the contrast hinge's gradient to `grad_color`."""
+
+    @abstractmethod
     def backward(self) -> None:
         """Turn gradients of the images into gradients of the parameters."""
 

@@ -96,6 +96,15 @@ class CpuRunner(Runner):
         sums = self._partial.sum(axis=0)
         return lambda: sums
 
+    def observe(self) -> None:
+        self.run(Stage.OBSERVE)
+
+    def list_pairs(self) -> None:
+        self.run(Stage.PAIRS)
+
+    def contrast(self) -> None:
+        self.run(Stage.CONTRAST)
+
     def backward(self) -> None:
         self.reserve("moments", int(self._first_slot[-1]), wp.float32, MOMENTS)
         self.run(Stage.BACKWARD)

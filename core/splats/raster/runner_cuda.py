@@ -74,6 +74,15 @@ class CudaRunner(Runner):
         partial = wp.clone(self.array("loss_partial")[:blocks])  # the next loss overwrites the original
         return lambda: partial.numpy().sum(axis=0)
 
+    def observe(self) -> None:
+        self._launch(kernels.observe, self.state.width * self.state.height)
+
+    def list_pairs(self) -> None:
+        self._launch(kernels.list_pairs, self.state.width * self.state.height)
+
+    def contrast(self) -> None:
+        self._launch(kernels.contrast, self.state.width * self.state.height)
+
     def backward(self) -> None:
         self.reserve("moments", self._intersections, wp.float32, MOMENTS)
         tiles = self.state.tiles

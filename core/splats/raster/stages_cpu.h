@@ -3,9 +3,9 @@
 
 namespace raster {
 
-enum Stage {  // as `Stage` in kernels.py; each has its chunk counter
+enum Stage {  // as `Stage` in kernels_cpu.py; each has its chunk counter
     STAGE_PROJECT, STAGE_SORT, STAGE_COUNT, STAGE_OFFSETS, STAGE_LIST, STAGE_FORWARD,
-    STAGE_LOSS, STAGE_BACKWARD, STAGE_GATHER, STAGE_ADAM
+    STAGE_LOSS, STAGE_BACKWARD, STAGE_GATHER, STAGE_ADAM, STAGE_OBSERVE, STAGE_PAIRS, STAGE_CONTRAST
 };
 enum { GAUSSIANS_A_CHUNK = 256 };
 

@@ -80,6 +80,18 @@ class State:
     loss_partial: wp.array2d(dtype=wp.float64)  # per strip or block: sums of |x - y| and of SSIM
     ssim_maps: wp.array(dtype=wp.float32)  # CUDA: three derivatives, (3, H, W, 3)
 
+    # contrast hinge; its formula is at the head of contrast.h
+    contrast_observer: wp.array(dtype=wp.float32)  # S and linear sRGB to XYZ
+    contrast_lab: wp.array(dtype=wp.float32)  # six planes
+    contrast_pairs: wp.array2d(dtype=wp.uint8)
+    contrast_targets_only: wp.int32
+    contrast_listed: wp.float32  # the difference from which a pair is listed
+    contrast_threshold: wp.float32
+    contrast_cap: wp.float32
+    contrast_invented: wp.float32
+    contrast_floor: wp.float32
+    contrast_scale: wp.float32
+
     # gradients
     with_depth: wp.int32
     absolute: wp.int32
