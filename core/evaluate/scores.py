@@ -5,6 +5,7 @@ One scorer for the layers of a run, for photographs without cameras, and for the
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,31 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..color.metrics import CCPR_THRESHOLD, Naturalness, ccpr, contrast_scores, naturalness, psnr, ssim
+from ..color.metrics import (
+    CCPR_THRESHOLD,
+    Naturalness,
+    ccpr,
+    ccpr_and_ccfr,
+    contrast_scores,
+    half_size,
+    half_size_mask,
+    naturalness,
+    psnr,
+    ssim,
+)
 from ..color.protected_colors import protected_masks
 from ..color.simulation import Observer
 from ..color.spaces import delta_e_2000, image_to_tensor
 
 Image = NDArray[np.uint8]
 
-SIMULATED_FIGURES = ("ccpr", "ccpr_mean", "ccpr_global", "ccfr", "ssim_simulated")
+PYRAMID = ("half", "quarter")
+"""Sizes at which contrast is measured beside the full one."""
+
+SIMULATED_FIGURES = (
+    *("ccpr", "ccpr_mean", "ccpr_global", "ccfr", "ssim_simulated"),
+    *(f"{figure}_{size}" for size in PYRAMID for figure in ("ccpr", "ccfr")),
+)
 """What `Scorer.simulated` measures, beside the number of pairs."""
 
 
@@ -48,7 +66,7 @@ class Scorer:
         """`SIMULATED_FIGURES` of what the observer sees, against the photograph, and `ContrastScores.pairs`."""
         seen = self.simulate(version)
         contrast = contrast_scores(self._original, seen, mask=self._mask)
-        return {
+        return self._pyramid(version) | {
             "ccpr": contrast.ccpr,
             "pairs": contrast.pairs,
             "ccpr_mean": contrast.ccpr_mean,
@@ -56,6 +74,21 @@ class Scorer:
             "ccfr": contrast.ccfr,
             "ssim_simulated": ssim(self._original, seen, mask=self._mask),
         }
+
+    def _pyramid(self, version: Image) -> dict[str, float]:
+        """CCPR and CCFR of smaller pictures, NaN where they have no pixels."""
+        figures: dict[str, float] = {}
+        original, mask, reduced = self._original, self._mask, image_to_tensor(version)
+        for size in PYRAMID:
+            figures |= {f"ccpr_{size}": math.nan, f"ccfr_{size}": math.nan}
+            if min(original.shape[-2:]) < 4:
+                continue
+            original, reduced = half_size(original), half_size(reduced)
+            mask = None if mask is None else half_size_mask(mask)
+            figures[f"ccpr_{size}"], figures[f"ccfr_{size}"] = ccpr_and_ccfr(
+                original, self._observer.simulate(reduced), mask=mask
+            )
+        return figures
 
     def naturalness(self, version: Image) -> Naturalness:
         """How close a version stays to the photograph for normal vision."""

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.model import Capture, View
+from ..color.matrices import linear_simulation
 from ..consistency import SceneAgreement, SceneCorrespondences
 from ..enhance import CganEnhancer, Enhancer, IdentityEnhancer, LutEnhancer
 from ..evaluate.evaluation import Evaluation, SceneMatches, Split, enhanced_path, render_path
@@ -38,7 +39,7 @@ from ..splats.training import lens
 from ..splats.training.joint import JointPlan, JointTraining
 from ..splats.training.layers import LayerPlan, fit_layer
 from ..splats.training.lens import FocalLength, LensCheck, LensPlan
-from ..splats.training.losses import ViewGuide
+from ..splats.training.losses import SeenContrast, ViewGuide
 from ..splats.training.plan import TrainingPlan, TrainingResult
 from ..splats.training.trainer import Trainer
 from .preview import Preview, PreviewedTraining
@@ -199,7 +200,8 @@ class Stages:
         made = self.reconstruction(result.gaussians, "geometry", 1.0)
         if self.settings.mode == "joint":
             self.reporter.status("geometry", "fitting the photographs' colours")
-            original = self._fit_colors(made, self._views(self.split.train), self._guides(made.agreement))
+            guides = self._guides(made.agreement)
+            original = self._fit_colors(made, self._views(self.split.train), guides, self._contrast(None))
             made = replace(made, original=original, layers={self.settings.layers[0]: result.gaussians})
         write_ply(self.folder / GAUSSIANS_FILE, made.original)
         return made
@@ -268,6 +270,7 @@ class Stages:
             self.plans.joint,
             self.background,
             self.settings.seed,
+            self._contrast(layer),
         )
 
         def guides_of(geometry: Gaussians) -> Sequence[ViewGuide] | None:
@@ -296,18 +299,26 @@ class Stages:
             views = [replace(view, alpha=None) for view in self._views_from(render_path, layer, train)]
         else:
             views = self._views_from(enhanced_path, layer, train)
-        guides = self._guides(made.agreement, None if self.settings.mode == "post" else views)
-        return self._fit_colors(made, views, guides, partial(reporter.progress, "layers"))
+        post = self.settings.mode == "post"  # the baseline: colours that fit the pictures, and nothing more
+        guides = self._guides(made.agreement, None if post else views)
+        contrast = None if post else self._contrast(layer)
+        return self._fit_colors(made, views, guides, contrast, partial(reporter.progress, "layers"))
 
     def _fit_colors(
         self,
         made: Reconstruction,
         views: Sequence[View],
         guides: Sequence[ViewGuide] | None,
+        contrast: SeenContrast | None,
         progress: Callable[[float], None] = lambda _: None,
     ) -> Gaussians:
         plan, seed = self.plans.layer, self.settings.seed
-        return fit_layer(self.rasterizer, made.original, views, plan, self.background, seed, progress, guides)
+        return fit_layer(self.rasterizer, made.original, views, plan, self.background, seed, progress, guides, contrast)
+
+    def _contrast(self, layer: Layer | None) -> SeenContrast:
+        """What is to be kept of the training views' contrast, for a layer's observer or for normal vision."""
+        observer = layer and linear_simulation(layer.cvd, layer.severity, self.settings.simulation)
+        return SeenContrast(self.plans.layer.contrast, self._views(self.split.train), observer)
 
     def _guides(self, agreement: SceneAgreement, enhanced: Sequence[View] | None = None) -> list[ViewGuide] | None:
         """For each training view the weights of its pixels, and with `enhanced` training views their consensus."""

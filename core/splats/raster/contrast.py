@@ -1,4 +1,4 @@
-"""The contrast hinge: pulls a rendering towards its target's differences of neighbouring pixels, as an observer sees them.
+"""The contrast hinge: pulls differences of neighbouring pixels, as an observer sees them, towards those of a target.
 
 A photometric loss settles for less contrast than its target has, and weak differences are lost first: those of a few
 ΔE, in which a textile's pattern consists for somebody with a colour vision deficiency.
@@ -104,7 +104,9 @@ class ContrastHinge:
         runner, state = self._rasterizer.runner, self._rasterizer.runner.state
         height, width = target.shape[:2]
         if pairs.shape != (height, width) or (state.height, state.width) != (height, width):
-            raise ValueError(f"target {target.shape}, pairs {pairs.shape} and frame {(state.height, state.width)} differ")
+            raise ValueError(
+                f"target {target.shape}, pairs {pairs.shape} and frame {(state.height, state.width)} differ"
+            )
         state.target_is_bytes = int(target.dtype == wp.uint8)
         runner.bind("target_bytes" if state.target_is_bytes else "target_floats", target)
         runner.bind("contrast_pairs", pairs)

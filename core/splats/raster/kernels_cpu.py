@@ -8,7 +8,8 @@ import warp as wp
 from .state import State, read_headers
 
 _HEADERS = (
-    "numeric.h", "projection.h", "binning.h", "stages_cpu.h", "blend_cpu.h", "loss.h", "loss_cpu.h", "contrast.h", "adam.h"
+    "numeric.h", "projection.h", "binning.h", "stages_cpu.h", "blend_cpu.h", "loss.h", "loss_cpu.h", "contrast.h",
+    "adam.h",
 )  # fmt: skip
 
 wp.set_module_options(

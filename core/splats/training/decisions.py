@@ -210,6 +210,10 @@ class DecisionLog:
         if self._best is None or measurement.psnr > self._best[0].psnr:
             self._best = measurement, fit.parameters.to_gaussians()
 
+    def forget_best(self) -> None:
+        """Compare from now on only with what comes."""
+        self._best = None
+
     def restore_best(self, now: Measurement, fit: Fit) -> None:
         """Put the best Gaussians back, unless those of `now` are about as good."""
         if self._best is None or self._best[0].psnr < now.psnr + _WORTH_RESTORING:

@@ -22,7 +22,7 @@ from ..raster import LearningRates, Rasterizer
 from ..renderer import SceneRenderer
 from ..targets import Background
 from .fitting import fit_guided
-from .losses import GuidedLoss, ViewGuide
+from .losses import GuidedLoss, SeenContrast, ViewGuide
 from .plan import TrainingPlan, TrainingResult
 from .trainer import STAGE, Trainer
 
@@ -63,6 +63,7 @@ class JointTraining:
         joint: of the last part.
         background: behind the Gaussians.
         seed: of all random numbers.
+        contrast: of `views`, to keep in the last part.
     """
 
     rasterizer: Rasterizer
@@ -72,6 +73,7 @@ class JointTraining:
     joint: JointPlan
     background: Background
     seed: int
+    contrast: SeenContrast | None = None
 
     def train(
         self, points: NDArray[np.float32], colors: NDArray[np.uint8], guides_of: GuidesOfGeometry, reporter: Reporter
@@ -96,7 +98,14 @@ class JointTraining:
             result.gaussians,
             self.views,
             self.background,
-            GuidedLoss(self.rasterizer, guides, self.plan.ssim_weight, joint.multi_view_weight),
+            GuidedLoss(
+                self.rasterizer,
+                guides,
+                self.plan.ssim_weight,
+                joint.multi_view_weight,
+                self.contrast,
+                self.background,
+            ),
             lambda done: joint.learning_rates.scaled(joint.lr_final_factor**done),
             together,
             self.seed,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ...capture.model import View
 from ..gaussians import Gaussians
-from ..raster import LearningRates, Rasterizer
+from ..raster import ContrastPlan, LearningRates, Rasterizer
 from ..targets import Background
 from .fitting import fit_guided
-from .losses import GuidedLoss, ViewGuide
+from .losses import GuidedLoss, SeenContrast, ViewGuide
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class LayerPlan:
         lr_final_factor: factor of the learning rate at the end, reached exponentially.
         ssim_weight: weight of 1 - SSIM in the loss; higher than for the geometry, since layers are about contrast.
         multi_view_weight: λ_mv of the multi-view loss, for guides with a consensus.
+        contrast: the hinge that keeps the contrast of the enhanced views for the layer's observer.
     """
 
     epochs: int = 3
@@ -35,6 +36,7 @@ class LayerPlan:
     lr_final_factor: float = 0.05
     ssim_weight: float = 0.5
     multi_view_weight: float = 1.0
+    contrast: ContrastPlan = field(default_factory=ContrastPlan)
 
 
 def fit_layer(
@@ -46,6 +48,7 @@ def fit_layer(
     seed: int,
     progress: Callable[[float], None] = lambda _: None,
     guides: Sequence[ViewGuide] | None = None,
+    contrast: SeenContrast | None = None,
 ) -> Gaussians:
     """`gaussians` with colours of SH degree 0 that reproduce `views`.
 
@@ -54,8 +57,9 @@ def fit_layer(
         views: training views with their enhanced images.
         progress: receives the fraction done.
         guides: one per view; None weighs every pixel equally, without a multi-view loss.
+        contrast: to keep, of the same views; None leaves it to the photometric loss.
     """
-    loss = GuidedLoss(rasterizer, guides, plan.ssim_weight, plan.multi_view_weight)
+    loss = GuidedLoss(rasterizer, guides, plan.ssim_weight, plan.multi_view_weight, contrast, background)
     fitted, _ = fit_guided(
         rasterizer,
         gaussians.with_base_colors(gaussians.base_colors),

@@ -1,4 +1,4 @@
-"""Losses guided by the other views: the photometric loss weighted by pixel, and the multi-view loss L_mv."""
+"""Losses of colours fitted to enhanced views: photometric, weighted by pixel; multi-view, L_mv; and contrast."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ...capture.model import View
+from ...color.matrices import LinearSimulation
 from ...consistency import Consensus
-from ..raster import Frame, Loss, Mask, Rasterizer
+from ..raster import ContrastHinge, ContrastPlan, Frame, Loss, Mask, Rasterizer
+from ..targets import Background
 
 # The annotations of kernels are values that Warp evaluates.
 # mypy: disable-error-code="valid-type, misc, index"
@@ -33,18 +36,41 @@ class ViewGuide:
     consensus: Consensus | None = None
 
 
+@dataclass(frozen=True)
+class SeenContrast:
+    """The contrast that a layer is to keep, and for whom.
+
+    Attributes:
+        plan: of the contrast hinge.
+        photographs: the views with their photographs, which say where there is contrast.
+        observer: S of the layer; None for normal vision.
+    """
+
+    plan: ContrastPlan
+    photographs: Sequence[View]
+    observer: LinearSimulation | None = None
+
+
 class GuidedLoss:
-    """The photometric loss weighted by pixel, and the multi-view loss, as the guides of the views ask.
+    """The photometric loss weighted by pixel and the multi-view loss, as the guides ask, and the contrast hinge.
 
     Args:
         rasterizer: that renders the frames.
         guides: one per view, or None.
         ssim_weight: weight of 1 - SSIM in the photometric loss.
         multi_view_weight: λ_mv.
+        contrast: to keep; None leaves out the contrast hinge.
+        background: behind the photographs of `contrast`.
     """
 
     def __init__(
-        self, rasterizer: Rasterizer, guides: Sequence[ViewGuide] | None, ssim_weight: float, multi_view_weight: float
+        self,
+        rasterizer: Rasterizer,
+        guides: Sequence[ViewGuide] | None,
+        ssim_weight: float,
+        multi_view_weight: float,
+        contrast: SeenContrast | None,
+        background: Background,
     ) -> None:
         device = rasterizer.device
         self._rasterizer, self.ssim_weight = rasterizer, ssim_weight
@@ -53,11 +79,18 @@ class GuidedLoss:
             MultiViewLoss(guide.consensus, multi_view_weight, device) if guide.consensus and multi_view_weight else None
             for guide in guides or ()
         ]
+        self._hinge: ContrastHinge | None = None
+        if contrast is not None and contrast.plan.weight > 0.0:
+            self._hinge = ContrastHinge(rasterizer, contrast.plan, contrast.observer)
+            photographs = (
+                wp.array(background.behind(view), dtype=wp.uint8, device=device) for view in contrast.photographs
+            )
+            self._pairs = [self._hinge.pairs(photograph) for photograph in photographs]
 
     def of(self, view: int) -> Callable[[Frame, wp.array], Loss]:
         """The loss of a view, by its index, which fills `frame.grad_color`.
 
-        Its value is that of the photometric part; the multi-view loss contributes a gradient only.
+        Its value is that of the photometric part; the multi-view loss and the hinge contribute a gradient only.
         """
         return partial(self._measure, view)
 
@@ -67,6 +100,8 @@ class GuidedLoss:
         pull = self._pulls[view] if self._pulls else None
         if pull is not None:
             pull.add_gradient(frame)
+        if self._hinge is not None:
+            self._hinge.add_gradient(frame, image, self._pairs[view])
         return loss
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
@@ -12,12 +13,17 @@ from numpy.typing import NDArray
 from ..calibration.exposure import ExposurePlan
 from ..calibration.poses import PosePlan
 from ..gaussians import Gaussians
-from ..raster import LearningRates
+from ..raster import ContrastPlan, LearningRates
 from ..strategy import Strategy
 from .decisions import GrowthRule, ShDegreeRule, StopRule
 from .initialise import InitialGaussians
 
 T = TypeVar("T")
+
+
+def _geometry_contrast() -> ContrastPlan:
+    # Every difference counts, to its full size; half as much against what the photographs do not show.
+    return ContrastPlan(weight=2.0, listed=0.0, threshold=5.0, cap=math.inf, invented=0.5)
 
 
 @dataclass(frozen=True)
@@ -44,6 +50,8 @@ class TrainingPlan:
         exposure: how photographs of different exposure or white balance are corrected; None to leave them.
         poses: how bad poses are refined; None to leave them. Validation views are then aligned with the scene before
             they are measured.
+        contrast: hinge that brings back weak contrast in the last part of the run; None leaves it out.
+        contrast_from: fraction of the run from which it counts.
         curve_points: measurements on the held-out views.
         curve_views: views in each of them, about.
     """
@@ -68,6 +76,8 @@ class TrainingPlan:
     validation_until: float = 0.9
     exposure: ExposurePlan | None = field(default_factory=ExposurePlan)
     poses: PosePlan | None = field(default_factory=PosePlan)
+    contrast: ContrastPlan | None = field(default_factory=_geometry_contrast)
+    contrast_from: float = 0.8
     curve_points: int = 10
     curve_views: int = 6
 

@@ -49,6 +49,10 @@ class TrainingSchedule:
         """Whether there have been steps at full resolution up to `step`."""
         return step > round(max((until for until, _ in self._plan.coarse), default=0.0) * self.steps)
 
+    def contrast(self, step: int) -> bool:
+        """Whether the contrast hinge counts at `step`."""
+        return self.progress(step) > self._plan.contrast_from and self.reduction(step) == 1
+
     def progress(self, step: int) -> float:
         """The share of the run done after `step`, from 0 to 1."""
         return step / self.steps

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Sequence
+from functools import partial
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
 from ...capture.model import View
@@ -19,7 +21,7 @@ from ...runtime.protocol import Reporter
 from ..calibration.corrections import ViewCorrections
 from ..calibration.poses import AlignedViews
 from ..gaussians import Gaussians
-from ..raster import LearningRates, Rasterizer
+from ..raster import ContrastHinge, ContrastPlan, Frame, LearningRates, Loss, Rasterizer
 from ..scene_frame import SceneFrame
 from ..strategy import Evidence, MultiViewConsistent, ViewEvidence
 from ..strategy.editing import in_morton_order, morton_order
@@ -82,6 +84,7 @@ class Trainer:
             rasterizer, self._targets, background, plan.exposure, plan.poses, plan.steps
         )
         self._order = ViewOrder(self._fitted_count, self._rng)
+        self._contrast: tuple[ContrastHinge, list[wp.array]] | None = None
         self._degree_undecided = plan.sh_degree is None
         self._curve: list[dict[str, float | None]] = []
         self._log = DecisionLog(self._split.reason, type(self._strategy).__name__, plan.steps, plan.limit)
@@ -147,6 +150,8 @@ class Trainer:
         strategy, schedule = self._strategy, self._schedule
         learning_rates, growing = schedule.learning_rates(step), schedule.growing(step)
         self._corrections.decide(schedule.progress(step), self.fit.parameters)
+        if self._contrast is None and self._plan.contrast is not None and schedule.contrast(step):
+            self._keep_contrast(self._plan.contrast)
         gather = growing and _due(strategy.gradient_every, step)
         self._fit_next(schedule.reduction(step), learning_rates, gather_gradient=gather)
         if growing and _due(strategy.perturb_every, step):
@@ -155,13 +160,29 @@ class Trainer:
 
     def _fit_next(self, reduction: int, learning_rates: LearningRates, *, gather_gradient: bool = False) -> None:
         view = self._order.next()
+        loss = None if self._contrast is None else partial(self._loss_with_contrast, self._contrast, view)
         self.fit.step(
             self._targets[view],
             reduction,
             learning_rates,
             gather_gradient=gather_gradient,
             correction=self._corrections.of(view),
+            loss=loss,
         )
+
+    def _keep_contrast(self, plan: ContrastPlan) -> None:
+        """From now on, add the contrast hinge to the loss, at full resolution and for normal vision."""
+        hinge = ContrastHinge(self._rasterizer, plan)
+        self._contrast = hinge, [hinge.pairs(view.at(1)[0]) for view in self._targets]
+        self._log.forget_best()  # it gives up a little PSNR for contrast, so that only later ones compare
+
+    def _loss_with_contrast(
+        self, contrast: tuple[ContrastHinge, list[wp.array]], view: int, frame: Frame, image: wp.array
+    ) -> Loss:
+        hinge, pairs = contrast
+        loss = self._rasterizer.photometric_loss(frame, image, self._plan.ssim_weight)
+        hinge.add_gradient(frame, image, pairs[view])
+        return loss
 
     # Densification
 

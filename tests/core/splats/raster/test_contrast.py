@@ -94,7 +94,9 @@ def as_tensor(image: NDArray) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("observer", OBSERVERS, ids=str)
-@pytest.mark.parametrize("plan", [ContrastPlan(), ContrastPlan(2.0, 5.0, 5.0, 1e3, invented=0.5)], ids=["layer", "scene"])
+@pytest.mark.parametrize(
+    "plan", [ContrastPlan(), ContrastPlan(2.0, 5.0, 5.0, 1e3, invented=0.5)], ids=["layer", "scene"]
+)
 def test_the_gradient_is_that_of_the_loss_in_float64(observer: tuple, plan: ContrastPlan) -> None:
     rendered, target, photograph = pictures()
     image = as_tensor(rendered).requires_grad_()
