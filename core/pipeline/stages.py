@@ -317,7 +317,8 @@ class Stages:
 
     def _contrast(self, layer: Layer | None) -> SeenContrast:
         """What is to be kept of the training views' contrast, for a layer's observer or for normal vision."""
-        observer = layer and linear_simulation(layer.cvd, layer.severity, self.settings.simulation)
+        simulation = self.settings.simulation
+        observer = None if layer is None else linear_simulation(layer.cvd, layer.severity, simulation)
         return SeenContrast(self.plans.layer.contrast, self._views(self.split.train), observer)
 
     def _guides(self, agreement: SceneAgreement, enhanced: Sequence[View] | None = None) -> list[ViewGuide] | None:

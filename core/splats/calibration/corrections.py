@@ -78,14 +78,30 @@ class ViewCorrections:
         self._progress = 0.0
         self._words: dict[str, str] = {}
 
-    def decide(self, progress: float, parameters: ParameterSet) -> None:
-        """Make the decisions due at the fraction `progress` of the run, on the current scene; called before a step."""
+    def decide(self, progress: float, parameters: ParameterSet) -> bool:
+        """Make the decisions due at the fraction `progress` of the run, on the current scene; called before a step.
+
+        Returns:
+            Whether exposures, which seem to differ, are corrected from now on. That a rough scene differs from its
+            photographs may be the scene's fault: only a trial tells (`settle_exposure`).
+        """
         self._progress = progress
+        proposed = False
         if self._exposure_undecided and self._exposure_plan is not None and progress >= self._exposure_plan.decided_at:
             self._exposure_undecided = False
-            self._decide_exposure(self._exposure_plan, parameters)
+            proposed = self._decide_exposure(self._exposure_plan, parameters)
         while self._pose_plan is not None and self._pose_checks and progress >= self._pose_checks[0][0]:
             self._check_poses(self._pose_plan, self._pose_checks.pop(0)[1], parameters)
+        return proposed
+
+    def settle_exposure(self, gain: float) -> bool:
+        """Correct exposures only if the validation views gained enough (dB) by it in a trial; returns whether."""
+        assert self._exposure_plan is not None, "only a plan proposes a correction"
+        self.exposure.active = gain >= self._exposure_plan.least_gain
+        decision = CORRECTED if self.exposure.active else "as photographed"
+        seemed = self._words["exposure"].partition(": ")[2]
+        self._words["exposure"] = f"{decision}: {seemed}, and correcting that gained {gain:.2f} dB in a trial"
+        return self.exposure.active
 
     def camera(self, view: int, camera: RasterCamera) -> RasterCamera:
         """The camera of `view`, at any resolution, in its current pose."""
@@ -136,7 +152,7 @@ class ViewCorrections:
             self.poses_were_off = True
             self._pose_checks.clear()
 
-    def _decide_exposure(self, plan: ExposurePlan, parameters: ParameterSet) -> None:
+    def _decide_exposure(self, plan: ExposurePlan, parameters: ParameterSet) -> bool:
         estimates = []
         for view in range(len(self._views)):
             image, camera = self._views[view].at(1)
@@ -147,6 +163,7 @@ class ViewCorrections:
         spread = np.sqrt(np.mean((np.asarray(estimates) - np.mean(estimates, axis=0)) ** 2))
         decision = CORRECTED if active else "as photographed"
         self._words["exposure"] = f"{decision}: it differs by {spread:.1%} from view to view"
+        return active
 
     def _seen(self, view: int, reduction: int) -> TrainingView:
         given = self._views[view]

@@ -34,14 +34,23 @@ class ExposurePlan:
         threshold: RMS of the log gains from which correcting them pays. Smaller differences average out over the views;
             correcting the 2 % of an automatic camera on fox gained 0.4 dB on held-out views with their exposure
             compensated, and cost 0.8 dB on them as photographed and a tenth of the time.
+        trial: share of the run's steps in each of the two branches of a trial, at least `fewest_trial_steps`.
+        least_gain: dB that validation views, their exposures compensated, have to gain in it.
         learning_rate: of the log gains, right after the decision.
         lr_final_factor: factor of the learning rate at the end of the run, reached exponentially.
     """
 
     decided_at: float = 0.2
     threshold: float = 0.04
+    trial: float = 0.04
+    fewest_trial_steps: int = 100
+    least_gain: float = 0.1
     learning_rate: float = 4e-3
     lr_final_factor: float = 0.1
+
+    def trial_steps(self, steps: int) -> int:
+        """Steps of each branch of a trial in a run of `steps`."""
+        return max(round(self.trial * steps), self.fewest_trial_steps)
 
     def learning_rate_at(self, progress: float) -> float:
         """The learning rate at the fraction `progress` of the run."""

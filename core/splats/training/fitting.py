@@ -6,10 +6,12 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import torch
 import warp as wp
 from numpy.typing import NDArray
 
 from ...capture.model import View
+from ...color.metrics import ccpr
 from ..calibration.corrections import Correction
 from ..calibration.exposure import estimate_log_gains
 from ..gaussians import Gaussians
@@ -153,10 +155,19 @@ class Fit:
         """
         return float(np.mean([self._psnr(view, any_exposure) for view in views]))
 
-    def _psnr(self, view: TrainingView, any_exposure: bool) -> float:
+    def contrast(self, view: TrainingView) -> float:
+        """CCPR of a view at full resolution for normal vision; NaN if its photograph has no distinct neighbours."""
+        color, photograph = (torch.from_numpy(x).permute(2, 0, 1) for x in self._pictures(view))
+        return ccpr(photograph, color.clamp(0.0, 1.0))[0]
+
+    def _pictures(self, view: TrainingView) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """A view as rendered and as photographed, (H, W, 3) each."""
         image, camera = view.at(1)
-        color = np.nan_to_num(self._rasterizer.render(self.parameters, camera, self._background.color).color.numpy())
-        photograph = image.numpy().astype(np.float32) / 255.0
+        frame = self._rasterizer.render(self.parameters, camera, self._background.color)
+        return np.nan_to_num(frame.color.numpy()), image.numpy().astype(np.float32) / 255.0
+
+    def _psnr(self, view: TrainingView, any_exposure: bool) -> float:
+        color, photograph = self._pictures(view)
         if any_exposure:
             color = color * np.exp(estimate_log_gains(color, photograph)).astype(np.float32)
         error = (np.clip(color, 0.0, 1.0) - photograph) ** 2

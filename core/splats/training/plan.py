@@ -15,7 +15,7 @@ from ..calibration.poses import PosePlan
 from ..gaussians import Gaussians
 from ..raster import ContrastPlan, LearningRates
 from ..strategy import Strategy
-from .decisions import GrowthRule, ShDegreeRule, StopRule
+from .decisions import DetailRule, GrowthRule, ShDegreeRule, StopRule
 from .initialise import InitialGaussians
 
 T = TypeVar("T")
@@ -52,6 +52,7 @@ class TrainingPlan:
             they are measured.
         contrast: hinge that brings back weak contrast in the last part of the run; None leaves it out.
         contrast_from: fraction of the run from which it counts.
+        detail: growth where fine contrast is missing; None leaves it out.
         curve_points: measurements on the held-out views.
         curve_views: views in each of them, about.
     """
@@ -78,6 +79,7 @@ class TrainingPlan:
     poses: PosePlan | None = field(default_factory=PosePlan)
     contrast: ContrastPlan | None = field(default_factory=_geometry_contrast)
     contrast_from: float = 0.8
+    detail: DetailRule | None = field(default_factory=DetailRule)
     curve_points: int = 10
     curve_views: int = 6
 

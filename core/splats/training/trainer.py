@@ -26,7 +26,7 @@ from ..scene_frame import SceneFrame
 from ..strategy import Evidence, MultiViewConsistent, ViewEvidence
 from ..strategy.editing import in_morton_order, morton_order
 from ..targets import Background, TrainingView, ViewOrder, prepare_targets
-from .decisions import DecisionLog, Measurement, split_views
+from .decisions import DecisionLog, DetailRule, Measurement, split_views
 from .evidence import gather_view_evidence
 from .fitting import Fit
 from .plan import TrainingPlan, TrainingResult
@@ -73,7 +73,8 @@ class Trainer:
         fitted = [views[i] for i in self._split.fitted]
         self._prepare_views([*fitted, *(views[i] for i in self._split.validation)], held_out)
         self._fitted_count = len(fitted)
-        self._limit = plan.limit or plan.growth.ceiling(sum(v.camera.width * v.camera.height for v in fitted))
+        self._pixels = sum(view.camera.width * view.camera.height for view in fitted)
+        self._limit = plan.limit or plan.growth.ceiling(self._pixels)
         self._strategy = plan.strategy or MultiViewConsistent()
         self._schedule = TrainingSchedule(plan, self._strategy.schedule)
         initial = plan.initial.make(fitted, points, colors, self._frame, self._rng, self._limit)
@@ -85,6 +86,8 @@ class Trainer:
         )
         self._order = ViewOrder(self._fitted_count, self._rng)
         self._contrast: tuple[ContrastHinge, list[wp.array]] | None = None
+        self._detail = plan.detail if plan.limit is None and self._validation else None
+        self._last_detail: tuple[int, float] | None = None
         self._degree_undecided = plan.sh_degree is None
         self._curve: list[dict[str, float | None]] = []
         self._log = DecisionLog(self._split.reason, type(self._strategy).__name__, plan.steps, plan.limit)
@@ -115,6 +118,8 @@ class Trainer:
             self.step(step)
             if schedule.refines(step):
                 self._refine(step)
+            if self._detail is not None and self._detail.due(step, schedule.steps):
+                self._add_detail(self._detail, step)
             if self._stops_early(step):
                 break
             if schedule.progress(step) >= plan.validation_until:
@@ -149,7 +154,9 @@ class Trainer:
         """One optimisation step, on the next view."""
         strategy, schedule = self._strategy, self._schedule
         learning_rates, growing = schedule.learning_rates(step), schedule.growing(step)
-        self._corrections.decide(schedule.progress(step), self.fit.parameters)
+        proposed = self._corrections.decide(schedule.progress(step), self.fit.parameters)
+        if proposed and self._validation:
+            self._try_exposure(step)
         if self._contrast is None and self._plan.contrast is not None and schedule.contrast(step):
             self._keep_contrast(self._plan.contrast)
         gather = growing and _due(strategy.gradient_every, step)
@@ -158,8 +165,15 @@ class Trainer:
             gaussians = self.fit.parameters.to_gaussians()
             self.fit.assign(strategy.perturb(gaussians, self._plan.steps, learning_rates.means, self._rng))
 
-    def _fit_next(self, reduction: int, learning_rates: LearningRates, *, gather_gradient: bool = False) -> None:
-        view = self._order.next()
+    def _fit_next(
+        self,
+        reduction: int,
+        learning_rates: LearningRates,
+        *,
+        gather_gradient: bool = False,
+        order: ViewOrder | None = None,
+    ) -> None:
+        view = (order or self._order).next()
         loss = None if self._contrast is None else partial(self._loss_with_contrast, self._contrast, view)
         self.fit.step(
             self._targets[view],
@@ -201,6 +215,26 @@ class Trainer:
         gaussians = self.fit.parameters.to_gaussians()
         self.fit.apply(in_morton_order(strategy.refine(gaussians, evidence, budget, self._rng)))
 
+    def _add_detail(self, rule: DetailRule, step: int) -> None:
+        """Let the strategy densify where fine contrast is missing, unless the last such round did not pay."""
+        now = len(self.fit), self._validation_contrast()
+        verdict = self._last_detail and rule.verdict(self._last_detail, now)
+        if verdict:
+            self._log.detail, self._detail = verdict, None
+            return
+        self._last_detail = now
+        self._schedule.end_growth()
+        views = self._rng.choice(self._fitted_count, min(self._fitted_count, 16), replace=False)
+        evidence = Evidence(None, self._evidence(np.sort(views).tolist(), 1, fine=True))
+        gaussians = self.fit.parameters.to_gaussians()
+        limit = max(self._limit, self._pixels // rule.pixels_per_gaussian)
+        self.fit.apply(in_morton_order(self._strategy.refine(gaussians, evidence, limit, self._rng)))
+        self._log.forget_best()
+
+    def _validation_contrast(self) -> float:
+        """Mean CCPR of the validation views, for normal vision."""
+        return float(np.nanmean([self.fit.contrast(view) for view in self._validation]))
+
     def _sample_evidence(self, step: int) -> ViewEvidence | None:
         available = self._fitted_count
         wanted = self._strategy.views_wanted(step, self._plan.steps, available)
@@ -211,7 +245,7 @@ class Trainer:
         chosen = np.sort(self._rng.choice(available, wanted, replace=False))
         return self._evidence(chosen.tolist(), reduction)
 
-    def _evidence(self, views: Sequence[int], reduction: int) -> ViewEvidence:
+    def _evidence(self, views: Sequence[int], reduction: int, *, fine: bool = False) -> ViewEvidence:
         return gather_view_evidence(
             self._rasterizer,
             self.fit.parameters,
@@ -219,6 +253,7 @@ class Trainer:
             self._background,
             complete=len(views) == self._fitted_count,
             reduction=reduction,
+            fine=fine,
         )
 
     # Validation
@@ -234,6 +269,22 @@ class Trainer:
     def _validation_psnr(self) -> float:
         """dB; with exposures compensated if these are corrected, since the scene is kept free of them."""
         return self.fit.psnr(self._validation, any_exposure=self._corrections.exposure.active)
+
+    def _try_exposure(self, step: int) -> None:
+        """Correct exposures only if the validation views gain by it: two branches from here, on the same views."""
+        plan, corrections = self._plan, self._corrections
+        assert plan.exposure is not None, "only a plan proposes a correction"
+        before, start = self.fit.state, self.fit.parameters.to_gaussians()
+        psnr = []
+        for corrected in (False, True):
+            corrections.exposure.active = corrected
+            self.fit.restart(start)
+            order = ViewOrder(self._fitted_count, np.random.default_rng(step))
+            for _ in range(plan.exposure.trial_steps(plan.steps)):
+                self._fit_next(self._schedule.reduction(step), self._schedule.learning_rates(step), order=order)
+            psnr.append(self.fit.psnr(self._validation, any_exposure=True))
+        if not corrections.settle_exposure(psnr[1] - psnr[0]):
+            self.fit.state = before  # as if there had been no trial
 
     def _align_validation(self) -> None:
         """Align the validation views' poses, which are off like the others, with the current scene."""
