@@ -45,11 +45,24 @@ def parts(views):
 def test_a_run_on_photographs_of_different_exposure_keeps_the_scene_clear_of_it(scene, views):
     log_gains = np.random.default_rng(1).normal(0.0, 0.2, (len(views), 3))
     training, held_out = parts(lit(views, log_gains))[0], parts(lit(views, 0.0 * log_gains))[1]
-    corrected, plain = (train(scene, training, held_out, **s) for s in ({}, {"exposure": None}))
+    corrected, plain = (train(scene, training, held_out, stopping=StopRule(), **s) for s in ({}, {"exposure": None}))
     assert corrected.decision["exposure"].startswith("corrected")
+    assert "trial" in corrected.decision["exposure"]
     assert "exposure" not in plain.decision
     assert corrected.curve[-1]["psnr"] > plain.curve[-1]["psnr"] + 0.4
     assert corrected.curve[-1]["psnr_any_exposure"] > plain.curve[-1]["psnr"] + 0.6
+
+
+@pytest.mark.parametrize("size", [48, 96, 160])
+def test_photographs_of_one_exposure_stay_as_they_are_however_rough_the_scene(scene, size):
+    training, held_out = parts(photographs(scene, count=30, size=size))
+    suspicious = ExposurePlan(threshold=0.0)  # any rough scene seems to be lit differently
+    tried, plain = (
+        train(scene, training, held_out, steps=150, stopping=StopRule(), exposure=plan) for plan in (suspicious, None)
+    )
+    assert tried.decision["exposure"].startswith("as photographed")
+    assert "trial" in tried.decision["exposure"]
+    np.testing.assert_array_equal(tried.gaussians.means, plain.gaussians.means)
 
 
 def test_a_run_with_poses_half_a_degree_off_hands_back_better_ones(scene, views):

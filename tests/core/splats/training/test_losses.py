@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 import warp as wp
 
+from cvdgs.core.color.matrices import linear_simulation
+from cvdgs.core.color.simulation import Observer
 from cvdgs.core.consistency import Consensus
+from cvdgs.core.evaluate.scores import Scorer
 from cvdgs.core.splats.gaussians import SH_C0, Gaussians
-from cvdgs.core.splats.raster import ParameterSet, RasterCamera, Rasterizer
+from cvdgs.core.splats.raster import ContrastPlan, ParameterSet, RasterCamera, Rasterizer
 from cvdgs.core.splats.renderer import SceneRenderer
 from cvdgs.core.splats.training.layers import LayerPlan, fit_layer
-from cvdgs.core.splats.training.losses import MultiViewLoss, ViewGuide
+from cvdgs.core.splats.training.losses import MultiViewLoss, SeenContrast, ViewGuide
 
 from .test_trainer import BLACK, photographs, wall
 
@@ -123,3 +126,30 @@ def test_where_nobody_has_a_say_nothing_is_added(frame):
     assert (frame.grad_color.numpy()[:8] == 0.25).all()
     MultiViewLoss(Consensus(said.colors, np.zeros_like(said.weights)), 1.0, wp.get_device("cpu")).add_gradient(frame)
     assert np.isfinite(frame.grad_color.numpy()).all()
+
+
+def contrast_left(layer: Gaussians, views, observer: Observer) -> float:
+    renderer = SceneRenderer(Rasterizer("cpu", 1), views, BLACK)
+    return float(np.mean([Scorer(view.image, observer).ccpr(renderer.color(layer, i)) for i, view in enumerate(views)]))
+
+
+@pytest.mark.parametrize("observer", [Observer("deutan", 1.0), Observer("tritan", 0.7, "brettel")], ids=str)
+def test_the_contrast_hinge_keeps_contrast_that_a_coarse_scene_would_lose(scene, observer):
+    fine = photographs(wall(3000), 6)
+    simulation = linear_simulation(observer.cvd, observer.severity, observer.simulation)
+    rasterizer, kept = Rasterizer("cpu", 1), []
+    for weight in (0.0, 4.0, 10.0):
+        plan = replace(PLAN, contrast=ContrastPlan(weight=weight))
+        contrast = SeenContrast(plan.contrast, fine, simulation)
+        layer = fit_layer(rasterizer, scene, fine, plan, BLACK, 0, contrast=contrast)
+        kept.append(contrast_left(layer, fine, observer))
+    assert kept[0] + 0.01 < kept[1] < kept[2]
+
+
+def test_views_without_any_contrast_are_fitted_as_ever(scene, views):
+    plain = [replace(view, image=np.full_like(view.image, 90)) for view in views]
+    with_hinge = fit_layer(
+        Rasterizer("cpu", 1), scene, plain, PLAN, BLACK, 0, contrast=SeenContrast(PLAN.contrast, plain)
+    )
+    without = fit_layer(Rasterizer("cpu", 1), scene, plain, PLAN, BLACK, 0)
+    np.testing.assert_array_equal(with_hinge.sh, without.sh)
