@@ -1,7 +1,7 @@
 """Recolours photographs so that people with a colour vision deficiency can tell apart what others can."""
 
 from .cgan import CganEnhancer
-from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer
+from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer, SceneEnhancer
 from .lut import ColorLut
 from .registry import make_enhancer
 
@@ -11,5 +11,6 @@ __all__ = [
     "Enhancer",
     "IdentityEnhancer",
     "LutEnhancer",
+    "SceneEnhancer",
     "make_enhancer",
 ]
