@@ -63,7 +63,13 @@ class Fabrics:
             return cloth(c.stripe.first, c.stripe.second, weaves.basket_weave(), 0.014, 24)
         if name == "jacquard":
             motif = weaves.ogee_motif(48, 72)
-            return cloth(c.jacquard.first, c.jacquard.second, weaves.figured(motif), 0.0042, 6)
+            return cloth(
+                c.jacquard.first,
+                c.jacquard.second,
+                weaves.figured(motif, weaves.twill(3, 1), weaves.twill(1, 3)),
+                0.0042,
+                6,
+            )
         plain = {
             "pink": c.herringbone.first,
             "blue": c.herringbone.second,

@@ -35,13 +35,7 @@ from ....core.files.images import to_bytes
 from ....core.files.untrusted import read_json, replacing
 from ....core.runtime.protocol import Reporter
 from ..gradient_teacher import GradientTeacher
-from .inputs import (
-    KIND_SHARES,
-    PHOTOGRAPH,
-    Photographs,
-    draw_input,
-    draw_observers,
-)
+from .inputs import KIND_SHARES, PHOTOGRAPH, Photographs, draw_input, draw_observers
 from .kinds import KINDS, SMALLEST_IMAGE
 
 STAGE = "pairs"
