@@ -22,7 +22,7 @@ from cvdgs.scripts.training.data.dataset import (
     PairedDataset,
     make_dataset,
 )
-from cvdgs.scripts.training.data.inputs import PHOTOGRAPH, draw_observers
+from cvdgs.scripts.training.data.kinds import PHOTOGRAPH, draw_observers
 from cvdgs.scripts.training.gradient_teacher import GradientTeacher
 
 SMALL = DatasetSettings(count=3, size=48, observers=2)
