@@ -5,12 +5,4 @@ from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer, SceneEnhancer
 from .lut import ColorLut
 from .registry import make_enhancer
 
-__all__ = [
-    "CganEnhancer",
-    "ColorLut",
-    "Enhancer",
-    "IdentityEnhancer",
-    "LutEnhancer",
-    "SceneEnhancer",
-    "make_enhancer",
-]
+__all__ = ["CganEnhancer", "ColorLut", "Enhancer", "IdentityEnhancer", "LutEnhancer", "SceneEnhancer", "make_enhancer"]

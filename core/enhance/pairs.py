@@ -130,10 +130,7 @@ def _views(images: Images, alphas: Alphas) -> list[_View]:
 
 
 def _draw(
-    views: Sequence[_View],
-    count: int,
-    generator: np.random.Generator,
-    draw: Callable[[_View, int], NDArray[np.uint8]],
+    views: Sequence[_View], count: int, generator: np.random.Generator, draw: Callable[[_View, int], NDArray[np.uint8]]
 ) -> NDArray[np.uint8]:
     """What `draw` gives for each view, `count` in all, shared out by the views' numbers of pixels."""
     sizes = np.array([len(view) for view in views])

@@ -55,8 +55,8 @@ def _plugin(name: str) -> Callable[..., Enhancer]:
     offered = entry_points(group=PLUGIN_GROUP)
     chosen = [point for point in offered if point.name == name.removeprefix(PLUGIN_PREFIX)]
     if not chosen:
-        known = ", ".join(sorted(PLUGIN_PREFIX + point.name for point in offered)) or "none is installed"
-        remedy = f"install the package that offers it into the worker's environment (there: {known})"
+        known = ", ".join(sorted(PLUGIN_PREFIX + point.name for point in offered)) or "none"
+        remedy = f"install the package that offers it into the worker's environment (installed there: {known})"
         raise InputError(f"{name!r} is not installed", where="--enhancer", remedy=remedy)
     try:
         return chosen[0].load()

@@ -26,7 +26,7 @@ import torch
 from torch import Tensor
 
 from ..color.metrics import CCPR_THRESHOLD
-from ..color.simulation import Observer, simulate_linear
+from ..color.simulation import Observer
 from ..color.spaces import (
     delta_e_76,
     lab_to_linear,
@@ -190,10 +190,7 @@ def _objectives(
     original_lab = srgb_to_lab(_channels_first(pairs))
     linear = srgb_to_linear(_channels_first(clipped))
     seen_linear = torch.stack(
-        [
-            simulate_linear(image, observer.cvd, observer.severity, observer.simulation)
-            for image, observer in zip(linear, observers, strict=True)
-        ]
+        [observer.simulate_linear(image) for image, observer in zip(linear, observers, strict=True)]
     )
     contrast, seen = _contrast(original_lab), _contrast(xyz_to_lab(linear_to_xyz(seen_linear)))
     lost = torch.relu(contrast - seen) ** 2 / (contrast + settings.contrast_offset)

@@ -126,8 +126,9 @@ _OTHERS = {  # dark, satin, sheer
 
 def palette(deficiency: str) -> Palette:
     """The palette whose pairs `deficiency` ("protan", "deutan" or "tritan") confuses."""
-    pairs = (
+    tartan, stripe, herringbone, jacquard = (
         confused_pair(lch(*first), deficiency, wanted, lightness_span=span, limit=_LIMITS[deficiency])
         for *first, wanted, span in _PAIRS[deficiency]
     )
-    return Palette(*pairs, lch(88, 8, 85), *(lch(*color) for color in _OTHERS[deficiency]))
+    dark, satin, sheer = (lch(*color) for color in _OTHERS[deficiency])
+    return Palette(tartan, stripe, herringbone, jacquard, lch(88, 8, 85), dark, satin, sheer)

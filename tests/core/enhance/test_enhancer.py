@@ -89,7 +89,7 @@ def test_an_image_without_confusable_colours_is_nearly_left_alone() -> None:
     assert naturalness(image_to_tensor(image), image_to_tensor(result)).delta_e_2000 < 2.5
 
 
-def test_the_fit_goes_on_while_a_scene_is_hard_and_only_then() -> None:
+def test_the_fit_continues_while_a_scene_is_hard_and_only_then() -> None:
     # One step from the identity leaves the tartan hard.
     short = replace(BRIEF, initial_shift=0.0, steps=1, relaxations=2, relaxation_steps=10)
     hard = textiles.tartan(size=64)
