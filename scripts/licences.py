@@ -93,7 +93,7 @@ def page() -> str:
     for package, _, licence in [*worker, *development]:
         if not is_compatible(licence):
             what = f"the licence '{licence}' is not known to be free and compatible with GPL-3.0-or-later"
-            raise InputError(what, where=package, remedy="do without it, or add the licence to scripts/licences.py")
+            raise InputError(what, where=package, remedy="remove it, or add the licence to scripts/licences.py")
     parts = [_HEAD, "## The worker\n", table(worker), "## Blender's module, tests and lint\n", table(development)]
     return "\n".join([*parts, _CUDA])
 

@@ -47,12 +47,12 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="make_page_picture.py", description=__doc__.splitlines()[0])
     parser.add_argument("page", type=Path, metavar="SHOW/index.html", help="written by scripts/turntable.py")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.png")
-    parser.add_argument("--browser", default=next(filter(shutil.which, BROWSERS), None), help="the first that is found")
+    parser.add_argument("--browser", default=next(filter(shutil.which, BROWSERS), None), help="the first one found")
     options = parser.parse_args(arguments)
     if options.browser is None:
         parser.error(f"none of {', '.join(BROWSERS)} is installed; name a browser with --browser")
     if not options.page.is_file():
-        parser.error(f"{options.page} is no file; make the batch first")
+        parser.error(f"{options.page} does not exist; run the batch first")
     draw_page(options.page, options.out, options.browser)
     levels = read_png(options.out)[..., :3].astype(np.uint16)
     write_png(options.out, np.minimum((levels + STEP // 2) // STEP * STEP, 255).astype(np.uint8))

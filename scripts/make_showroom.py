@@ -51,20 +51,22 @@ def parse(arguments: list[str]) -> tuple[Path, CaptureSettings, int]:
     parser = OneLineParser(prog="make_showroom.py", description=__doc__.splitlines()[0], allow_abbrev=False)
     add = parser.add_argument
     add("--out", type=Path, required=True, help="folder to write; an earlier showroom in it is replaced")
-    add("--views", type=int, default=defaults.cameras.views)
-    add("--width", type=int, default=defaults.cameras.width)
-    add("--height", type=int, default=defaults.cameras.height)
+    add("--views", type=int, default=defaults.cameras.views, help="photographs (%(default)s)")
+    add("--width", type=int, default=defaults.cameras.width, help="of a photograph, in pixels (%(default)s)")
+    add("--height", type=int, default=defaults.cameras.height, help="likewise (%(default)s)")
     add("--samples", type=int, default=defaults.samples, help="Cycles samples a pixel before denoising (%(default)s)")
-    add("--seed", type=int, default=defaults.seed)
+    add("--seed", type=int, default=defaults.seed, help="of cloth, rendering and points (%(default)s)")
     add("--points", type=int, default=defaults.points, help="sparse points (%(default)s)")
     add("--depth-views", type=int, default=defaults.depth_views, help="views with a depth map (%(default)s)")
-    add("--variant", choices=VARIANTS, default=defaults.scene.variant)
-    add("--satin-roughness", type=float, default=defaults.scene.satin_roughness)
-    add("--sheer-opacity", type=float, default=defaults.scene.sheer_opacity)
+    add("--variant", choices=VARIANTS, default=defaults.scene.variant, help="whose confused colours (%(default)s)")
+    add(
+        "--satin-roughness", type=float, default=defaults.scene.satin_roughness, help="0 mirror to 1 matt (%(default)s)"
+    )
+    add("--sheer-opacity", type=float, default=defaults.scene.sheer_opacity, help="of the organza (%(default)s)")
     add("--yarn-scale", type=float, default=defaults.scene.yarn_scale, help="multiplies the width of all yarns")
     add("--light", type=float, default=defaults.scene.light, help="multiplies all light")
     add("--cloth-detail", type=float, default=defaults.scene.cloth_detail, help="resolution of the cloth meshes")
-    add("--threads", type=int, default=0, help="0 = all cores")
+    add("--threads", type=int, default=0, help="that render; 0 uses all cores")
     add("--preview", action="store_true", help=f"{PREVIEW_SAMPLES} samples and coarser cloth")
     given = parser.parse_args(arguments)
     scene = SceneSettings(
@@ -98,7 +100,7 @@ def main(arguments: list[str]) -> int:
         out, settings, threads = parse(arguments)
         if importlib.util.find_spec("bpy") is None:
             raise InputError("this Python has no bpy", remedy="install the bpy wheel, or run the script inside Blender")
-        from cvdgs.scripts.showroom.job import make
+        from cvdgs.scripts.showroom.capture import make
 
         make(out, settings, ConsoleReporter(), threads)
 

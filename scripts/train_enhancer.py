@@ -1,8 +1,8 @@
-"""Trains the conditional GAN: makes the pairs, trains on them, writes the weights. Run again to go on.
+"""Trains the conditional GAN: makes the pairs, trains on them, writes the weights. Run it again to continue.
 
-python scripts/train_enhancer.py out/enhancer                        what two cores manage in an hour
+python scripts/train_enhancer.py out/enhancer                        as much as two cores manage in an hour
 python scripts/train_enhancer.py out/enhancer --preset full --device cuda
-python scripts/train_enhancer.py out/enhancer --sweep all            short trainings behind the settings
+python scripts/train_enhancer.py out/enhancer --sweep all            the short trainings behind the settings
 python scripts/run.py CAPTURE --out DIR --enhancer out/enhancer/training/enhancer.safetensors
 """
 
@@ -38,7 +38,7 @@ from cvdgs.scripts.training.model_card import publish
 from cvdgs.scripts.training.presets import PRESETS
 from cvdgs.scripts.training.sweep import CHANGES, changed, sweep
 
-VALIDATION_SHARE = 24  # every so manieth sample is kept from training
+VALIDATION_SHARE = 24  # one sample in so many is kept out of training, for validation
 SWEEP_STEPS = 1500
 
 
@@ -52,7 +52,7 @@ def main(arguments: list[str]) -> int:
         else:
             train(options, ConsoleReporter(sys.stderr))
 
-    return exit_code("train_enhancer.py", work, stopped="stopped; run again to go on")
+    return exit_code("train_enhancer.py", work, stopped="stopped; run again to continue")
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -61,14 +61,14 @@ def build_parser() -> argparse.ArgumentParser:
         prog="train_enhancer.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     add = parser.add_argument
-    add("out", type=Path, metavar="DIR", help="gets pairs/, training/ and sweep/; what is there is used again")
+    add("out", type=Path, metavar="DIR", help="receives pairs/, training/ and sweep/; what exists is reused")
     add("--preset", choices=list(PRESETS), default="cpu", help="size of data, network and training (cpu)")
     add("--pairs", type=Path, metavar="DIR", help="the paired dataset, if not DIR/pairs")
     add("--photographs", type=Path, action="append", default=[], metavar="FOLDER", help="more inputs; repeatable")
-    add("--teacher", choices=["lut", "gradient"], default="lut", help="whose recolouring is learnt (lut)")
-    add("--processes", type=int, default=os.cpu_count() or 1, metavar="N", help="that make pairs (all cores)")
-    add("--device", choices=DEVICES, default="auto", help="(auto)")
-    add("--seed", type=int, default=0, metavar="N", help="of data and training (0)")
+    add("--teacher", choices=["lut", "gradient"], default="lut", help="whose recolouring the network learns (lut)")
+    add("--processes", type=int, default=os.cpu_count() or 1, metavar="N", help="processes that make pairs (all cores)")
+    add("--device", choices=DEVICES, default="auto", help="where to train (auto)")
+    add("--seed", type=int, default=0, metavar="N", help="seed of data and training (0)")
     add(
         "--set",
         action="append",
@@ -76,8 +76,14 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="NAME=VALUE",
         help="a setting of the training, e.g. steps=5000 or generator.palette=false; repeatable",
     )
-    add("--start", type=Path, metavar="FILE.safetensors", help="weights to begin with, and whose network to train")
-    add("--publish", type=Path, nargs="+", metavar="BENCH", help="ship DIR's weights, with a card of what was measured")
+    add("--start", type=Path, metavar="FILE.safetensors", help="weights to start from; the network takes their shape")
+    add(
+        "--publish",
+        type=Path,
+        nargs="+",
+        metavar="BENCH",
+        help="ship DIR's weights, with a card of what BENCH measured",
+    )
     add("--sweep", nargs="+", metavar="VARIANT", help=f"all, or some of: {', '.join(CHANGES)}")
     return parser
 
@@ -151,7 +157,7 @@ def _overrides(assignments: list[str]) -> dict[str, Any]:
             parsed = json.loads(value)
         except json.JSONDecodeError:
             raise InputError(
-                f"{value!r} is no value for {name}", where="--set", remedy="give JSON, as in [3, 11]"
+                f"{value!r} is not a value for {name}", where="--set", remedy="give JSON, as in [3, 11]"
             ) from None
         result[name] = tuple(parsed) if isinstance(parsed, list) else parsed
     return result

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files.untrusted import is_file, is_there
+from ..files.untrusted import is_file
 from ..runtime.protocol import Reporter
-from .colmap_binary import binary_cameras, binary_images, binary_points
-from .colmap_records import EXPORT_AGAIN, ColmapImage, require
-from .colmap_text import text_cameras, text_images, text_points
+from .colmap_files import ColmapModel, read_model
 from .files import Spelling, list_images, quote_first, resolve_inside
-from .source import MOST_VIEWS, SourceModel, SourceView, rigid_pose
+from .source import SourceModel, SourceView, rigid_pose
 
 _MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", "colmap_sparse", ".")  # the last but one is instant-ngp's
 # Elsewhere, as in ``dense/0/sparse`` of COLMAP's reconstructor, it is looked for.
@@ -105,26 +102,14 @@ def add_model(model: SourceModel, read: ColmapModel, image_folder: Path, root: P
         if repaired:
             reshaped.append(image.name)
         model.views.append(SourceView(image.name, path, read.cameras[image.camera_id], pose))
-    if missing:
-        model.warn(
-            "missing-images",
-            f"{model.file}: {len(missing)} of {len(images)} images are missing in {image_folder} and left out: "
-            f"{quote_first(sorted(missing))}",
-        )
-    if reshaped:
-        model.warn(
-            "reorthonormalised",
-            f"{model.file}: slightly skewed rotations are corrected: {quote_first(sorted(reshaped))}",
-        )
+    model.warn_about_views(sorted(missing), sorted(reshaped), len(images), image_folder)
     registered = {image.name for image in images}
     used = {view.path for view in model.views}
     names = list_images(image_folder)
     unregistered = [name for name in names if name not in registered and image_folder / name not in used]
     if unregistered:
-        model.warn(
-            "unregistered",
-            f"{image_folder}: {len(unregistered)} photographs without camera are left out: {quote_first(unregistered)}",
-        )
+        what = f"{len(unregistered)} photographs without cameras are left out: {quote_first(unregistered)}"
+        model.warn("unregistered", f"{image_folder}: {what}")
     model.points, model.point_colors = read.points, read.point_colors
 
 
@@ -224,19 +209,19 @@ def check_camera(camera: pycolmap.Camera, *, frame: str, where: Path) -> None:
     Raises:
         InputError: not finite, focal length or size not positive, focal lengths of no real lens, or a full panorama.
     """
-    remedy = "export the cameras again"
-    if camera.is_spherical():
-        raise InputError(
-            f"{frame} is a full panorama", where=where, remedy="split it into perspective photographs first"
-        )
+    if camera.is_spherical():  # first: pycolmap crashes when such a camera is asked for its focal length
+        remedy = "split it into perspective photographs first"
+        raise InputError(f"{frame} is a full panorama", where=where, remedy=remedy)
     focal = [camera.focal_length_x, camera.focal_length_y]
+    what = ""
     if not np.isfinite(camera.params).all() or min(focal) <= 0.0:
-        raise InputError(f"the focal length or another parameter of {frame} is unusable", where=where, remedy=remedy)
-    if max(focal) > MAX_ANAMORPHISM * min(focal):
-        values = f"{camera.focal_length_x:g} and {camera.focal_length_y:g}"
-        raise InputError(f"the focal lengths of {frame}, {values}, differ too much", where=where, remedy=remedy)
-    if camera.width < 1 or camera.height < 1:
-        raise InputError(f"{frame} has no image size", where=where, remedy=remedy)
+        what = f"the focal length or another parameter of {frame} is unusable"
+    elif max(focal) > MAX_ANAMORPHISM * min(focal):
+        what = f"the focal lengths of {frame}, {focal[0]:g} and {focal[1]:g}, differ too much"
+    elif camera.width < 1 or camera.height < 1:
+        what = f"{frame} has no image size"
+    if what:
+        raise InputError(what, where=where, remedy="export the cameras again")
 
 
 def _refuse_repeated_names(names: list[str], where: Path) -> None:
@@ -245,59 +230,3 @@ def _refuse_repeated_names(names: list[str], where: Path) -> None:
         raise InputError(
             f"two images have the same name: {quote_first(sorted(repeated))}", where=where, remedy="keep one of them"
         )
-
-
-@dataclass
-class ColmapModel:
-    """What a model says.
-
-    Attributes:
-        cameras: by their numbers.
-        images: in the file's order; their cameras are there.
-        points: (P, 3) float32 positions of those that can be trusted (`Points.are_trusted`), and `point_colors` (P, 3)
-            uint8.
-    """
-
-    cameras: dict[int, pycolmap.Camera] = field(default_factory=dict)
-    images: list[ColmapImage] = field(default_factory=list)
-    points: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
-    point_colors: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
-
-
-def read_model(folder: Path, reporter: Reporter | None = None) -> ColmapModel:
-    """The model in `folder`, binary if it has both forms whole; without points where it has no file of them.
-
-    Args:
-        reporter: told how far the points are read.
-
-    Raises:
-        InputError: the cameras or the images are missing, or a file is cut or damaged.
-    """
-    forms = [[folder / (name + suffix) for name in ("cameras", "images", "points3D")] for suffix in (".bin", ".txt")]
-    whole = [form for form in forms if all(map(is_file, form))]
-    # Of a model that is incomplete in both forms, what is missing is said of the one that more is there of.
-    most = forms[0] if is_file(forms[0][1]) else max(reversed(forms), key=lambda form: sum(map(is_file, form)))
-    cameras, images, points = whole[0] if whole else most
-    for path in (cameras, images):
-        if not is_file(path):
-            raise InputError(f"{path.name} is missing", where=folder, remedy=EXPORT_AGAIN)
-    binary = cameras.suffix == ".bin"
-    model = ColmapModel()
-    for number, camera in (binary_cameras if binary else text_cameras)(cameras):
-        require(number not in model.cameras, f"two cameras have the number {number}", cameras)
-        require(len(model.cameras) < MOST_VIEWS, f"it has more than {MOST_VIEWS:,} cameras", cameras)
-        model.cameras[number] = camera
-    for image in (binary_images if binary else text_images)(images):
-        known = image.camera_id in model.cameras
-        require(known, f"damaged: {image.name} is of camera {image.camera_id}, which is not there", images)
-        require(len(model.images) < MOST_VIEWS, f"it has more than {MOST_VIEWS:,} images", images)
-        model.images.append(image)
-    if not is_there(points):
-        return model
-    read = (binary_points if binary else text_points)(points, reporter or Reporter())
-    model.points = np.frombuffer(read.positions, np.float32).reshape(-1, 3)
-    model.point_colors = np.frombuffer(read.colors, np.uint8).reshape(-1, 3)
-    trusted = read.are_trusted()
-    if not trusted.all():  # else there is no need for copies, of tens of millions of points in the worst case
-        model.points, model.point_colors = model.points[trusted], model.point_colors[trusted]
-    return model

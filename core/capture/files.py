@@ -121,9 +121,11 @@ def resolve_inside(folder: Path, name: str, *, where: str | Path, root: Path | N
     try:
         resolved, inside = path.resolve(), (root or folder).resolve()
     except (OSError, RuntimeError):
-        raise InputError(f"the image name {name!r} leads into a cycle of links", where=where, remedy=remedy) from None
+        raise InputError(
+            f"the image name {name!r} leads into a loop of symbolic links", where=where, remedy=remedy
+        ) from None
     if not resolved.is_relative_to(inside):
-        raise InputError(f"the image name {name!r} leaves the capture folder", where=where, remedy=remedy)
+        raise InputError(f"the image name {name!r} leads out of the capture folder", where=where, remedy=remedy)
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:

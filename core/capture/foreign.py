@@ -1,11 +1,12 @@
-"""Cameras of programs whose files are not read: known by their names and first bytes, to say what to do instead."""
+"""Camera files that are not read: recognised by name and first bytes, so that the message can say what to do."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from ..errors import InputError
@@ -23,7 +24,7 @@ class ForeignCameras:
     Attributes:
         program: whose it is.
         file: the file.
-        remedy: how a COLMAP model comes of it, as an imperative sentence.
+        remedy: how to get a COLMAP model from it, as an imperative sentence.
     """
 
     program: str
@@ -31,59 +32,28 @@ class ForeignCameras:
     remedy: str
 
 
-@dataclass(frozen=True)
-class _Kind:
-    """How a program's file is known: by its name in lower case, and where that says little, by its first bytes."""
-
-    program: str
-    remedy: str
-    has_name: Callable[[str], bool]
-    contains: tuple[bytes, ...] = ()
-
-    def is_of(self, file: Path) -> bool:
-        if not self.has_name(file.name.lower()) or not is_file(file):
-            return False
-        start = _start(file) if self.contains else b""
-        return all(words in start for words in self.contains)
-
-
+_MODEL = "export them as a COLMAP model"
+# Program, names of its files in lower case, what the first bytes contain where a name says little, and the remedy.
 _KINDS = (
-    _Kind(
-        "OpenSfM", "export them as a COLMAP model (opensfm export_colmap)", lambda name: name == "reconstruction.json"
-    ),
-    _Kind(
-        "Meshroom",
-        "export them as a COLMAP model (node ExportColmap, or aliceVision_exportColmap)",
-        lambda name: name.endswith(".sfm"),
-    ),
-    _Kind(
-        "OpenMVG",
-        "export them as a COLMAP model (openMVG_main_openMVG2Colmap)",
-        lambda name: name in ("sfm_data.json", "sfm_data.bin"),
-    ),
-    _Kind(
-        "Metashape",
-        "export them as a COLMAP model (Export Cameras, type Colmap)",
-        lambda name: name.endswith(".xml"),
-        (b"<document", b"<chunk"),
-    ),
-    _Kind(
-        "Bundler",
-        "export a COLMAP model from the program that they came from",
-        lambda name: name.endswith(".out"),
-        (b"# Bundle file",),
-    ),
-    # Made of a COLMAP model by LLFF's script; numpy's files are never loaded here.
-    _Kind("LLFF", "give the COLMAP model that they were made of (sparse/0)", lambda name: name == "poses_bounds.npy"),
+    ("OpenSfM", ("reconstruction.json",), (), f"{_MODEL} (opensfm export_colmap)"),
+    ("Meshroom", ("*.sfm",), (), f"{_MODEL} (node ExportColmap, or aliceVision_exportColmap)"),
+    ("OpenMVG", ("sfm_data.json", "sfm_data.bin"), (), f"{_MODEL} (openMVG_main_openMVG2Colmap)"),
+    ("Metashape", ("*.xml",), (b"<document", b"<chunk"), f"{_MODEL} (Export Cameras, type Colmap)"),
+    ("Bundler", ("*.out",), (b"# Bundle file",), "export a COLMAP model from the program that wrote them"),
+    # Made from a COLMAP model by LLFF's script; numpy's files are never loaded here.
+    ("LLFF", ("poses_bounds.npy",), (), "give the COLMAP model that they were made from (sparse/0)"),
 )
 
 
 def find_foreign_cameras(folder: Path) -> ForeignCameras | None:
     """The nearest camera file in `folder` or below it that another program wrote, if there is one."""
     for file in _files(folder):
-        for kind in _KINDS:
-            if kind.is_of(file):
-                return ForeignCameras(kind.program, file, kind.remedy)
+        for program, names, contained, remedy in _KINDS:
+            if not any(fnmatchcase(file.name.lower(), name) for name in names) or not is_file(file):
+                continue
+            start = _start(file) if contained else b""
+            if all(words in start for words in contained):
+                return ForeignCameras(program, file, remedy)
     return None
 
 

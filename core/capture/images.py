@@ -56,12 +56,12 @@ _SIGNATURES = (
     *(f"P{kind}".encode() for kind in "123456fF"),
 )
 _SIGNATURE_BYTES = 16
-_UNREADABLE = "what is wrong cannot be shown"  # it is told in words from the file that are no text
+_UNREADABLE = "no readable error message"  # it quotes bytes of the file that are not text
 # The one that OpenImageIO brings: a studio's own, which the variable OCIO names, need not know these spaces.
 _COLOR_CONFIGURATION = "ocio://default"
 _LINEAR, _DISPLAY_P3 = "lin_rec709", "sRGB Encoded P3-D65"
 
-_Told = TypeVar("_Told")
+_T = TypeVar("_T")
 
 # OpenImageIO's own check, which comes before its readers make room for anything.
 oiio.attribute("limits:imagesize_MB", 2 * MAX_DECODED_BYTES // 1_000_000)
@@ -145,7 +145,7 @@ def read_pixels(
         linear = _is_linear(spec)
         pixels = file.read_image(oiio.FLOAT if linear else oiio.UINT8)
         # The JPEG and TIFF readers fill what is missing with grey or black, return it, and leave an error behind.
-        error = _told(file.geterror, _UNREADABLE)
+        error = _readable(file.geterror, _UNREADABLE)
     if pixels is None or error:
         reason = error.splitlines()[0] if error else "no pixels could be read"
         raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
@@ -207,7 +207,7 @@ def _opened(path: Path) -> Iterator[oiio.ImageInput]:
     config.attribute("oiio:UnassociatedAlpha", 1)
     file = oiio.ImageInput.open(str(path), config)
     if file is None:
-        reason = (_told(oiio.geterror, _UNREADABLE) or "unknown format").splitlines()[0]
+        reason = (_readable(oiio.geterror, _UNREADABLE) or "unknown format").splitlines()[0]
         raise InputError(f"the image cannot be opened ({reason})", where=path, remedy=_COPY_AGAIN)
     try:
         yield file
@@ -230,16 +230,16 @@ def _require_known_format(start: bytes, path: Path) -> None:
         raise InputError("the file's name is not UTF-8", where=path, remedy="rename it") from None
 
 
-def _told(tell: Callable[[], _Told], otherwise: _Told) -> _Told:
-    """What OpenImageIO tells, or `otherwise` where that is a file's own text and not UTF-8."""
+def _readable(ask: Callable[[], _T], otherwise: _T) -> _T:
+    """The answer of OpenImageIO, or `otherwise` where it quotes text of the file that is not UTF-8."""
     try:
-        return tell()
+        return ask()
     except UnicodeDecodeError:
         return otherwise
 
 
 def _attribute(spec: oiio.ImageSpec, name: str) -> str:
-    return _told(lambda: spec.get_string_attribute(name), "")
+    return _readable(lambda: spec.get_string_attribute(name), "")
 
 
 def _is_linear(spec: oiio.ImageSpec) -> bool:
@@ -247,32 +247,27 @@ def _is_linear(spec: oiio.ImageSpec) -> bool:
 
 
 def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
-    width, height = spec.width, spec.height
-    if max(width, height) > MAX_SIDE or width * height > MAX_MEGAPIXELS * 1_000_000:
-        raise InputError(
-            f"the image is {width} x {height} pixels, the limit is {MAX_SIDE} a side and {MAX_MEGAPIXELS} megapixels",
-            where=path,
-            remedy="export it smaller",
-        )
-    if min(width, height) < min_side:
-        raise InputError(
-            f"the image is {width} x {height} pixels, too small to train on (at least {min_side} a side)",
-            where=path,
-            remedy="export it larger or remove it from the capture",
-        )
-    decoded = width * height * spec.nchannels * (4 if _is_linear(spec) else 1)
-    if decoded > MAX_DECODED_BYTES:
-        raise InputError(
-            f"the image is {width} x {height} pixels of {spec.nchannels} channels, "
-            f"{decoded / 1e6:,.0f} MB when decoded; the limit is {MAX_DECODED_BYTES / 1e6:,.0f}",
-            where=path,
-            remedy="export it smaller or without further channels",
-        )
-    if spec.depth > 1 or spec.nchannels < 1:
-        raise InputError("the image is a volume or without channels, not flat", where=path, remedy=_EXPORT_PLAIN)
+    width, height, channels = spec.width, spec.height, spec.nchannels
+    size = f"the image is {width} x {height} pixels"
+    decoded = width * height * channels * (4 if _is_linear(spec) else 1)
     spaces = [_attribute(spec, name) for name in ("jpeg:ColorSpace", "tiff:ColorSpace", "oiio:ColorSpace")]
-    if any(space.upper() in ("CMYK", "YCCK", "SEPARATED", "COLOR SEPARATED") for space in spaces):
-        raise InputError("the image is CMYK, made for print", where=path, remedy="convert it to RGB (sRGB)")
+    what = remedy = ""
+    if max(width, height) > MAX_SIDE or width * height > MAX_MEGAPIXELS * 1_000_000:
+        what = f"{size}, the limit is {MAX_SIDE} a side and {MAX_MEGAPIXELS} megapixels"
+        remedy = "export it smaller"
+    elif min(width, height) < min_side:
+        what = f"{size}, too small to train on (at least {min_side} a side)"
+        remedy = "export it larger or remove it from the capture"
+    elif decoded > MAX_DECODED_BYTES:
+        limit = f"{decoded / 1e6:,.0f} MB when decoded; the limit is {MAX_DECODED_BYTES / 1e6:,.0f}"
+        what = f"{size} with {channels} channels, {limit}"
+        remedy = "export it smaller or without the extra channels"
+    elif spec.depth > 1 or channels < 1:
+        what, remedy = "the image is a volume or has no channels", _EXPORT_PLAIN
+    elif any(space.upper() in ("CMYK", "YCCK", "SEPARATED", "COLOR SEPARATED") for space in spaces):
+        what, remedy = "the image is CMYK, made for print", "convert it to RGB (sRGB)"
+    if what:
+        raise InputError(what, where=path, remedy=remedy)
 
 
 def _orientation(spec: oiio.ImageSpec) -> int:
@@ -289,7 +284,7 @@ def _taken_with(spec: oiio.ImageSpec) -> str:
 def _split_channels(pixels: NDArray, spec: oiio.ImageSpec) -> tuple[NDArray, NDArray | None]:
     """(H, W, 3) colour and (H, W) alpha or None; of an EXR with further channels, those named R, G, B and A."""
     unnamed: tuple[str, ...] = ()
-    names = [name.upper() for name in _told(lambda: spec.channelnames, unnamed)]
+    names = [name.upper() for name in _readable(lambda: spec.channelnames, unnamed)]
     alpha_index = spec.alpha_channel
     if all(name in names for name in "RGB"):
         indices = [names.index(name) for name in "RGB"]

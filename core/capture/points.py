@@ -14,7 +14,7 @@ from ..files.untrusted import opened
 _POSITION = ("x", "y", "z")
 _COLOR = ("red", "green", "blue")
 _GREY = 128
-_WITHOUT = "export the points again, or remove ply_file_path to start without"
+_WITHOUT = "export the points again, or remove ply_file_path to start without points"
 _MOST_BYTES = 1 << 30  # of a file; 70 million points with colours, of which a reconstruction uses few
 
 

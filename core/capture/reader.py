@@ -16,20 +16,9 @@ from ..files.images import write_png
 from ..files.untrusted import is_file, is_folder, is_there
 from ..runtime.protocol import Reporter
 from .colmap import IMAGE_FOLDERS, find_colmap, read_colmap
-from .files import (
-    FOREIGN_EXTENSIONS,
-    list_images,
-    quote_first,
-    resolve_inside,
-)
+from .files import FOREIGN_EXTENSIONS, list_images, quote_first, resolve_inside
 from .foreign import find_foreign_cameras
-from .images import (
-    MIN_SIDE,
-    downscale_with_alpha,
-    fit_size,
-    read_header,
-    read_pixels,
-)
+from .images import MIN_SIDE, downscale_with_alpha, fit_size, read_header, read_pixels
 from .model import Capture, CaptureSummary, CaptureWarning, View
 from .sfm import estimate_cameras
 from .source import MOST_VIEWS, SourceModel
@@ -126,11 +115,10 @@ def warnings_of_cameras(where: Path, views: int, points: int) -> tuple[CaptureWa
     """What so many views and sparse points in `where` are too few for."""
     found = []
     if views < _FEW_VIEWS:
-        found.append(CaptureWarning("few-views", f"{where}: {views} views only; expect gaps, thirty or more work well"))
+        found.append(CaptureWarning("few-views", f"{where}: only {views} views; expect gaps, thirty or more work well"))
     if not points:
-        found.append(
-            CaptureWarning("no-points", f"{where}: no sparse points; the scene starts from where photographs agree")
-        )
+        what = "no sparse points; training starts from points where the photographs agree"
+        found.append(CaptureWarning("no-points", f"{where}: {what}"))
     return tuple(found)
 
 
@@ -141,7 +129,7 @@ def _warn_about_cameras(model: SourceModel) -> None:
 def _warn_about_alpha(model: SourceModel, views: list[View]) -> None:
     transparent = sum(view.alpha is not None for view in views)
     if transparent:
-        model.warn("alpha", f"{model.file}: {transparent} photographs have pixels that are not covered")
+        model.warn("alpha", f"{model.file}: {transparent} photographs have transparent pixels")
 
 
 def _by_frequency(sizes: Counter[tuple[int, int]]) -> tuple[tuple[int, int, int], ...]:
@@ -192,32 +180,26 @@ def photographs_without_cameras(folder: Path, *, sfm: bool) -> tuple[Path, list[
     subfolders = (folder / name for name in IMAGE_FOLDERS)
     photographs = next((subfolder for subfolder in subfolders if subfolder.is_dir()), folder)
     names = list_images(photographs)
-    if not names:
-        if foreign := list_images(photographs, FOREIGN_EXTENSIONS):
-            what = f"no photographs that can be read, only {quote_first(foreign)}"
-            raise InputError(what, where=folder, remedy="export them, or a video's frames, as JPEG, PNG or TIFF")
-        raise InputError(
-            "no photographs and no cameras are there", where=folder, remedy="give the folder with the photographs"
-        )
-    if not sfm and (foreign_cameras := find_foreign_cameras(folder)):
-        file = foreign_cameras.file.relative_to(folder).as_posix()
-        raise InputError(
-            f"{len(names)} photographs, and cameras of {foreign_cameras.program} ({file}), which are not read",
-            where=folder,
-            remedy=f"{foreign_cameras.remedy}, or add --sfm to estimate new ones",
-        )
-    if not sfm:
-        raise InputError(
-            f"{len(names)} photographs but no cameras (COLMAP model or transforms.json)",
-            where=folder,
-            remedy="add --sfm to estimate the cameras",
-        )
-    if len(names) < MIN_VIEWS:
-        raise InputError("one photograph only", where=folder, remedy="at least two are needed, better thirty")
-    if len(names) > MOST_VIEWS:
-        raise InputError(
-            f"{len(names):,} photographs, the limit is {MOST_VIEWS:,}", where=folder, remedy="divide the capture"
-        )
+    count = f"{len(names):,} photographs"
+    what = remedy = ""
+    if not names and (unreadable := list_images(photographs, FOREIGN_EXTENSIONS)):
+        what = f"no photographs that can be read, only {quote_first(unreadable)}"
+        remedy = "export them, or a video's frames, as JPEG, PNG or TIFF"
+    elif not names:
+        what, remedy = "no photographs and no cameras found", "give the folder with the photographs"
+    elif not sfm and (cameras := find_foreign_cameras(folder)):
+        file = cameras.file.relative_to(folder).as_posix()
+        what = f"{count}, and cameras of {cameras.program} ({file}), which are not read"
+        remedy = f"{cameras.remedy}, or add --sfm to estimate new ones"
+    elif not sfm:
+        what = f"{count} but no cameras (COLMAP model or transforms.json)"
+        remedy = "add --sfm to estimate the cameras"
+    elif len(names) < MIN_VIEWS:
+        what, remedy = "only one photograph", "give at least two, better thirty"
+    elif len(names) > MOST_VIEWS:
+        what, remedy = f"{count}, the limit is {MOST_VIEWS:,}", "split the capture"
+    if what:
+        raise InputError(what, where=folder, remedy=remedy)
     for name in names:
         resolve_inside(photographs, name, where=folder, root=folder)
     return photographs, names
@@ -226,7 +208,7 @@ def photographs_without_cameras(folder: Path, *, sfm: bool) -> tuple[Path, list[
 def _with_enough_views(model: SourceModel) -> SourceModel:
     if len(model.views) >= MIN_VIEWS:
         return model
-    found = "one view only" if model.views else "no view"
+    found = "only one view" if model.views else "no view"
     missing = [warning.message for warning in model.warnings if warning.name == "missing-images"]
     detail = f"; {missing[0]}" if missing else ""
     raise InputError(

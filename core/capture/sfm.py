@@ -16,7 +16,8 @@ from threading import Thread
 from ..bootstrap import ROOT
 from ..errors import InputError
 from ..runtime.protocol import Reporter
-from .colmap import add_model, read_model
+from .colmap import add_model
+from .colmap_files import read_model
 from .images import read_header
 from .sfm_process import DATABASE, RESULT, SfmJob, SfmSettings
 from .source import SourceModel

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from ..errors import InputError, one_line
+from .files import quote_first
 from .model import CaptureWarning
 
 # Of a capture; all views are in memory together, and 20,000 of one megapixel have 60 GB.
@@ -59,6 +61,16 @@ class SourceModel:
         """Note something that does not stop the run."""
         self.warnings.append(CaptureWarning(name, one_line(message)))
 
+    def warn_about_views(self, missing: Sequence[str], skewed: Sequence[str], count: int, folder: Path) -> None:
+        """Note which of `count` images are missing in `folder`, and whose rotations `rigid_pose` had to correct."""
+        if missing:
+            what = f"{len(missing)} of {count} images are missing in {folder} and left out"
+            self.warn("missing-images", f"{self.file}: {what}: {quote_first(missing)}")
+        if skewed:
+            self.warn(
+                "reorthonormalised", f"{self.file}: slightly skewed rotations are corrected: {quote_first(skewed)}"
+            )
+
 
 # Files written with six digits stay below the first; hand-edited or single-precision chains below the second.
 _ORTHONORMAL = 1e-5
@@ -81,23 +93,24 @@ def rigid_pose(matrix: NDArray[np.float64], *, frame: str, where: str | Path) ->
     Raises:
         InputError: not finite, of another shape, a reflection, or too far from a rotation.
     """
-    remedy = "export the cameras again or remove this frame"
+
+    def refusal(what: str) -> InputError:
+        return InputError(what, where=where, remedy="export the cameras again or remove this frame")
+
     if matrix.shape not in ((3, 4), (4, 4)):
-        raise InputError(f"the pose of {frame} has the shape {matrix.shape}, not 4 x 4", where=where, remedy=remedy)
+        raise refusal(f"the pose of {frame} has the shape {matrix.shape}, not 4 x 4")
     if not np.isfinite(matrix).all() or np.abs(matrix).max() > LARGEST_NUMBER:
-        raise InputError(f"the pose of {frame} holds NaN, infinite or huge numbers", where=where, remedy=remedy)
+        raise refusal(f"the pose of {frame} holds NaN, infinite or huge numbers")
     if matrix.shape == (4, 4) and not np.allclose(matrix[3], [0.0, 0.0, 0.0, 1.0], atol=1e-6):
-        raise InputError(f"the last row of the pose of {frame} is not 0 0 0 1", where=where, remedy=remedy)
+        raise refusal(f"the last row of the pose of {frame} is not 0 0 0 1")
     axes = matrix[:3, :3]
     determinant = np.linalg.det(axes)
     scale = np.cbrt(abs(determinant))
     error = np.abs(axes.T @ axes / scale**2 - np.eye(3)).max() if scale > 1e-12 else np.inf
     if error > _REPAIRABLE:
-        raise InputError(
-            f"the rotation of {frame} is skewed: not orthonormal by {error:.2g}", where=where, remedy=remedy
-        )
+        raise refusal(f"the rotation of {frame} is skewed: not orthonormal by {error:.2g}")
     if determinant < 0.0:
-        raise InputError(f"the rotation of {frame} is a reflection", where=where, remedy=remedy)
+        raise refusal(f"the rotation of {frame} is a reflection")
     pose = np.eye(4)
     pose[:3, 3] = matrix[:3, 3]
     scaled = abs(scale - 1.0) > _ORTHONORMAL

@@ -17,24 +17,10 @@ import pycolmap
 from ..errors import InputError
 from ..files.untrusted import is_file, read_json
 from .colmap import check_camera
-from .files import (
-    IMAGE_EXTENSIONS,
-    Spelling,
-    quote_first,
-    relative_name,
-    resolve_inside,
-)
+from .files import IMAGE_EXTENSIONS, Spelling, quote_first, relative_name, resolve_inside
 from .images import read_header
 from .points import read_point_cloud
-from .source import (
-    LARGEST_NUMBER,
-    MOST_VIEWS,
-    OPENGL_TO_OPENCV,
-    SourceModel,
-    SourceView,
-    invert_rigid,
-    rigid_pose,
-)
+from .source import LARGEST_NUMBER, MOST_VIEWS, OPENGL_TO_OPENCV, SourceModel, SourceView, invert_rigid, rigid_pose
 
 # One file is read; the splits of the NeRF synthetic layout overlap in purpose with our own held-out views.
 _FILE_NAMES = ("transforms.json", "transforms_train.json", "transforms_test.json", "transforms_val.json")
@@ -62,15 +48,15 @@ def read_transforms(file: Path) -> SourceModel:
     Raises:
         InputError: not JSON, cut, without frames, or with unusable poses, intrinsics or names.
     """
-    document = _load(file)
-    frames = document.get("frames")
+    document = read_json(file, remedy=_EXPORT_AGAIN, strict=False)  # a number that is not finite is named below
+    frames = document.get("frames") if isinstance(document, dict) else None
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
         raise InputError("the file has no list of frames", where=file, remedy="give a transforms.json with cameras")
     if len(frames) > MOST_VIEWS:
         raise InputError(
             f"the file has {len(frames):,} frames, the limit is {MOST_VIEWS:,}",
             where=file,
-            remedy="divide the capture, or keep every second photograph",
+            remedy="split the capture, or keep every second photograph",
         )
     return _Reader(file, document).read(frames)
 
@@ -100,20 +86,15 @@ class _Reader:
             camera, size_known = self._camera(frame, name, path)
             model.views.append(SourceView(name, path, camera, matrix, size_known))
         self._refuse_repeated(model)
-        if missing:
-            model.warn(
-                "missing-images",
-                f"{self._file}: {len(missing)} of {len(frames)} images are missing, left out: {quote_first(missing)}",
-            )
-        if reshaped:
-            model.warn(
-                "reorthonormalised", f"{self._file}: slightly skewed rotations are corrected: {quote_first(reshaped)}"
-            )
+        model.warn_about_views(missing, reshaped, len(frames), self._file.parent)
         masked = sum(bool(frame.get("mask_path")) for frame in frames)
         if masked:
             model.warn("masks-unused", f"{self._file}: the masks of {masked} photographs are not used")
         self._add_points(model)
         return model
+
+    def _refusal(self, what: str, remedy: str = _EXPORT_AGAIN) -> InputError:
+        return InputError(what, where=self._file, remedy=remedy)
 
     def _refuse_repeated(self, model: SourceModel) -> None:
         counts = Counter(view.path.resolve() for view in model.views)
@@ -129,7 +110,7 @@ class _Reader:
         """What a frame calls its image, relative to the file where that can be."""
         name = frame.get("file_path")
         if not isinstance(name, str) or not name:
-            raise InputError(f"frame {index} has no file_path", where=self._file, remedy=_EXPORT_AGAIN)
+            raise self._refusal(f"frame {index} has no file_path")
         return relative_name(self._file.parent, name)
 
     def _image(self, name: str) -> Path | None:
@@ -148,9 +129,7 @@ class _Reader:
         try:
             matrix = np.array(frame["transform_matrix"], np.float64)
         except (KeyError, TypeError, ValueError, OverflowError):
-            raise InputError(
-                f"the transform_matrix of {name} is missing or not numbers", where=self._file, remedy=_EXPORT_AGAIN
-            ) from None
+            raise self._refusal(f"the transform_matrix of {name} is missing or not numbers") from None
         camera_to_world, repaired = rigid_pose(matrix, frame=name, where=self._file)
         return invert_rigid(camera_to_world @ OPENGL_TO_OPENCV), repaired
 
@@ -160,16 +139,13 @@ class _Reader:
         return default if value is None else value
 
     def _optional(self, frame: dict[str, Any], key: str) -> float | None:
-        """`key` of the frame, else of the file, else None."""
         value = frame.get(key, self._document.get(key))
         if value is None:
             return None
         # An integer of a thousand digits is no float.
         usable = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < LARGEST_NUMBER
         if not usable:
-            raise InputError(
-                f"{key} is {str(value)[:20]!r}, not a usable number", where=self._file, remedy=_EXPORT_AGAIN
-            )
+            raise self._refusal(f"{key} is {str(value)[:20]!r}, not a usable number")
         return float(value)
 
     def _camera(self, frame: dict[str, Any], name: str, path: Path) -> tuple[pycolmap.Camera, bool]:
@@ -179,9 +155,7 @@ class _Reader:
         if width is None or height is None:
             width, height = read_header(path).upright_size
         if not (1.0 <= width <= _MAX_STATED_SIDE and 1.0 <= height <= _MAX_STATED_SIDE):
-            raise InputError(
-                f"the image size {width:g} x {height:g} is unusable", where=self._file, remedy=_EXPORT_AGAIN
-            )
+            raise self._refusal(f"the image size {width:g} x {height:g} is unusable")
         focal_x, focal_y = self._focal_lengths(frame, name, width, height)
         center = (self._number(frame, "cx", width / 2), self._number(frame, "cy", height / 2))
         model, distortion = self._distortion(frame)
@@ -198,9 +172,7 @@ class _Reader:
         focal_y = self._optional(frame, "fl_y") or _focal_from_angle(self._optional(frame, "camera_angle_y"), height)
         focal_x, focal_y = focal_x or focal_y, focal_y or focal_x
         if focal_x is None or focal_y is None:
-            raise InputError(
-                f"{name} has no focal length", where=self._file, remedy="add fl_x or camera_angle_x to the file"
-            )
+            raise self._refusal(f"{name} has no focal length", "add fl_x or camera_angle_x to the file")
         return focal_x, focal_y
 
     def _distortion(self, frame: dict[str, Any]) -> tuple[str, tuple[float, ...]]:
@@ -212,10 +184,9 @@ class _Reader:
         if name in _FISHEYE:
             return "OPENCV_FISHEYE", tuple(self._number(frame, key, 0.0) for key in _KANNALA_BRANDT)
         if name not in _PERSPECTIVE:
-            raise InputError(
+            raise self._refusal(
                 f"the camera_model {name} is not supported",
-                where=self._file,
-                remedy="undistort the photographs, or export with OPENCV or OPENCV_FISHEYE",
+                "undistort the photographs, or export with OPENCV or OPENCV_FISHEYE",
             )
         distortion = tuple(self._number(frame, key, 0.0) for key in _BROWN)
         if not any(distortion):
@@ -229,10 +200,10 @@ class _Reader:
         if name is None:
             return
         if not isinstance(name, str):
-            raise InputError("ply_file_path is not a name", where=self._file, remedy=_EXPORT_AGAIN)
+            raise self._refusal("ply_file_path is not a file name")
         path = resolve_inside(self._file.parent, relative_name(self._file.parent, name), where=self._file)
         if not is_file(path):
-            model.warn("missing-points", f"{self._file}: the points {name} are missing")
+            model.warn("missing-points", f"{self._file}: the point file {name} is missing")
             return
         model.points, model.point_colors = read_point_cloud(path)
 
@@ -240,10 +211,3 @@ class _Reader:
 def _focal_from_angle(angle: float | None, size: float) -> float | None:
     """Focal length in pixels of a field of view in radians across `size` pixels."""
     return size / (2.0 * math.tan(angle / 2.0)) if angle is not None and 0.0 < angle < math.pi else None
-
-
-def _load(file: Path) -> dict[str, Any]:
-    document = read_json(file, remedy=_EXPORT_AGAIN, strict=False)  # of what is not finite, the value is named
-    if not isinstance(document, dict):
-        raise InputError("the file has no list of frames", where=file, remedy="give a transforms.json with cameras")
-    return document

@@ -181,7 +181,7 @@ def _inscribed_rectangle(camera: pycolmap.Camera, where: str | Path) -> tuple[fl
         if clipped[0] < clipped[1] and clipped[2] < clipped[3]:
             return tuple(clipped)
     raise InputError(
-        "the lens distortion cannot be undone",
+        "the lens distortion cannot be inverted",
         where=where,
         remedy="calibrate the camera again or undistort the photographs",
     )
@@ -191,13 +191,8 @@ def _border(width: int, height: int, inset: float) -> NDArray[np.float64]:
     """Pixels along the left, right, top and bottom border, (4 * samples, 2)."""
     x0, x1, y0, y1 = width * inset, width * (1.0 - inset), height * inset, height * (1.0 - inset)
     along_x, along_y = np.linspace(x0, x1, _BORDER_SAMPLES), np.linspace(y0, y1, _BORDER_SAMPLES)
-    sides = [
-        np.column_stack([np.full_like(along_y, x0), along_y]),
-        np.column_stack([np.full_like(along_y, x1), along_y]),
-        np.column_stack([along_x, np.full_like(along_x, y0)]),
-        np.column_stack([along_x, np.full_like(along_x, y1)]),
-    ]
-    return np.concatenate(sides)
+    sides = ((x0, along_y), (x1, along_y), (along_x, y0), (along_x, y1))
+    return np.concatenate([np.column_stack(np.broadcast_arrays(x, y)) for x, y in sides])
 
 
 def _remap(pixels: NDArray[np.uint8], positions: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -72,12 +72,12 @@ def plan_views(model: SourceModel, max_size: int | None) -> list[ViewPlan]:
     plans = [_plan_view(key, view, max_size) for key, view in zip(keys, sources, strict=True)]
     rotated = sum((plan.upright or plan.turned) and plan.header.orientation != 1 for plan in plans)
     if rotated:
-        model.warn("exif-rotated", f"{model.file}: {rotated} photographs are turned upright as their EXIF data says")
+        model.warn("exif-rotated", f"{model.file}: {rotated} photographs are rotated upright as their EXIF data says")
     foreign = Counter(plan.header.color_profile for plan in plans if plan.header.is_foreign)
     if foreign:
         model.warn(
             "color-profile",
-            f"{model.file}: {foreign.total()} photographs are not sRGB but {', '.join(foreign)}; taken as sRGB, "
+            f"{model.file}: {foreign.total()} photographs are not sRGB but {', '.join(foreign)}; treated as sRGB, "
             "convert them first for exact colours",
         )
     sizes = Counter(plan.photograph_size for plan in plans)
@@ -148,7 +148,7 @@ def _needs_turning(view: SourceView, header: ImageHeader) -> bool:
     raise InputError(
         f"the image is {stored[0]} x {stored[1]} pixels but its camera is for {expected[0]} x {expected[1]}",
         where=view.path,
-        remedy="use the images that the cameras were made with, or the same ones scaled uniformly",
+        remedy="use the images that the cameras were estimated from, or uniformly scaled copies",
     )
 
 

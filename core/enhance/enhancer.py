@@ -1,68 +1,115 @@
-"""The protocol of what recolours views for an observer: fit to a scene, then call for each image."""
+"""What recolours views for an observer: the protocol, the base of those that are fitted to a scene, and the LUT's."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..color.matrices import check_simulation
+from ..color.simulation import Observer
 from ..errors import InputError
 from ..runtime.protocol import Reporter
 from .lut import ColorLut, as_float
-from .teacher import TeacherSettings, fit_lut
+from .pairs import Alphas, Images
+from .teacher import TeacherSettings, fit_luts
 
 
 class Enhancer(Protocol):
-    """Makes images easier to tell apart for one observer."""
+    """Makes images easier to tell apart for one observer: what a plug-in provides."""
 
-    def fit(
-        self,
-        images: Sequence[NDArray[np.uint8]],
-        reporter: Reporter | None = None,
-        *,
-        alphas: Sequence[NDArray[np.uint8] | None] | None = None,
-    ) -> None:
-        """Take in the scene: its (H, W, 3) training views and, where they are not opaque, their (H, W) coverage."""
+    def fit(self, images: Images, reporter: Reporter | None = None, *, alphas: Alphas = None) -> None:
+        """Adapt to the scene, given its (H, W, 3) training views and, where they are not opaque, (H, W) coverage."""
 
     def __call__(self, image: NDArray) -> NDArray[np.float32]:
         """(H, W, 3) uint8, or float in [0, 1], to the enhanced (H, W, 3) float32 image in [0, 1]."""
 
 
-class SceneIndependent:
-    """The `fit` of enhancers that need to know nothing about a scene."""
-
-    def fit(
-        self,
-        images: Sequence[NDArray[np.uint8]],
-        reporter: Reporter | None = None,
-        *,
-        alphas: Sequence[NDArray[np.uint8] | None] | None = None,
-    ) -> None:
-        """Nothing to learn."""
-
-
-class IdentityEnhancer(SceneIndependent):
-    """Leaves every image as it is: the control."""
-
-    def __call__(self, image: NDArray) -> NDArray[np.float32]:
-        """The image as float32."""
-        return as_float(image)
-
-
-class LutEnhancer:
-    """Recolours with one LUT per scene, fitted by the teacher, so that all views agree.
+class SceneEnhancer(ABC):
+    """Base of the enhancers for one observer that are fitted once to a scene, so that all its views agree.
 
     Args:
         cvd, severity, simulation: the observer, as for `simulate`.
-        strength: 0 leaves the image as it is, 1 applies the fitted LUT in full.
+        strength: 0 leaves the image as it is, 1 applies the change in full.
         seed: of the fit.
-        settings: constants of the fit; None for the defaults.
 
-    At severity 0 or strength 0 there is nothing to fit and images are returned unchanged.
+    At severity 0 or strength 0 there is nothing to fit, and images are returned unchanged.
+
+    Raises:
+        InputError: an observer that cannot be simulated, or a strength outside [0, 1].
     """
+
+    name: ClassVar[str]
+    """What `--enhancer` calls it."""
+
+    lut: ColorLut | None = None
+    """The scene's LUT at full strength; None before `fit`, and where the enhancer has none."""
+
+    def __init__(
+        self, cvd: str, severity: float, simulation: str = "machado", strength: float = 1.0, seed: int = 0
+    ) -> None:
+        check_simulation(cvd, severity, simulation)
+        check_strength(strength)
+        self._observer, self._strength, self._seed = Observer(cvd, severity, simulation), strength, seed
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether images are returned unchanged."""
+        return self._observer.severity == 0.0 or self._strength == 0.0
+
+    def fit(self, images: Images, reporter: Reporter | None = None, *, alphas: Alphas = None) -> None:
+        """See `Enhancer.fit`."""
+        if not self.is_identity:
+            self._fit(images, reporter or Reporter(), alphas)
+
+    def __call__(self, image: NDArray) -> NDArray[np.float32]:
+        """See `Enhancer.__call__`; raises RuntimeError where `fit` has to come first."""
+        return as_float(image) if self.is_identity else self._enhance(image)
+
+    def save(self, path: Path) -> None:
+        """Write the scene's LUT as safetensors; `ColorLut.load` reads it."""
+        self._fitted_lut().save(path)
+
+    def export_cube(self, path: Path, title: str) -> None:
+        """Write the scene's LUT as a `.cube` file at the enhancer's strength, for grading tools."""
+        self._fitted_lut().export_cube(path, strength=self._strength, title=title)
+
+    def _fitted_lut(self) -> ColorLut:
+        if self.lut is None:
+            raise RuntimeError("fit the enhancer to the scene first")
+        return self.lut
+
+    def _fit(self, images: Images, reporter: Reporter, alphas: Alphas) -> None:  # noqa: B027 - some learn nothing
+        """Adapt to the scene."""
+
+    @abstractmethod
+    def _enhance(self, image: NDArray) -> NDArray[np.float32]:
+        """The recoloured image."""
+
+
+class IdentityEnhancer(SceneEnhancer):
+    """Leaves every image as it is: the control."""
+
+    name = "none"
+
+    def __init__(self) -> None:
+        super().__init__("deutan", severity=0.0)  # severity 0 is normal vision, whatever the type
+
+    def _enhance(self, image: NDArray) -> NDArray[np.float32]:
+        return as_float(image)
+
+
+class LutEnhancer(SceneEnhancer):
+    """Recolours with one LUT per scene, fitted by the teacher in a few seconds on one core.
+
+    Args:
+        settings: constants of the fit; None for the defaults.
+    """
+
+    name = "lut"
 
     def __init__(
         self,
@@ -73,50 +120,15 @@ class LutEnhancer:
         seed: int = 0,
         settings: TeacherSettings | None = None,
     ) -> None:
-        check_simulation(cvd, severity, simulation)
-        check_strength(strength)
-        self._cvd, self._severity, self._simulation = cvd, severity, simulation
-        self._strength, self._seed, self._settings = strength, seed, settings or TeacherSettings()
-        self._lut: ColorLut | None = None
+        super().__init__(cvd, severity, simulation, strength, seed)
+        self._settings = settings or TeacherSettings()
 
-    @property
-    def lut(self) -> ColorLut | None:
-        """The fitted table at full strength; None before `fit` and where the enhancer is the identity."""
-        return self._lut
+    def _fit(self, images: Images, reporter: Reporter, alphas: Alphas) -> None:
+        observers, settings = [self._observer], self._settings
+        (self.lut,) = fit_luts(images, observers, alphas=alphas, settings=settings, seed=self._seed, reporter=reporter)
 
-    @property
-    def is_identity(self) -> bool:
-        """Whether images are returned unchanged."""
-        return self._severity == 0.0 or self._strength == 0.0
-
-    def fit(
-        self,
-        images: Sequence[NDArray[np.uint8]],
-        reporter: Reporter | None = None,
-        *,
-        alphas: Sequence[NDArray[np.uint8] | None] | None = None,
-    ) -> None:
-        """Fit the LUT to the training views; a few seconds on one core, whatever their number."""
-        if self.is_identity:
-            return
-        self._lut = fit_lut(
-            images,
-            self._cvd,
-            self._severity,
-            self._simulation,
-            alphas=alphas,
-            settings=self._settings,
-            seed=self._seed,
-            reporter=reporter,
-        )
-
-    def __call__(self, image: NDArray) -> NDArray[np.float32]:
-        """The recoloured image."""
-        if self.is_identity:
-            return as_float(image)
-        if self._lut is None:
-            raise RuntimeError("fit the enhancer to the scene before it is applied")
-        return self._lut(image, self._strength)
+    def _enhance(self, image: NDArray) -> NDArray[np.float32]:
+        return self._fitted_lut()(image, self._strength)
 
 
 def check_strength(strength: float) -> None:

@@ -74,7 +74,7 @@ class ColorLut:
         metadata, tensors = read_tensors(path, "the colour LUT", remedy, most_bytes=_MAX_BYTES)
         residual = tensors.get("residual")
         if metadata.pop("format", "") != _FORMAT or residual is None:
-            raise InputError("the file holds no colour LUT", where=path, remedy=remedy)
+            raise InputError("the file does not contain a colour LUT", where=path, remedy=remedy)
         if residual.dtype != torch.float32:
             raise InputError("the colour LUT is not in single precision", where=path, remedy=remedy)
         shape = tuple(residual.shape)

@@ -10,6 +10,12 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 
+Images = Sequence[NDArray[np.uint8]]
+"""(H, W, 3) views of a scene, of any sizes."""
+
+Alphas = Sequence[NDArray[np.uint8] | None] | None
+"""(H, W) coverage of each view, or None where it is opaque; None where all are."""
+
 
 @dataclass(frozen=True)
 class PairSampling:
@@ -30,20 +36,18 @@ class PairSampling:
 
 
 def sample_pairs(
-    images: Sequence[NDArray[np.uint8]],
+    images: Images,
     count: int,
     generator: np.random.Generator,
     sampling: PairSampling = PairSampling(),
-    alphas: Sequence[NDArray[np.uint8] | None] | None = None,
+    alphas: Alphas = None,
 ) -> NDArray[np.uint8]:
     """Draw `count` pairs of pixel colours, each pixel of all views with equal probability.
 
     Args:
-        images: (H, W, 3) uint8 views, of any sizes.
         count: number of pairs.
-        generator: source of randomness.
         sampling: how the second pixel is chosen.
-        alphas: (H, W) coverage per view or None; pixels with alpha 0 are never drawn.
+        alphas: pixels with alpha 0 are never drawn.
 
     Returns:
         (count, 2, 3) uint8 colours, in random order.
@@ -73,10 +77,7 @@ def sample_pairs(
 
 
 def sample_neighbours(
-    images: Sequence[NDArray[np.uint8]],
-    count: int,
-    generator: np.random.Generator,
-    alphas: Sequence[NDArray[np.uint8] | None] | None = None,
+    images: Images, count: int, generator: np.random.Generator, alphas: Alphas = None
 ) -> NDArray[np.uint8]:
     """Draw `count` pairs of adjacent pixels (8-neighbours, or a pixel and itself); otherwise as `sample_pairs`."""
     return _draw(_views(images, alphas), count, generator, lambda view, number: view.near(number, 1, generator))
@@ -118,7 +119,7 @@ class _View:
         return drawn if self._covered is None else self._covered[drawn]
 
 
-def _views(images: Sequence[NDArray[np.uint8]], alphas: Sequence[NDArray[np.uint8] | None] | None) -> list[_View]:
+def _views(images: Images, alphas: Alphas) -> list[_View]:
     """The views that have a covered pixel."""
     alphas = [None] * len(images) if alphas is None else alphas
     views = [_View(image, alpha) for image, alpha in zip(images, alphas, strict=True)]
@@ -129,10 +130,7 @@ def _views(images: Sequence[NDArray[np.uint8]], alphas: Sequence[NDArray[np.uint
 
 
 def _draw(
-    views: Sequence[_View],
-    count: int,
-    generator: np.random.Generator,
-    draw: Callable[[_View, int], NDArray[np.uint8]],
+    views: Sequence[_View], count: int, generator: np.random.Generator, draw: Callable[[_View, int], NDArray[np.uint8]]
 ) -> NDArray[np.uint8]:
     """What `draw` gives for each view, `count` in all, shared out by the views' numbers of pixels."""
     sizes = np.array([len(view) for view in views])

@@ -36,13 +36,13 @@ def make_enhancer(
         raise InputError(f"{name!r} is not an enhancer", where="--enhancer", remedy=remedy)
     check_simulation(cvd, severity, simulation)
     check_strength(strength)
-    if name == "none":
+    if name == IdentityEnhancer.name:
         return IdentityEnhancer()
-    if name == "lut":
+    if name == LutEnhancer.name:
         return LutEnhancer(cvd, severity, simulation, strength, seed)
     if name.startswith(PLUGIN_PREFIX):
         return _plugin(name)(cvd=cvd, severity=severity, simulation=simulation, strength=strength, seed=seed)
-    weights = None if name == "cgan" else Path(name)
+    weights = None if name == CganEnhancer.name else Path(name)
     return CganEnhancer(cvd, severity, simulation, strength, seed, weights, device)
 
 
@@ -55,8 +55,8 @@ def _plugin(name: str) -> Callable[..., Enhancer]:
     offered = entry_points(group=PLUGIN_GROUP)
     chosen = [point for point in offered if point.name == name.removeprefix(PLUGIN_PREFIX)]
     if not chosen:
-        known = ", ".join(sorted(PLUGIN_PREFIX + point.name for point in offered)) or "none is installed"
-        remedy = f"install the package that offers it into the worker's environment (there: {known})"
+        known = ", ".join(sorted(PLUGIN_PREFIX + point.name for point in offered)) or "none"
+        remedy = f"install the package that offers it into the worker's environment (installed there: {known})"
         raise InputError(f"{name!r} is not installed", where="--enhancer", remedy=remedy)
     try:
         return chosen[0].load()

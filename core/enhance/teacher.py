@@ -23,11 +23,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from ..color.metrics import CCPR_THRESHOLD
-from ..color.simulation import Observer, simulate_linear
+from ..color.simulation import Observer
 from ..color.spaces import (
     delta_e_76,
     lab_to_linear,
@@ -39,7 +38,7 @@ from ..color.spaces import (
 )
 from ..runtime.protocol import Reporter
 from .lut import ColorLut, interpolate
-from .pairs import PairSampling, sample_neighbours, sample_pairs
+from .pairs import Alphas, Images, PairSampling, sample_neighbours, sample_pairs
 
 _GREYS = 17  # greys held in place
 
@@ -88,55 +87,30 @@ class TeacherSettings:
     sampling: PairSampling = field(default_factory=PairSampling)
 
 
-def fit_lut(
-    images: Sequence[NDArray[np.uint8]],
-    cvd: str,
-    severity: float,
-    model: str = "machado",
-    *,
-    alphas: Sequence[NDArray[np.uint8] | None] | None = None,
-    settings: TeacherSettings = TeacherSettings(),
-    seed: int = 0,
-    reporter: Reporter | None = None,
-    stage: str = "enhance",
-) -> ColorLut:
-    """Fit the recolouring of a scene for one observer; deterministic for a seed.
-
-    Args:
-        images: (H, W, 3) uint8 training views.
-        cvd, severity, model: the observer, as for `simulate`.
-        alphas: (H, W) coverage per view or None; uncovered pixels are left out.
-        settings: constants of the fit.
-        seed: draws the pairs.
-        reporter, stage: progress goes there under this name.
-
-    Raises:
-        InputError: an observer that cannot be simulated.
-    """
-    return fit_luts(
-        images,
-        [Observer(cvd, severity, model)],
-        alphas=alphas,
-        settings=settings,
-        seed=seed,
-        reporter=reporter,
-        stage=stage,
-    )[0]
-
-
 def fit_luts(
-    images: Sequence[NDArray[np.uint8]],
+    images: Images,
     observers: Sequence[Observer],
     *,
-    alphas: Sequence[NDArray[np.uint8] | None] | None = None,
+    alphas: Alphas = None,
     settings: TeacherSettings = TeacherSettings(),
     seed: int = 0,
     reporter: Reporter | None = None,
     stage: str = "enhance",
 ) -> list[ColorLut]:
-    """Fit one recolouring of a scene for each observer, to the same pairs; arguments and errors as for `fit_lut`.
+    """Fit one recolouring of a scene for each observer, to the same pairs; deterministic for a seed.
 
-    Each result is that of `fit_lut`. With few pairs a step, where torch's overhead counts, this is faster.
+    Each result is that of a fit for one observer alone. With few pairs a step, where torch's overhead counts, fitting
+    them together is faster.
+
+    Args:
+        images: training views.
+        alphas: uncovered pixels are left out.
+        settings: constants of the fit.
+        seed: of the random pairs.
+        reporter, stage: progress goes there under this name.
+
+    Raises:
+        InputError: an observer that cannot be simulated.
     """
     reporter = reporter or Reporter()
     generator = np.random.default_rng(seed)
@@ -216,10 +190,7 @@ def _objectives(
     original_lab = srgb_to_lab(_channels_first(pairs))
     linear = srgb_to_linear(_channels_first(clipped))
     seen_linear = torch.stack(
-        [
-            simulate_linear(image, observer.cvd, observer.severity, observer.simulation)
-            for image, observer in zip(linear, observers, strict=True)
-        ]
+        [observer.simulate_linear(image) for image, observer in zip(linear, observers, strict=True)]
     )
     contrast, seen = _contrast(original_lab), _contrast(xyz_to_lab(linear_to_xyz(seen_linear)))
     lost = torch.relu(contrast - seen) ** 2 / (contrast + settings.contrast_offset)

@@ -36,13 +36,8 @@ def write_png(path: Path, image: NDArray, alpha: NDArray[np.uint8] | None = None
     specification.attribute("oiio:ColorSpace", "sRGB")
     specification.attribute("oiio:UnassociatedAlpha", 1)
     specification.attribute("png:compressionLevel", _COMPRESSION)
-    output = oiio.ImageOutput.create("png")
-    written = output.open(str(path), specification) and output.write_image(np.ascontiguousarray(pixels))
-    closed = output.close()
-    message = output.geterror()
-    # OpenImageIO says nothing when the disk is full; the file then lacks its end.
-    if not (written and closed):
-        raise OSError(errno.EIO, message or "the image could not be written", str(path))
+    _write("png", path, specification, pixels)
+    # OpenImageIO reports nothing when the disk is full; the file then lacks its end.
     if not _ends_with(path, _PNG_END):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
@@ -60,8 +55,12 @@ def write_jpeg(path: Path, image: NDArray[np.uint8], quality: int, *, full_chrom
     specification = oiio.ImageSpec(image.shape[1], image.shape[0], 3, oiio.UINT8)
     specification.attribute("Compression", f"jpeg:{quality}")
     specification.attribute("jpeg:subsampling", "4:4:4" if full_chroma else "4:2:0")
-    output = oiio.ImageOutput.create("jpeg")
-    written = output.open(str(path), specification) and output.write_image(np.ascontiguousarray(image))
+    _write("jpeg", path, specification, image)
+
+
+def _write(kind: str, path: Path, specification: oiio.ImageSpec, pixels: NDArray[np.uint8]) -> None:
+    output = oiio.ImageOutput.create(kind)
+    written = output.open(str(path), specification) and output.write_image(np.ascontiguousarray(pixels))
     if not (output.close() and written):
         raise OSError(errno.EIO, output.geterror() or "the image could not be written", str(path))
 

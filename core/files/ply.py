@@ -18,24 +18,9 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 
-_TYPES = {
-    "char": "i1",
-    "int8": "i1",
-    "uchar": "u1",
-    "uint8": "u1",
-    "short": "i2",
-    "int16": "i2",
-    "ushort": "u2",
-    "uint16": "u2",
-    "int": "i4",
-    "int32": "i4",
-    "uint": "u4",
-    "uint32": "u4",
-    "float": "f4",
-    "float32": "f4",
-    "double": "f8",
-    "float64": "f8",
-}
+_TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
+_TYPES |= {"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"}
+_TYPES |= {"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"}
 _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 _TEXT = "ascii"
 _HEADER_LIMIT = 64 * 1024  # bytes
@@ -83,7 +68,7 @@ class VertexTable:
         if missing or self.count < 0:
             raise self._refusal(f"{what} (no {', '.join(missing[:3]) or 'vertex count'})")
         if len(set(self.names)) != len(self.names):
-            raise self._refusal("a property is there twice")
+            raise self._refusal("a property appears twice")
         if self._encoding not in (*_BYTE_ORDERS, _TEXT):
             raise InputError(
                 f"encoding '{self._encoding}' is unknown", where=self._path, remedy="export it as binary little endian"
@@ -123,7 +108,7 @@ class VertexTable:
         while True:
             line = file.readline(_HEADER_LIMIT)
             if not line or file.tell() > _HEADER_LIMIT:
-                raise self._refusal("its header has no end")
+                raise self._refusal("its header never ends")
             words = line.decode("ascii", "replace").split()
             if words == ["end_header"]:
                 return
@@ -143,7 +128,7 @@ class VertexTable:
         if not word.isdecimal() or self.count >= 0:
             return -1
         if len(word) > _COUNT_DIGITS:
-            raise self._refusal(f"it claims a number of {self._noun} of {len(word)} digits")
+            raise self._refusal(f"it claims a number of {self._noun} with {len(word)} digits")
         return int(word)
 
     def _add_property(self, words: list[str]) -> None:
@@ -171,7 +156,7 @@ class VertexTable:
 
     def _not_first(self, element: str) -> InputError:
         if element == "chunk":
-            what = "a compressed PLY (SuperSplat), whose layout is another"
+            what = "a compressed PLY (SuperSplat), which has a different layout"
             return InputError(what, where=self._path, remedy=self._if_compressed)
         return self._refusal(f"its first element is '{element}', not 'vertex'")
 

@@ -72,7 +72,7 @@ def opened(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) -> I
                 start = file.read(len(_LFS_POINTER))
                 file.seek(0)
                 if start == _LFS_POINTER:
-                    what = "only a pointer of Git LFS, not the file itself"
+                    what = "only a Git LFS pointer, not the file itself"
                     raise InputError(what, where=path, remedy="run 'git lfs pull', or download the file itself")
             yield file
     except OSError as error:
@@ -85,7 +85,7 @@ def _open(path: Path, remedy: str) -> BinaryIO:
     try:
         return open(path, "rb", opener=lambda name, _: os.open(name, flags))
     except ValueError:  # a zero byte, or half of a surrogate pair
-        raise InputError("no file can have this name", where=path, remedy=remedy) from None
+        raise InputError("not a valid file name", where=path, remedy=remedy) from None
 
 
 def read_bytes(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) -> bytes:
@@ -152,7 +152,7 @@ def _with_distinct_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     result = dict(pairs)
     if len(result) < len(pairs):
         ((repeated, _),) = Counter(key for key, _ in pairs).most_common(1)
-        raise ValueError(f"the key {repeated[:40]!r} is there twice")
+        raise ValueError(f"the key {repeated[:40]!r} appears twice")
     return result
 
 

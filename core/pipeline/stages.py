@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..capture.model import Capture, View
 from ..color.matrices import linear_simulation
 from ..consistency import SceneAgreement, SceneCorrespondences
-from ..enhance import CganEnhancer, Enhancer, IdentityEnhancer, LutEnhancer
+from ..enhance import Enhancer, IdentityEnhancer, LutEnhancer, SceneEnhancer
 from ..evaluate.evaluation import Evaluation, SceneMatches, Split, enhanced_path, render_path
 from ..files.images import read_png, to_bytes, write_png
 from ..runs.layout import GAUSSIANS_FILE, layer_cube_file, layer_gaussians_file
@@ -174,9 +174,8 @@ class Stages:
                 self.reporter, "enhance", done / total, (done + fit_cost) / total, f"{layer.name}: fitting"
             )
             enhancer.fit([view.image for view in training], span, alphas=[view.alpha for view in training])
-            if isinstance(enhancer, LutEnhancer | CganEnhancer) and enhancer.lut is not None:
-                cube = self.folder / layer_cube_file(layer.name)
-                enhancer.lut.export_cube(cube, strength=self.settings.strength, title=f"cvdgs {layer.name}")
+            if isinstance(enhancer, SceneEnhancer) and enhancer.lut is not None:
+                enhancer.export_cube(self.folder / layer_cube_file(layer.name), f"cvdgs {layer.name}")
             done += fit_cost
             for view in self.capture.views:
                 write_png(enhanced_path(self.folder, layer, view), to_bytes(enhancer(view.image)))

@@ -6,14 +6,11 @@ enhancer achieves something only where it beats a gain that changes the images a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.color.matrices import check_simulation
-from ...core.color.simulation import Observer
 from ...core.color.spaces import (
     delta_e_76,
     image_to_tensor,
@@ -22,10 +19,10 @@ from ...core.color.spaces import (
     srgb_to_lab,
     tensor_to_image,
 )
-from ...core.enhance import Enhancer, LutEnhancer
-from ...core.enhance.enhancer import SceneIndependent, check_strength
+from ...core.enhance import Enhancer, SceneEnhancer
 from ...core.enhance.lut import as_float
-from ...core.enhance.teacher import TeacherSettings
+from ...core.enhance.pairs import Alphas, Images
+from ...core.enhance.teacher import TeacherSettings, fit_luts
 from ...core.errors import InputError
 from ...core.files.images import to_bytes
 from ...core.runtime.protocol import Reporter
@@ -60,13 +57,7 @@ class ContrastGain:
         """The factor found by `fit`; 16 if no smaller gain changes the images enough."""
         self._center = np.zeros(3, np.float32)
 
-    def fit(
-        self,
-        images: Sequence[NDArray[np.uint8]],
-        reporter: Reporter | None = None,
-        *,
-        alphas: Sequence[NDArray[np.uint8] | None] | None = None,
-    ) -> None:
+    def fit(self, images: Images, reporter: Reporter | None = None, *, alphas: Alphas = None) -> None:
         """Find the scene's mean colour and the gain, by bisection."""
         covered = [
             image.reshape(-1, 3) if alphas is None or alphas[view] is None else image[np.asarray(alphas[view]) > 0]
@@ -101,13 +92,7 @@ class MatchedGain:
         self._reference = reference
         self._gain = ContrastGain(0.0)
 
-    def fit(
-        self,
-        images: Sequence[NDArray[np.uint8]],
-        reporter: Reporter | None = None,
-        *,
-        alphas: Sequence[NDArray[np.uint8] | None] | None = None,
-    ) -> None:
+    def fit(self, images: Images, reporter: Reporter | None = None, *, alphas: Alphas = None) -> None:
         """Fit the reference and match its change."""
         self._reference.fit(images, reporter, alphas=alphas)
         some = images[:: max(len(images) // _MATCHED_VIEWS, 1)]
@@ -120,51 +105,41 @@ class MatchedGain:
         return self._gain(image)
 
 
-class FidanerEnhancer(SceneIndependent):
+class FidanerEnhancer(SceneEnhancer):
     """The classic "daltonize": redistributes what the simulation S loses, image + M (image - S(image)).
 
     After Fidaner, Lin and Ozguven, "Analysis of Color Blindness" (Stanford, Psych 221, 2005), whose method most such
     programs still use. As there, the error is taken between encoded values, but S is the product's own, in linear
-    light, so that all methods are compared for the same observer.
-
-    Args:
-        cvd, severity, simulation: the observer, as for `simulate`, without "achromat".
-        strength: the share of the redistributed error that is added; 1 as published.
+    light, so that all methods are compared for the same observer. "achromat" is refused.
     """
 
+    name = "fidaner"
+
     def __init__(self, cvd: str, severity: float, simulation: str = "machado", strength: float = 1.0) -> None:
-        check_simulation(cvd, severity, simulation)
+        super().__init__(cvd, severity, simulation, strength)
         if cvd not in _REDISTRIBUTION:
             raise InputError(
                 f"error redistribution is not defined for {cvd} vision",
                 remedy=f"use {', '.join(_REDISTRIBUTION)}, or another enhancer",
             )
-        check_strength(strength)
-        self._observer = Observer(cvd, severity, simulation)
         self._matrix = _REDISTRIBUTION[cvd] * np.float32(strength)
 
-    def __call__(self, image: NDArray) -> NDArray[np.float32]:
-        """(H, W, 3) uint8, or float in [0, 1], to the recoloured (H, W, 3) float32 image in [0, 1]."""
+    def _enhance(self, image: NDArray) -> NDArray[np.float32]:
         pixels = as_float(image)
         error = pixels - tensor_to_image(self._observer.simulate(image_to_tensor(pixels)))
         return np.clip(pixels + error @ self._matrix.T, 0.0, 1.0)
 
 
-class PerViewLut(SceneIndependent):
+class PerViewLut(SceneEnhancer):
     """Fits a new LUT to every image, as a method for single images would treat a scene.
 
     Two confused colours can be separated in either direction. For a scene the teacher decides that once; here nothing
     ties the views together, and each image is decided by a coin toss seeded with its pixels.
-
-    Args:
-        cvd, severity, simulation: the observer, as for `simulate`.
     """
 
-    def __init__(self, cvd: str, severity: float, simulation: str) -> None:
-        self._observer = (cvd, severity, simulation)
+    name = "lut-per-view"
 
-    def __call__(self, image: NDArray) -> NDArray[np.float32]:
-        """The image, recoloured by its own LUT."""
+    def _enhance(self, image: NDArray) -> NDArray[np.float32]:
         usual = TeacherSettings()
         direction = 1.0 if _seeded_by(image).random() < 0.5 else -1.0
         settings = replace(
@@ -174,9 +149,8 @@ class PerViewLut(SceneIndependent):
             relaxations=0,
             initial_shift=direction * usual.initial_shift,
         )
-        enhancer = LutEnhancer(*self._observer, settings=settings)
-        enhancer.fit([image])
-        return enhancer(image)
+        (lut,) = fit_luts([image], [self._observer], settings=settings, seed=self._seed)
+        return lut(image, self._strength)
 
 
 class Drifting:

@@ -1,8 +1,9 @@
-"""Writes a capture folder: JPEG images, transforms.json (nerfstudio), points.ply, depth maps. numpy only."""
+"""From settings to a capture folder: JPEG images, depth maps, points.ply, and transforms.json last. bpy and numpy."""
 
 from __future__ import annotations
 
 import json
+import re
 import struct
 import zlib
 from pathlib import Path
@@ -10,16 +11,74 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .cameras import Pose, focal_pixels
-from .settings import CameraSettings
+from ...core.errors import InputError
+from ...core.runtime.protocol import Reporter
+from . import photograph, scene
+from .cameras import Pose, focal_pixels, rings
+from .settings import CameraSettings, CaptureSettings
 
 DEPTH_UNIT = 2e-4
 """Metres a grey level of the 16-bit depth maps; they reach 13.1 m. 0 stands for no surface, or farther."""
 
+_TRANSFORMS = "transforms.json"
+_IMAGE_NAME = re.compile(r"view_\d{3,}\.jpg")
 _START_OF_SCAN, _COMMENT = 0xDA, 0xFE  # JPEG markers
 
 
-def write_transforms(path: Path, settings: CameraSettings, poses: list[Pose]) -> None:
+def make(out: Path, settings: CaptureSettings, reporter: Reporter, threads: int = 0) -> None:
+    """Write a capture of the showroom into `out`; an interrupted one has no transforms.json.
+
+    Raises:
+        InputError: the folder contains other files, or cannot be written.
+    """
+    images, depths = _prepare(out)
+    scene.build(settings.scene, settings.seed, lambda message: reporter.status("set", message))
+    camera = photograph.set_up_camera(settings.cameras)
+    photograph.set_up_render(settings, threads)
+    poses = rings(settings.cameras)
+
+    reporter.status("photographs", f"{len(poses)} views of {settings.cameras.width} x {settings.cameras.height}")
+    paths = []
+    for index, pose in enumerate(poses):
+        paths.append(images / f"{pose.name}.jpg")
+        photograph.render_view(camera, pose, paths[-1])
+        _drop_comments(paths[-1])
+        reporter.progress("photographs", (index + 1) / len(poses), paths[-1].name)
+
+    chosen = np.linspace(0, len(poses) - 1, min(settings.depth_views, len(poses))).round().astype(int)
+    reporter.status("depth", f"{len(chosen)} maps and {settings.points} points")
+    surfaces = photograph.Surfaces()
+    measured = [poses[index] for index in chosen]
+    for index, pose in enumerate(measured):
+        _write_depth(depths / f"{pose.name}.png", surfaces.depth_map(pose, settings.cameras))
+        reporter.progress("depth", (index + 1) / len(measured), pose.name)
+    _write_depth_index(depths / "depth.json", [pose.name for pose in measured])
+    _write_points(out / "points.ply", *photograph.sparse_points(surfaces, poses, paths, settings))
+    _write_transforms(out / _TRANSFORMS, settings.cameras, poses)
+
+
+def _prepare(out: Path) -> tuple[Path, Path]:
+    """Create the folders for images and depth maps, without an earlier showroom's files."""
+    images, depths = out / "images", out / "depth"
+    try:
+        if out.exists() and any(out.iterdir()) and not _is_showroom(images):
+            raise InputError("the folder contains other files", where=out, remedy="give an empty or new folder")
+        (out / _TRANSFORMS).unlink(missing_ok=True)
+        for folder, pattern in ((images, "view_*.jpg"), (depths, "view_*.png")):
+            folder.mkdir(parents=True, exist_ok=True)
+            for old in folder.glob(pattern):
+                old.unlink()
+    except OSError as error:
+        raise InputError(f"cannot be written ({error.strerror})", where=out, remedy="choose another folder") from None
+    return images, depths
+
+
+def _is_showroom(images: Path) -> bool:
+    """Whether an image folder is there and holds nothing that this program would not have written."""
+    return images.is_dir() and all(_IMAGE_NAME.fullmatch(path.name) for path in images.iterdir())
+
+
+def _write_transforms(path: Path, settings: CameraSettings, poses: list[Pose]) -> None:
     """transforms.json as nerfstudio reads it: OpenGL camera-to-world, pixel intrinsics, the points beside it."""
     focal = focal_pixels(settings)
     document = {
@@ -39,7 +98,7 @@ def write_transforms(path: Path, settings: CameraSettings, poses: list[Pose]) ->
     path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
-def drop_comments(path: Path) -> None:
+def _drop_comments(path: Path) -> None:
     """Remove the comment segments of a JPEG: Blender writes date and render times there, which differ every time."""
     data = path.read_bytes()
     kept, position = [data[:2]], 2
@@ -52,7 +111,7 @@ def drop_comments(path: Path) -> None:
     path.write_bytes(b"".join([*kept, data[position:]]))
 
 
-def write_points(path: Path, positions: NDArray[np.float32], colors: NDArray[np.uint8]) -> None:
+def _write_points(path: Path, positions: NDArray[np.float32], colors: NDArray[np.uint8]) -> None:
     """Binary little-endian PLY of (P, 3) positions and (P, 3) sRGB colours."""
     properties = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
     table = np.empty(len(positions), dtype=properties)
@@ -65,13 +124,13 @@ def write_points(path: Path, positions: NDArray[np.float32], colors: NDArray[np.
     path.write_bytes("\n".join(header).encode("ascii") + table.tobytes())
 
 
-def write_depth(path: Path, depth: NDArray[np.floating]) -> None:
+def _write_depth(path: Path, depth: NDArray[np.floating]) -> None:
     """(H, W) metres as a 16-bit grey PNG in steps of `DEPTH_UNIT`."""
     levels = np.rint(np.where(np.isfinite(depth), depth, 0.0) / DEPTH_UNIT)
     _write_png16(path, np.where(levels < 65536, levels, 0).astype(np.uint16))
 
 
-def write_depth_index(path: Path, names: list[str]) -> None:
+def _write_depth_index(path: Path, names: list[str]) -> None:
     """Says what the depth maps beside it mean."""
     document = {
         "kind": "planar camera z at the pixel centres, of the first surface (organza included); 0 = none or too far",

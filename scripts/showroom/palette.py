@@ -13,9 +13,6 @@ _WHITE = RGB_TO_XYZ.sum(axis=1)
 # CIE 15: where the cube root of CIELAB turns into a straight line.
 _LAB_KNEE = 6.0 / 29.0
 
-# ΔE76 in S that still counts as confused among the tritan pairs.
-TRITAN_LIMIT = 5.5
-
 # Cloth is never as dark or as bright as the display: keeps shadows and highlights inside the range.
 ALBEDO_RANGE = (0.012, 0.86)
 
@@ -73,7 +70,7 @@ def lch(lightness: float, chroma: float, hue: float) -> NDArray[np.float64]:
 
 
 def confused_pair(
-    first: NDArray[np.float64], deficiency: str, wanted: float, lightness_span: float = 0.0, limit: float = 4.0
+    first: NDArray[np.float64], deficiency: str, wanted: float, lightness_span: float, limit: float
 ) -> ConfusedPair:
     """The partner of `first`: at most `limit` ΔE76 away in S, at least `wanted` in normal vision, of the least chroma.
 
@@ -111,39 +108,27 @@ class Palette:
     sheer: Color
 
 
+# Of each showroom: lightness, chroma and hue (degrees) of a pair's first colour, ΔE76 wanted, span of the lightness.
+_PAIRS = {
+    "deutan": ((44, 46, 28, 58, 0), (61, 48, 48, 48, 0), (66, 30, 355, 46, 0), (52, 38, 10, 50, 0)),
+    "protan": ((48, 46, 35, 55, 12), (60, 46, 75, 46, 9), (66, 24, 345, 44, 9), (52, 30, 20, 44, 9)),
+    "tritan": ((50, 45, 135, 34, 0), (72, 62, 85, 38, 0), (58, 50, 135, 34, 0), (66, 50, 75, 32, 0)),
+}
+# ΔE76 in S that still counts as confused: Machado's tritan leaves much of the blue-yellow contrast, and its pairs are
+# the most there is.
+_LIMITS = {"deutan": 4.0, "protan": 4.0, "tritan": 5.5}
+_OTHERS = {  # dark, satin, sheer
+    "deutan": ((24, 14, 265), (54, 40, 12), (84, 16, 150)),
+    "protan": ((24, 14, 265), (58, 36, 45), (84, 16, 200)),
+    "tritan": ((28, 20, 20), (62, 28, 195), (84, 16, 90)),
+}
+
+
 def palette(deficiency: str) -> Palette:
     """The palette whose pairs `deficiency` ("protan", "deutan" or "tritan") confuses."""
-    cream, dark = lch(88, 8, 85), lch(24, 14, 265)
-    if deficiency == "deutan":
-        return Palette(
-            tartan=confused_pair(lch(44, 46, 28), deficiency, wanted=58),
-            stripe=confused_pair(lch(61, 48, 48), deficiency, wanted=48),
-            herringbone=confused_pair(lch(66, 30, 355), deficiency, wanted=46),
-            jacquard=confused_pair(lch(52, 38, 10), deficiency, wanted=50),
-            cream=cream,
-            dark=dark,
-            satin=lch(54, 40, 12),
-            sheer=lch(84, 16, 150),
-        )
-    if deficiency == "protan":
-        return Palette(
-            tartan=confused_pair(lch(48, 46, 35), deficiency, wanted=55, lightness_span=12),
-            stripe=confused_pair(lch(60, 46, 75), deficiency, wanted=46, lightness_span=9),
-            herringbone=confused_pair(lch(66, 24, 345), deficiency, wanted=44, lightness_span=9),
-            jacquard=confused_pair(lch(52, 30, 20), deficiency, wanted=44, lightness_span=9),
-            cream=cream,
-            dark=dark,
-            satin=lch(58, 36, 45),
-            sheer=lch(84, 16, 200),
-        )
-    # Machado's tritan leaves much of the blue-yellow contrast: pairs this far apart are the most there is.
-    return Palette(
-        tartan=confused_pair(lch(50, 45, 135), deficiency, wanted=34, limit=TRITAN_LIMIT),
-        stripe=confused_pair(lch(72, 62, 85), deficiency, wanted=38, limit=TRITAN_LIMIT),
-        herringbone=confused_pair(lch(58, 50, 135), deficiency, wanted=34, limit=TRITAN_LIMIT),
-        jacquard=confused_pair(lch(66, 50, 75), deficiency, wanted=32, limit=TRITAN_LIMIT),
-        cream=cream,
-        dark=lch(28, 20, 20),
-        satin=lch(62, 28, 195),
-        sheer=lch(84, 16, 90),
+    tartan, stripe, herringbone, jacquard = (
+        confused_pair(lch(*first), deficiency, wanted, lightness_span=span, limit=_LIMITS[deficiency])
+        for *first, wanted, span in _PAIRS[deficiency]
     )
+    dark, satin, sheer = (lch(*color) for color in _OTHERS[deficiency])
+    return Palette(tartan, stripe, herringbone, jacquard, lch(88, 8, 85), dark, satin, sheer)

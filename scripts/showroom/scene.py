@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import cloth, materials, meshes
-from .arrangement import ARRANGEMENTS
 from .cloth import Surface
-from .collection import Fabrics
+from .fabrics import ARRANGEMENTS, Fabrics
 from .meshes import ClothPhysics
 from .settings import SceneSettings
 

@@ -1,4 +1,4 @@
-"""Woven patterns at yarn level as images: the threads' colours, which lies on top, how high. numpy only.
+"""Woven patterns at yarn level: which yarn lies on top, and as images their colours and heights. numpy only.
 
 A weave repeats seamlessly. `lift[j, i]` is true where warp yarn i passes over weft yarn j. Images have row 0 at v = 0.
 """
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Color = NDArray[np.float64]
+Lift = NDArray[np.bool_]
 
 # How dark the valley between two yarns is, as a share of the crown's albedo, and how deep a yarn dives at a crossing.
 VALLEY_ALBEDO = 0.5
@@ -40,39 +41,44 @@ class Weave:
     yarn: float
 
 
-def plain_weave() -> NDArray[np.bool_]:
+def plain_weave() -> Lift:
     """Over one, under one."""
     return np.array([[True, False], [False, True]])
 
 
-def basket_weave(threads: int = 2) -> NDArray[np.bool_]:
+def basket_weave(threads: int = 2) -> Lift:
     """Plain weave of pairs (or more) of threads."""
     return np.kron(plain_weave(), np.ones((threads, threads), bool)).astype(bool)
 
 
-def twill(over: int = 2, under: int = 2) -> NDArray[np.bool_]:
-    """Diagonal lines: each pick shifts the floats by one thread."""
+def twill(over: int = 2, under: int = 2, lean: int = 1) -> Lift:
+    """Diagonal ribs: each pick shifts the floats by one thread, to the other side with a `lean` of -1."""
     period = over + under
     weft, warp = np.mgrid[:period, :period]
-    return (warp - weft) % period < over
+    return (warp - lean * weft) % period < over
 
 
-def herringbone(over: int = 2, under: int = 2, band: int = 12) -> NDArray[np.bool_]:
-    """Twill whose diagonal turns round every `band` warp threads."""
+def herringbone(over: int = 2, under: int = 2, band: int = 12, lean: int = 1) -> Lift:
+    """Twill whose diagonal turns back every `band` warp threads."""
     period = over + under
     weft, warp = np.mgrid[:period, : 2 * band]
     direction = np.where(warp < band, warp, -warp - 1)
-    return (direction - weft) % period < over
+    return (direction - lean * weft) % period < over
 
 
-def figured(motif: NDArray[np.bool_], over: int = 3) -> NDArray[np.bool_]:
-    """Jacquard: warp-faced twill inside the motif, weft-faced outside; one motif pixel is one crossing.
+def satin() -> Lift:
+    """Five-end satin: the warp covers four fifths."""
+    weft, warp = np.mgrid[:5, :5]
+    return (2 * warp + weft) % 5 != 0
 
-    The motif's sides must be multiples of `over` + 1.
+
+def figured(motif: NDArray[np.bool_], figure: Lift, ground: Lift) -> Lift:
+    """Jacquard: one weave inside the motif, another of the same period outside; one motif pixel is one crossing.
+
+    The motif's sides must be multiples of the weaves' period.
     """
-    rows, columns = motif.shape
-    repeats = (rows // (over + 1), columns // (over + 1))
-    return np.where(motif, np.tile(twill(over, 1), repeats), np.tile(twill(1, over), repeats))
+    repeats = [side // period for side, period in zip(motif.shape, ground.shape, strict=True)]
+    return np.where(motif, np.tile(figure, repeats), np.tile(ground, repeats))
 
 
 def ogee_motif(columns: int, rows: int) -> NDArray[np.bool_]:
@@ -98,12 +104,7 @@ def sequence(*stripes: tuple[Color, int], mirrored: bool = False) -> NDArray[np.
 
 
 def weave(
-    warp: NDArray[np.float64],
-    weft: NDArray[np.float64],
-    lift: NDArray[np.bool_],
-    yarn: float,
-    seed: int,
-    pixels_per_yarn: int = 6,
+    warp: NDArray[np.float64], weft: NDArray[np.float64], lift: Lift, yarn: float, seed: int, pixels_per_yarn: int = 6
 ) -> Weave:
     """Weave warp colours (N, 3) and weft colours (M, 3), repeated until `lift` (p, q) fits a whole number of times.
 

@@ -24,7 +24,6 @@ that the settings offer, so all its views agree on which way reds and greens mov
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,8 +32,6 @@ from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
 from torch import Tensor
 
-from ...core.color.matrices import check_simulation
-from ...core.color.simulation import Observer
 from ...core.color.spaces import (
     delta_e_76,
     image_to_tensor,
@@ -45,9 +42,9 @@ from ...core.color.spaces import (
     tensor_to_image,
     xyz_to_lab,
 )
-from ...core.enhance.enhancer import check_strength
+from ...core.enhance import SceneEnhancer
 from ...core.enhance.lut import as_float
-from ...core.enhance.pairs import PairSampling, sample_pairs
+from ...core.enhance.pairs import Alphas, Images, PairSampling, sample_pairs
 from ...core.files.images import to_bytes
 from ...core.runtime.protocol import Reporter
 
@@ -102,18 +99,17 @@ class SceneDirections:
     gain: float
 
 
-class GradientTeacher:
+class GradientTeacher(SceneEnhancer):
     """Recolours images by their gradients, along directions that a scene's views share.
 
     Args:
-        cvd, severity, simulation: the observer, as for `simulate`.
-        strength: 0 leaves the image as it is, 1 applies the change in full.
-        seed: draws the pairs on which the directions are chosen.
         settings: constants; None for the defaults.
 
     An image that is given before `fit` is a scene of its own. Memory: some 180 bytes a pixel, for the change of a
     pixel depends on all others.
     """
+
+    name = "gradient"
 
     def __init__(
         self,
@@ -124,39 +120,17 @@ class GradientTeacher:
         seed: int = 0,
         settings: GradientSettings | None = None,
     ) -> None:
-        check_simulation(cvd, severity, simulation)
-        check_strength(strength)
-        self._observer = Observer(cvd, severity, simulation)
-        self._strength, self._seed, self._settings = strength, seed, settings or GradientSettings()
-        self._directions: SceneDirections | None = None
-
-    @property
-    def directions(self) -> SceneDirections | None:
+        super().__init__(cvd, severity, simulation, strength, seed)
+        self._settings = settings or GradientSettings()
+        self.directions: SceneDirections | None = None
         """What `fit` chose; None before it and where the teacher is the identity."""
-        return self._directions
 
-    @property
-    def is_identity(self) -> bool:
-        """Whether images are returned unchanged."""
-        return self._observer.severity == 0.0 or self._strength == 0.0
+    def _fit(self, images: Images, reporter: Reporter, alphas: Alphas) -> None:
+        self.directions = self._choose(images, alphas)
 
-    def fit(
-        self,
-        images: Sequence[NDArray[np.uint8]],
-        reporter: Reporter | None = None,
-        *,
-        alphas: Sequence[NDArray[np.uint8] | None] | None = None,
-    ) -> None:
-        """Choose the scene's directions from pairs of its colours; well under a second."""
-        if not self.is_identity:
-            self._directions = self._choose(images, alphas)
-
-    def __call__(self, image: NDArray) -> NDArray[np.float32]:
-        """(H, W, 3) uint8, or float in [0, 1], to the recoloured (H, W, 3) float32 image in [0, 1]."""
+    def _enhance(self, image: NDArray) -> NDArray[np.float32]:
         pixels = as_float(image)
-        if self.is_identity:
-            return pixels
-        directions = self._directions or self._choose([to_bytes(pixels)], None)
+        directions = self.directions or self._choose([to_bytes(pixels)], None)
         if directions.gain == 0.0:
             return pixels
         linear = srgb_to_linear(image_to_tensor(pixels))
@@ -166,9 +140,7 @@ class GradientTeacher:
         untouched = (change == 0.0).numpy()[..., None]
         return np.where(untouched, pixels, mapped)
 
-    def _choose(
-        self, images: Sequence[NDArray[np.uint8]], alphas: Sequence[NDArray[np.uint8] | None] | None
-    ) -> SceneDirections:
+    def _choose(self, images: Images, alphas: Alphas) -> SceneDirections:
         settings = self._settings
         generator = np.random.default_rng(self._seed)
         colors = sample_pairs(images, settings.pairs, generator, settings.sampling, alphas)

@@ -20,7 +20,7 @@ starts from one look-up table that is fitted to the whole scene. Made for textil
 severity 0 to 1, under the simulations of Machado, Viénot and Brettel. At severity 0 it is the identity by construction,
 greys stay, and colours like skin move less.
 
-It is no diagnosis and no aid in traffic, medicine or wherever a colour's meaning is fixed. Trained on drawn and
+It is not a diagnosis, and no aid in traffic, medicine or wherever a colour's meaning is fixed. Trained on drawn and
 rendered images alone, without a single photograph. The renders are two variants of the demo capture's room in other
 colours, so the demo is not entirely unseen."""
 

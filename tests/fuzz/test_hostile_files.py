@@ -122,7 +122,7 @@ def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path, name: str) -> N
     ("text", "what"),
     [
         ("[" * 100_000, "too deeply"),
-        ('{"a": 1, "a": 2}', "'a' is there twice"),
+        ('{"a": 1, "a": 2}', "'a' appears twice"),
         ("9" * 5000, "digits"),
         ("[NaN]", "not finite"),
         ("[1e999]", "not finite"),

@@ -23,7 +23,7 @@ _OBSERVATION_BYTES = 24  # of an image in images.bin
 _CHILD = """
 import sys
 from pathlib import Path
-from cvdgs.core.capture.colmap import read_model
+from cvdgs.core.capture.colmap_files import read_model
 from cvdgs.core.capture.images import read_pixels
 from cvdgs.core.enhance.gan.weights import load_generator
 {0}(Path(sys.argv[1]))

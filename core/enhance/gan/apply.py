@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from ...color.simulation import Observer, simulate
+from ...color.simulation import Observer
 from .conditioning import observer_features
 from .networks import Generator, Statistics
 
@@ -99,7 +99,7 @@ def _change(
     stride = generator.config.stride
     padding = (0, -width % stride, 0, -height % stride)
     images = torch.stack([image, proposal])
-    seen = simulate(images, observer.cvd, observer.severity, observer.simulation)
+    seen = observer.simulate(images)
     images, seen = (functional.pad(batch, padding, mode="replicate") for batch in (images, seen))
     change = generator(
         images[:1],

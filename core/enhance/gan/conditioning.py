@@ -9,9 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ...color.matrices import LinearSimulation, linear_simulation
 from ...color.simulation import Observer
-from ...color.spaces import linear_to_srgb, srgb_to_lab, srgb_to_linear
+from ...color.spaces import srgb_to_lab
 from ...settings import CVD_TYPES, SIMULATIONS
 from ..lut import as_float
 
@@ -33,44 +32,6 @@ def observer_features(observer: Observer) -> Tensor:
     kind = [observer.severity * (observer.cvd == name) for name in CVD_TYPES]
     model = [float(observer.simulation == name) for name in SIMULATIONS]
     return torch.tensor([*kind, *model], dtype=torch.float32)
-
-
-class ObserverBatch:
-    """One observer for each image of a batch, simulated together.
-
-    Args:
-        observers: as many as the batch has images.
-        device: where the images are.
-    """
-
-    def __init__(self, observers: Sequence[Observer], device: torch.device | str = "cpu") -> None:
-        models = [linear_simulation(o.cvd, float(o.severity), o.simulation) for o in observers]
-        self._above = _stack([m.matrix for m in models], device)
-        self._below = _stack([m.matrix if m.matrix_below is None else m.matrix_below for m in models], device)
-        self._separator = _stack([_separator(m) for m in models], device)
-        self._piecewise = any(m.matrix_below is not None for m in models)
-        self.features = torch.stack([observer_features(o) for o in observers]).to(device)
-        self.severities = torch.tensor([float(o.severity) for o in observers], device=device)
-
-    def simulate_linear(self, linear: Tensor) -> Tensor:
-        """S between linear images: (B, 3, H, W) linear sRGB to the same, clipped to [0, 1]."""
-        pixels = linear.flatten(2)
-        result = self._above @ pixels
-        if self._piecewise:
-            result = torch.where(self._separator[:, None] @ pixels >= 0.0, result, self._below @ pixels)
-        return result.clamp(0.0, 1.0).view_as(linear)
-
-    def simulate(self, images: Tensor) -> Tensor:
-        """S of (B, 3, H, W) display-referred sRGB, as `core.color.simulation.simulate` of each image."""
-        return linear_to_srgb(self.simulate_linear(srgb_to_linear(images)))
-
-
-def _stack(arrays: Sequence[NDArray[np.float64]], device: torch.device | str) -> Tensor:
-    return torch.as_tensor(np.stack(arrays), dtype=torch.float32, device=device)
-
-
-def _separator(model: LinearSimulation) -> NDArray[np.float64]:
-    return np.zeros(3) if model.separator is None else model.separator
 
 
 def palette(

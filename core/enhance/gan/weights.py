@@ -73,16 +73,16 @@ def read_notes(path: Path) -> dict[str, str]:
         return dict(file.metadata() or {})
 
 
-_REMEDY = "give a file that scripts/train_enhancer.py made, or use --enhancer cgan for the one that is shipped"
+_REMEDY = "give a file that scripts/train_enhancer.py made, or use --enhancer cgan for the shipped one"
 
 
 def _check_header(metadata: dict[str, str], path: Path) -> None:
     if metadata.get("format") != _FORMAT:
-        raise InputError("the file holds no enhancer", where=path, remedy=_REMEDY)
+        raise InputError("the file does not contain enhancer weights", where=path, remedy=_REMEDY)
     if metadata.get("version") != _VERSION:
         found = metadata.get("version", "unknown")
         raise InputError(
-            f"the weights are of version {found}, this program reads version {_VERSION}",
+            f"the weights have version {found}, this program reads version {_VERSION}",
             where=path,
             remedy="train them again with this version's scripts/train_enhancer.py",
         )

@@ -72,7 +72,7 @@ def read_images(folder: Path, size: int, limit: int | None = None) -> dict[str, 
     """The images of a folder by file name, in natural order; arguments and errors as for `read_photographs`."""
     files = list_images(folder) if folder.is_dir() else []
     if not files:
-        raise InputError("there are no photographs", where=folder, remedy="give a folder of photographs")
+        raise InputError("no photographs found", where=folder, remedy="give a folder of photographs")
     images = {}
     for index in spread(range(len(files)), limit or len(files)):
         pixels, _ = read_pixels(folder / files[index], upright=True)

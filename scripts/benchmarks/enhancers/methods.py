@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.enhance import Enhancer, make_enhancer
+from ....core.enhance import CganEnhancer, Enhancer, IdentityEnhancer, LutEnhancer, make_enhancer
 from ....core.errors import InputError
 from ....core.files.images import to_bytes
 from ....core.settings import WEIGHTS_SUFFIX
@@ -17,17 +17,16 @@ from ...training.gradient_teacher import GradientTeacher
 from ..baselines import ContrastGain, FidanerEnhancer, PerViewLut
 from .scores import Enhanced
 
-NONE, GAIN, LUT, NETWORK, PER_VIEW_LUT = "none", "gain", "lut", "cgan", "lut-per-view"
+NONE, LUT, NETWORK, PER_VIEW_LUT = IdentityEnhancer.name, LutEnhancer.name, CganEnhancer.name, PerViewLut.name
+GAIN = "gain"
 
 MethodFactory = Callable[[str, float, str], Enhancer]
 """(cvd, severity, simulation) to an enhancer."""
 
 METHODS: Mapping[str, MethodFactory] = {
-    "fidaner": FidanerEnhancer,
-    "gradient": GradientTeacher,
-    PER_VIEW_LUT: PerViewLut,
+    method.name: method for method in (FidanerEnhancer, GradientTeacher, PerViewLut)
 }
-"""Enhancers of benchmarks alone, in addition to those of `make_enhancer`; one line adds another."""
+"""Enhancers of benchmarks alone, in addition to those of `make_enhancer`."""
 
 _TIMED_SIDE = 1000  # pixels: one megapixel
 _TIMED_REPETITIONS = 3

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.capture.colmap import read_model
+from ....core.capture.colmap_files import read_model
 from ....core.errors import InputError
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.process import PICTURE_WORKER, Workers, blender_command

@@ -9,8 +9,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from .fields import Field, relief
-from .light import Image, encode
+from .fields import Field, Image, encode, relief
 
 _BLOCK = 16  # pixels of a JPEG coding unit with 4:2:0 chroma
 

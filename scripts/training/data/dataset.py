@@ -35,14 +35,7 @@ from ....core.files.images import to_bytes
 from ....core.files.untrusted import read_json, replacing
 from ....core.runtime.protocol import Reporter
 from ..gradient_teacher import GradientTeacher
-from .inputs import (
-    KIND_SHARES,
-    PHOTOGRAPH,
-    Photographs,
-    draw_input,
-    draw_observers,
-)
-from .kinds import KINDS, SMALLEST_IMAGE
+from .kinds import KIND_SHARES, KINDS, PHOTOGRAPH, SMALLEST_IMAGE, Photographs, draw_input, draw_observers
 
 STAGE = "pairs"
 TEACHERS = ("lut", "gradient")
@@ -192,7 +185,7 @@ class PairedDataset:
         """
         entry = self._entries[index]
         path = self._folder / "samples" / entry["file"]
-        remedy = "run the same command again to make it anew"
+        remedy = "run the same command again to remake it"
         try:
             content = path.read_bytes()
         except OSError as error:
@@ -211,7 +204,7 @@ class PairedDataset:
             or image.ndim != 3
             or targets.shape != (len(observers), *image.shape)
         ):
-            raise InputError("the sample holds no pair of images", where=path, remedy=remedy)
+            raise InputError("the sample is not a pair of images", where=path, remedy=remedy)
         return Sample(image, targets, observers, entry["kind"])
 
 
@@ -342,10 +335,12 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
         raise InputError("there is no paired dataset", where=path, remedy=remedy)
     manifest = read_json(path, most_bytes=_MANIFEST_BYTES, remedy=remedy)
     if not isinstance(manifest, dict) or manifest.get("format") != _FORMAT:
-        raise InputError("this is no manifest of a paired dataset", where=path, remedy=remedy)
+        raise InputError("not the manifest of a paired dataset", where=path, remedy=remedy)
     if manifest.get("version") != _VERSION:
         raise InputError(
-            f"the dataset has version {manifest.get('version')!r}, not {_VERSION}", where=path, remedy="make it anew"
+            f"the dataset has version {manifest.get('version')!r}, not {_VERSION}",
+            where=path,
+            remedy="make it again",
         )
     try:
         samples = {int(number): _checked_entry(int(number), entry) for number, entry in manifest["samples"].items()}

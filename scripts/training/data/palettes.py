@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .light import Colors, lch_to_linear, linear_to_lab, simulated_lab
+from .fields import Colors, lch_to_linear, linear_to_lab, simulated_lab
 
 PALETTE_SIZE = 12
 """Colours in every palette; the first ones matter most."""
@@ -67,7 +68,7 @@ def draw_confused_pair(
         lightness: CIELAB lightness between which the line's anchor lies.
     """
     while True:
-        anchor = _random_lch(_CANDIDATES, lightness, (0.0, 90.0), generator)
+        anchor = _random_lch(lightness, (0.0, 90.0), _CANDIDATES, generator)
         lost = confusion_directions(anchor, cvd)
         steps = generator.uniform(0.1, 1.0, (2, _CANDIDATES))
         first = anchor - (steps[0] * _reach(anchor, -lost))[:, None] * lost
@@ -131,22 +132,10 @@ def _natural(count: int, generator: np.random.Generator) -> Colors:
 
 
 def _random_lch(
-    count: int, lightness: tuple[float, float], chroma: tuple[float, float], generator: np.random.Generator
+    lightness: tuple[float, float], chroma: tuple[float, float], count: int, generator: np.random.Generator
 ) -> Colors:
     hue = generator.uniform(0.0, 2.0 * np.pi, count)
     return lch_to_linear(generator.uniform(*lightness, count), generator.uniform(*chroma, count), hue)
-
-
-def _muted(count: int, generator: np.random.Generator) -> Colors:
-    return _random_lch(count, (15.0, 88.0), (4.0, 32.0), generator)
-
-
-def _any(count: int, generator: np.random.Generator) -> Colors:
-    return _random_lch(count, (8.0, 96.0), (0.0, 90.0), generator)
-
-
-def _saturated(count: int, generator: np.random.Generator) -> Colors:
-    return _random_lch(count, (30.0, 85.0), (80.0, 140.0), generator)
 
 
 def _analogous(count: int, generator: np.random.Generator) -> Colors:
@@ -203,9 +192,9 @@ def fruits(count: int, generator: np.random.Generator) -> Colors:
 
 
 _NATURAL: dict[str, Callable[[int, np.random.Generator], Colors]] = {
-    "muted": _muted,
-    "any": _any,
-    "saturated": _saturated,
+    "muted": partial(_random_lch, (15.0, 88.0), (4.0, 32.0)),
+    "any": partial(_random_lch, (8.0, 96.0), (0.0, 90.0)),
+    "saturated": partial(_random_lch, (30.0, 85.0), (80.0, 140.0)),
     "analogous": _analogous,
     "complementary": _complementary,
     "greys": _greys,

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from .appearance import expose
-from .fields import Field, power_noise, relief
-from .light import Colors, Image, lab_to_linear, linear_to_lab
+from .fields import Colors, Field, Image, lab_to_linear, linear_to_lab, power_noise, relief
 from .palettes import Palette
 
 Pixels = NDArray[np.uint8]

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from .fields import power_noise
-from .light import Colors, decode, encode, linear_to_lab, simulated_lab
+from .fields import Colors, decode, encode, linear_to_lab, power_noise, simulated_lab
 from .palettes import draw_confused_pair
 
 SMALLEST_PLATE = 96

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from .appearance import expose, view_cloth
-from .fields import Field, halve, power_noise
-from .light import Image
+from .fields import Field, Image, halve, power_noise
 from .palettes import Palette
 from .weaves import Pixels
 

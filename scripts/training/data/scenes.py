@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .appearance import expose
-from .fields import power_noise, relief
-from .light import Colors, Image
+from .fields import Colors, Image, power_noise, relief
 from .palettes import Palette, foliage, fruits, skin_tones, whites
 from .patches import Pixels, dead_leaves, smooth_gradient
 

@@ -1,23 +1,21 @@
-"""Woven cloth, yarn by yarn: what is on top follows from the weave's drawdown, its colour from warp and weft.
+"""Photographs of woven cloth, yarn by yarn: `showroom.weaves` says what is on top, warp and weft in which colour.
 
-Plain weave, twill, herringbone, satin and jacquard differ in the drawdown; stripes, checks and tartans in the order of
-the coloured yarns. A drawdown is a boolean array [warp yarn, weft yarn], true where the warp lies on top.
+Plain weave, twill, herringbone, satin and jacquard differ in what is on top; stripes, checks and tartans in the order
+of the coloured yarns.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...showroom.weaves import Lift, figured, herringbone, plain_weave, satin, twill
 from .appearance import ClothView, expose, view_cloth
-from .fields import Field, halve, power_noise, relief
-from .light import Colors, Image
+from .fields import Colors, Field, Image, halve, power_noise, relief
 from .palettes import Palette
 
-Drawdown = NDArray[np.bool_]
 Pixels = NDArray[np.uint8]
 
 _DIFFERENT_YARNS = 509  # in thickness, of each direction; a prime, so that no repeat is seen
@@ -29,7 +27,7 @@ class Cloth:
 
     Attributes:
         warp, weft: (N, 3) linear colours of the yarns, in order; repeated endlessly.
-        drawdown: (P, Q) which of them lies on top; repeated endlessly.
+        lift: (Q, P) where warp yarns pass over weft yarns, as in `showroom.weaves`; repeated endlessly.
         pitch: distance of yarns in pixels.
         relief: 0 flat to 1 round yarns with dark gaps.
         irregularity: relative standard deviation of the yarns' brightness.
@@ -38,36 +36,11 @@ class Cloth:
 
     warp: Colors
     weft: Colors
-    drawdown: Drawdown
+    lift: Lift
     pitch: float
     relief: float
     irregularity: float
     melange: float
-
-
-def plain() -> Drawdown:
-    """Over one, under one."""
-    return np.eye(2, dtype=bool)
-
-
-def twill(over: int = 2, under: int = 2) -> Drawdown:
-    """Over `over`, under `under`, each yarn one step further: diagonal ribs."""
-    period = over + under
-    first, second = np.mgrid[:period, :period]
-    return (first + second) % period < over
-
-
-def herringbone(width: int = 8) -> Drawdown:
-    """2/2 twill that turns back after `width` yarns."""
-    first, second = np.mgrid[: 2 * width, :4]
-    turned = np.where(first < width, first, 2 * width - 1 - first)
-    return (turned + second) % 4 < 2
-
-
-def satin() -> Drawdown:
-    """Five-end satin: the warp covers four fifths."""
-    first, second = np.mgrid[:5, :5]
-    return (first * 2 + second) % 5 != 0
 
 
 def weave(cloth: Cloth, view: ClothView, generator: np.random.Generator) -> Image:
@@ -75,7 +48,7 @@ def weave(cloth: Cloth, view: ClothView, generator: np.random.Generator) -> Imag
     u, v = view.across / np.float32(cloth.pitch), view.along / np.float32(cloth.pitch)
     column, row = np.floor(u).astype(np.int32), np.floor(v).astype(np.int32)
     across_warp, across_weft = u - column - np.float32(0.5), v - row - np.float32(0.5)
-    warp_on_top = cloth.drawdown[column % cloth.drawdown.shape[0], row % cloth.drawdown.shape[1]]
+    warp_on_top = cloth.lift[row % cloth.lift.shape[0], column % cloth.lift.shape[1]]
     warp, weft = cloth.warp.astype(np.float32), cloth.weft.astype(np.float32)
     color = np.where(warp_on_top[..., None], warp[column % len(warp)], weft[row % len(weft)])
     across = np.where(warp_on_top, across_warp, across_weft)
@@ -103,7 +76,7 @@ def _yarn_brightness(
 def _photograph(
     warp: Colors,
     weft: Colors,
-    drawdown: Drawdown,
+    lift: Lift,
     height: int,
     width: int,
     generator: np.random.Generator,
@@ -114,7 +87,7 @@ def _photograph(
     cloth = Cloth(
         warp=warp,
         weft=weft,
-        drawdown=drawdown,
+        lift=lift,
         pitch=float(np.exp(generator.uniform(*np.log(pitch)))),
         relief=generator.uniform(0.2, 1.0),
         irregularity=generator.uniform(0.0, 0.12),
@@ -124,9 +97,8 @@ def _photograph(
     return expose(halve(weave(cloth, view, generator)), generator)
 
 
-def _drawdown(generator: np.random.Generator) -> Drawdown:
-    choices: list[Callable[[], Drawdown]] = [plain, twill, lambda: twill(2, 1), lambda: twill(3, 1), satin, herringbone]
-    return choices[generator.integers(len(choices))]()
+_TWILL = twill(lean=-1)
+_WEAVES = (plain_weave(), _TWILL, twill(2, 1, -1), twill(3, 1, -1), satin(), herringbone(band=8, lean=-1))
 
 
 def _repeat(colors: Colors, counts: NDArray[np.int64]) -> Colors:
@@ -147,7 +119,7 @@ def sett(palette: Palette, generator: np.random.Generator) -> Colors:
 def draw_tartan(height: int, width: int, palette: Palette, generator: np.random.Generator) -> Pixels:
     """The same sett in warp and weft, in twill."""
     yarns = sett(palette, generator)
-    return _photograph(yarns, yarns, twill(), height, width, generator, (0.8, 3.0))
+    return _photograph(yarns, yarns, _TWILL, height, width, generator, (0.8, 3.0))
 
 
 def draw_stripes(height: int, width: int, palette: Palette, generator: np.random.Generator) -> Pixels:
@@ -159,8 +131,8 @@ def draw_stripes(height: int, width: int, palette: Palette, generator: np.random
         counts[:] = counts[0]
     warp = _repeat(palette.colors[np.arange(bands) % used], counts)
     weft = palette.colors[generator.integers(used), None]
-    drawdown = satin() if generator.random() < 0.5 else twill(3, 1)
-    return _photograph(warp, weft, drawdown, height, width, generator, (0.8, 3.0))
+    lift = satin() if generator.random() < 0.5 else twill(3, 1, -1)
+    return _photograph(warp, weft, lift, height, width, generator, (0.8, 3.0))
 
 
 def draw_checks(height: int, width: int, palette: Palette, generator: np.random.Generator) -> Pixels:
@@ -168,13 +140,13 @@ def draw_checks(height: int, width: int, palette: Palette, generator: np.random.
     style = generator.integers(3)
     if style == 0:  # houndstooth: four and four in 2/2 twill
         yarns = _repeat(palette.colors[:2], np.array([4, 4]))
-        return _photograph(yarns, yarns, twill(), height, width, generator, (1.5, 7.0))
+        return _photograph(yarns, yarns, _TWILL, height, width, generator, (1.5, 7.0))
     count = int(generator.integers(4, 30))
     counts = np.array([count, count]) if style == 1 else np.array([count + 8, int(generator.integers(1, 4))])
     warp = _repeat(palette.colors[:2], counts)
     weft = warp if generator.random() < 0.7 else _repeat(palette.colors[2:4], counts)
-    drawdown = plain() if generator.random() < 0.6 else twill()
-    return _photograph(warp, weft, drawdown, height, width, generator, (0.8, 3.5))
+    lift = plain_weave() if generator.random() < 0.6 else _TWILL
+    return _photograph(warp, weft, lift, height, width, generator, (0.8, 3.5))
 
 
 def draw_yarns(height: int, width: int, palette: Palette, generator: np.random.Generator) -> Pixels:
@@ -183,23 +155,22 @@ def draw_yarns(height: int, width: int, palette: Palette, generator: np.random.G
     if generator.random() < 0.4:
         mixed = palette.colors[generator.integers(0, 4, (2, 97))]
         colors = colors + generator.uniform(0.2, 0.8) * (mixed - colors)
-    return _photograph(colors[0], colors[1], _drawdown(generator), height, width, generator, (3.0, 16.0))
+    return _photograph(
+        colors[0], colors[1], _WEAVES[generator.integers(len(_WEAVES))], height, width, generator, (3.0, 16.0)
+    )
 
 
 def draw_jacquard(height: int, width: int, palette: Palette, generator: np.random.Generator) -> Pixels:
     """Figures that the weave itself draws: weft-faced within them, warp-faced around them."""
     period = 20 * int(generator.integers(2, 7))
-    motif = _motif(period, generator)
-    rows, columns = np.mgrid[:period, :period]
-    ground = (2 * rows + columns) % 5 != 0
-    drawdown = np.where(motif, ~ground, ground)
+    lift = figured(_motif(period, generator), ~satin(), satin())
     weft = palette.colors[1:2]
     if generator.random() < 0.3:  # a lancé: the figure changes colour from row to row of figures
         weft = _repeat(palette.colors[1:3], np.array([period, period]))
-    return _photograph(palette.colors[:1], weft, drawdown, height, width, generator, (0.8, 3.0))
+    return _photograph(palette.colors[:1], weft, lift, height, width, generator, (0.8, 3.0))
 
 
-def _motif(period: int, generator: np.random.Generator) -> Drawdown:
+def _motif(period: int, generator: np.random.Generator) -> NDArray[np.bool_]:
     """(period, period) a tileable figure: the level set of a few symmetric waves, as damasks have."""
     angle = 2.0 * np.pi * np.arange(period) / period
     x, y = np.meshgrid(angle, angle)
@@ -209,4 +180,4 @@ def _motif(period: int, generator: np.random.Generator) -> Drawdown:
         field += generator.normal() * np.cos(first * x) * np.cos(second * y + generator.choice([0.0, np.pi / 2.0]))
     if generator.random() < 0.3:
         field += 0.5 * field.std() * relief(period, period, period / 8, generator)
-    return field > np.quantile(field, generator.uniform(0.35, 0.75))
+    return (field > np.quantile(field, generator.uniform(0.35, 0.75))).T

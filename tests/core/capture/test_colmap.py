@@ -11,7 +11,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from cvdgs.core.capture.colmap import read_model
+from cvdgs.core.capture.colmap_files import read_model
 from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
@@ -408,5 +408,5 @@ def test_name_that_leaves_the_folder_is_refused(tmp_path: Path, name: str) -> No
     photographs[1].name = name
     shutil.rmtree(tmp_path / "sparse")
     write_colmap(tmp_path, photographs, images=False)
-    with pytest.raises(InputError, match=r"leaves the capture folder|absolute path"):
+    with pytest.raises(InputError, match=r"leads out of the capture folder|absolute path"):
         inspect_capture(tmp_path)

@@ -10,7 +10,7 @@ import pycolmap
 import pytest
 
 from cvdgs.core.bootstrap import ROOT
-from cvdgs.core.capture.colmap import read_model
+from cvdgs.core.capture.colmap_files import read_model
 from cvdgs.core.capture.model import Capture
 from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.capture.undistort import choose_pinhole, source_pixels

@@ -55,7 +55,7 @@ def capture_with_name(root: Path, name: str) -> Path:
 )
 def test_name_that_climbs_out_is_refused(tmp_path: Path, name: str) -> None:
     save(tmp_path / "secret.png", np.zeros((72, 96, 3), np.uint8))
-    assert "leaves the capture folder" in refused(capture_with_name(tmp_path / "capture", name))
+    assert "leads out of the capture folder" in refused(capture_with_name(tmp_path / "capture", name))
 
 
 @pytest.mark.parametrize("name", ["/etc/passwd", "C:\\secret.png", "C:secret.png", "\\\\server\\share\\x.png"])
@@ -74,7 +74,7 @@ def test_absolute_name_of_a_link_out_of_the_folder_is_refused(tmp_path: Path) ->
     outside = save(tmp_path / "secret.png", np.zeros((72, 96, 3), np.uint8))
     root = capture_with_name(tmp_path / "capture", str(tmp_path / "capture" / "images" / "link.png"))
     (root / "images" / "link.png").symlink_to(outside)
-    assert "leaves the capture folder" in refused(root)
+    assert "leads out of the capture folder" in refused(root)
 
 
 def test_absolute_names_give_the_same_views_as_relative_ones(tmp_path: Path) -> None:
@@ -95,7 +95,7 @@ def test_link_out_of_the_folder_is_refused(tmp_path: Path) -> None:
     outside = save(tmp_path / "secret.png", np.zeros((72, 96, 3), np.uint8))
     root = capture_with_name(tmp_path / "capture", "images/link.png")
     (root / "images" / "link.png").symlink_to(outside)
-    assert "leaves the capture folder" in refused(root)
+    assert "leads out of the capture folder" in refused(root)
 
 
 def test_link_within_the_folder_is_followed(tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_image_folder_that_links_out_of_the_capture_is_refused(tmp_path: Path) -
     root = write_colmap(tmp_path / "capture", shots(3))
     (root / "images").rename(tmp_path / "elsewhere")
     (root / "images").symlink_to(tmp_path / "elsewhere")
-    assert "leaves the capture folder" in refused(root)
+    assert "leads out of the capture folder" in refused(root)
 
 
 @pytest.mark.parametrize("name", ["", "   ", "a\0b.png"])
@@ -190,7 +190,7 @@ def test_another_image_whose_name_differs_in_its_case_alone_is_not_taken(tmp_pat
     assert [view.source.name for view in capture.views] == ["0001.png", "0002.png", "p1.png"]
 
 
-def test_another_extension_is_no_other_case(tmp_path: Path) -> None:
+def test_another_extension_is_not_another_spelling(tmp_path: Path) -> None:
     write_colmap(tmp_path, shots(4))
     (tmp_path / "images" / "0002.png").rename(tmp_path / "images" / "0002.jpg")
     assert inspect_capture(tmp_path).views == 3
@@ -200,7 +200,7 @@ def test_link_out_of_the_folder_is_refused_in_another_case_too(tmp_path: Path) -
     outside = save(tmp_path / "secret.png", np.zeros((72, 96, 3), np.uint8))
     root = capture_with_name(tmp_path / "capture", "images/link.png")
     (root / "images" / "LINK.png").symlink_to(outside)
-    assert "leaves the capture folder" in refused(root)
+    assert "leads out of the capture folder" in refused(root)
 
 
 def test_thousands_of_missing_names_take_one_listing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -308,7 +308,7 @@ def test_photographs_without_cameras_name_the_option(tmp_path: Path) -> None:
     [
         ("OpenSfM", "opensfm/reconstruction.json", b"[{}]", "opensfm export_colmap"),
         ("Bundler", "bundle/bundle.out", b"# Bundle file v0.3\n2 10\n", "export a COLMAP model"),
-        ("LLFF", "poses_bounds.npy", b"\x93NUMPY not to be loaded", "COLMAP model that they were made of"),
+        ("LLFF", "poses_bounds.npy", b"\x93NUMPY not to be loaded", "COLMAP model that they were made from"),
         ("Meshroom", "MeshroomCache/StructureFromMotion/0f3a/cameras.sfm", b"{}", "aliceVision_exportColmap"),
         ("OpenMVG", "reconstruction/sfm_data.json", b"{}", "openMVG_main_openMVG2Colmap"),
         ("Metashape", "cameras.xml", b'<?xml version="1.0"?>\n<document version="2.0">\n <chunk>', "Export Cameras"),
@@ -338,5 +338,5 @@ def test_other_files_are_not_taken_for_cameras(tmp_path: Path) -> None:
 
 def test_one_photograph_is_too_few_for_sfm(tmp_path: Path) -> None:
     save_images(tmp_path, shots(1))
-    with pytest.raises(InputError, match="one photograph only"):
+    with pytest.raises(InputError, match="only one photograph"):
         inspect_capture(tmp_path, sfm=True)

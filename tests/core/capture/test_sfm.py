@@ -41,7 +41,7 @@ def test_photographs_that_do_not_overlap_are_refused_and_nothing_is_left(tmp_pat
     assert len(list(tmp_path.iterdir())) == 3
 
 
-def test_progress_is_told_step_by_step(tmp_path: Path) -> None:
+def test_progress_is_reported_step_by_step(tmp_path: Path) -> None:
     class Recorder(Reporter):
         def __init__(self) -> None:
             self.stages: list[str] = []
@@ -97,7 +97,7 @@ def test_photographs_of_a_telephone_held_upright_are_upright(tmp_path: Path, ori
         assert np.median(np.abs(colors - capture.point_colors[in_camera[:, 2] > 0.0][seen])) < 22.0
 
 
-def test_photographs_are_told_apart_by_what_took_them(tmp_path: Path) -> None:
+def test_photographs_are_grouped_by_camera(tmp_path: Path) -> None:
     def take(name: str, size: int, **exif: str) -> None:
         save(tmp_path / name, np.zeros((size, 20, 3), np.uint8), **exif)
 

@@ -37,13 +37,13 @@ def test_thumbnails_keep_the_aspect_and_the_colours(tmp_path):
     assert abs(pictures[0].astype(int) - pictures[1]).mean() > 1.0
 
 
-def test_photographs_without_cameras_need_to_be_asked_for(tmp_path):
+def test_photographs_without_cameras_need_sfm(tmp_path):
     with pytest.raises(InputError, match="no cameras"):
         write_thumbnails(SHOWROOM / "images", tmp_path, count=1, size=64)
     assert len(write_thumbnails(SHOWROOM / "images", tmp_path, count=1, size=64, sfm=True)) == 1
 
 
-def test_the_worker_says_what_a_capture_holds_and_shows_it(tmp_path):
+def test_the_worker_summarises_a_capture_and_shows_it(tmp_path):
     pictures = {"folder": str(tmp_path), "count": 2, "size": 64}
     code, events = inspect(capture=str(SHOWROOM), thumbnails=pictures)
     assert code == 0
@@ -56,4 +56,4 @@ def test_the_worker_says_in_one_line_why_a_folder_cannot_be_used(tmp_path):
     code, events = inspect(capture=str(tmp_path))
     assert code == 2
     assert [event["event"] for event in events] == ["error"]
-    assert "no photographs and no cameras are there" in events[0]["message"]
+    assert "no photographs and no cameras found" in events[0]["message"]

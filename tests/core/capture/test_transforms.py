@@ -288,9 +288,9 @@ def test_cut_file_is_refused(tmp_path: Path, part: float) -> None:
         ({"fl_x": 80.0, "fl_y": 1.0, "frames": frames(shots(2))}, "differ too much"),
         ({"fl_x": 80.0, "w": 1e9, "h": 72, "frames": frames(shots(2))}, "size"),
         ({"fl_x": 80.0, "frames": frames(shots(2)) * 2}, "same image"),
-        ({"fl_x": 80.0, "frames": frames(shots(1))}, "one view only"),
+        ({"fl_x": 80.0, "frames": frames(shots(1))}, "only one view"),
         ({"fl_x": 80.0, "ply_file_path": 3, "frames": frames(shots(2))}, "ply_file_path"),
-        ({"fl_x": 80.0, "ply_file_path": "../p.ply", "frames": frames(shots(2))}, "leaves the capture folder"),
+        ({"fl_x": 80.0, "ply_file_path": "../p.ply", "frames": frames(shots(2))}, "leads out of the capture folder"),
     ],
 )
 def test_unusable_file_is_refused_in_one_line(tmp_path: Path, document: Any, problem: str) -> None:

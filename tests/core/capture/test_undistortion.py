@@ -91,7 +91,7 @@ def test_pinhole_is_left_as_it_is() -> None:
     assert (chosen.fx, chosen.fy, chosen.cx, chosen.cy) == tuple(camera.params)
 
 
-def test_fisheye_without_further_distortion_is_no_pinhole() -> None:
+def test_fisheye_without_further_distortion_is_not_a_pinhole() -> None:
     assert not is_pinhole(with_model("FISHEYE", []))
     assert is_pinhole(with_model("OPENCV", [0.0, 0.0, 0.0, 0.0]))
 
@@ -140,5 +140,5 @@ def test_distortion_that_folds_over_everywhere_is_refused(tmp_path: Path) -> Non
     root = write_colmap(tmp_path, shots(2, pinhole()), text=True)
     cameras = root / "sparse" / "0" / "cameras.txt"
     cameras.write_text(f"1 SIMPLE_RADIAL 96 72 {' '.join(map(str, camera.params))}\n")
-    with pytest.raises(InputError, match="distortion cannot be undone"):
+    with pytest.raises(InputError, match="distortion cannot be inverted"):
         read_capture(root, max_size=None)

@@ -90,6 +90,6 @@ def test_a_file_of_weights_is_an_enhancer(weights):
     assert isinstance(enhancer, CganEnhancer)
 
 
-def test_missing_weights_are_said_by_name(tmp_path):
+def test_missing_weights_are_named(tmp_path):
     with pytest.raises(InputError, match=r"nowhere\.safetensors.*cannot be read"):
         make_enhancer(str(tmp_path / "nowhere.safetensors"), "deutan", 1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cvdgs.core.color.metrics import ccpr, naturalness
-from cvdgs.core.color.simulation import simulate
+from cvdgs.core.color.simulation import Observer, simulate
 from cvdgs.core.color.spaces import image_to_tensor, srgb_to_lab
 from cvdgs.core.enhance import ColorLut, LutEnhancer, make_enhancer
+from cvdgs.core.enhance.lut import CUBE_SIZE
 from cvdgs.core.enhance.pairs import PairSampling, sample_neighbours, sample_pairs
-from cvdgs.core.enhance.teacher import TeacherSettings, fit_lut
+from cvdgs.core.enhance.teacher import TeacherSettings, fit_luts
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 
@@ -24,6 +26,10 @@ from . import textiles
 
 LEAN = TeacherSettings(pairs=1500)  # a quarter of the pairs: the same result for images this small, sooner
 BRIEF = TeacherSettings(steps=60, pairs=1500, relaxations=0)  # enough to see the direction of a fit
+
+
+def fit_lut(images: list[np.ndarray], cvd: str, severity: float, model: str = "machado", **options) -> ColorLut:
+    return fit_luts(images, [Observer(cvd, severity, model)], **options)[0]
 
 
 @lru_cache
@@ -83,7 +89,7 @@ def test_an_image_without_confusable_colours_is_nearly_left_alone() -> None:
     assert naturalness(image_to_tensor(image), image_to_tensor(result)).delta_e_2000 < 2.5
 
 
-def test_the_fit_goes_on_while_a_scene_is_hard_and_only_then() -> None:
+def test_the_fit_continues_while_a_scene_is_hard_and_only_then() -> None:
     # One step from the identity leaves the tartan hard.
     short = replace(BRIEF, initial_shift=0.0, steps=1, relaxations=2, relaxation_steps=10)
     hard = textiles.tartan(size=64)
@@ -148,6 +154,21 @@ def test_half_the_strength_is_half_the_way() -> None:
 def test_an_enhancer_must_be_fitted_first() -> None:
     with pytest.raises(RuntimeError, match="fit"):
         make_enhancer("lut", "deutan", 1.0)(textiles.tartan(size=16))
+
+
+def test_a_fitted_enhancer_saves_its_table_and_exports_it_at_its_strength(tmp_path: Path) -> None:
+    image = textiles.tartan(size=48)
+    enhancer = LutEnhancer("deutan", 1.0, strength=0.5, settings=BRIEF)
+    with pytest.raises(RuntimeError, match="fit"):
+        enhancer.save(tmp_path / "early.safetensors")
+    enhancer.fit([image])
+    enhancer.save(tmp_path / "scene.safetensors")
+    enhancer.export_cube(tmp_path / "scene.cube", "scene")
+    saved = ColorLut.load(tmp_path / "scene.safetensors")
+    np.testing.assert_array_equal(saved(image, 0.5), enhancer(image))
+    corner = np.array([[[1.0, 0.0, 0.0]]], np.float32)
+    exported = (tmp_path / "scene.cube").read_text(encoding="utf-8").splitlines()[5 + CUBE_SIZE - 1]
+    np.testing.assert_allclose([float(word) for word in exported.split()], enhancer(corner)[0, 0], atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,7 @@ DAMAGE = {
 
 
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE.keys())
-def test_a_file_that_is_no_lut_is_refused_in_one_line(damage, tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_lut_is_refused_in_one_line(damage, tmp_path: Path) -> None:
     path = tmp_path / "lut.safetensors"
     damage(path)
     with pytest.raises(InputError, match="LUT") as refusal:

@@ -19,7 +19,7 @@ POINTER = b"version https://git-lfs.github.com/spec/v1\noid sha256:" + b"0123456
 
 def refused_as_pointer(path: Path, read: Callable[[], object]) -> None:
     path.write_bytes(POINTER)
-    with pytest.raises(InputError, match=rf"{path.name}: only a pointer of Git LFS.* - run 'git lfs pull'"):
+    with pytest.raises(InputError, match=rf"{path.name}: only a Git LFS pointer.* - run 'git lfs pull'"):
         read()
 
 

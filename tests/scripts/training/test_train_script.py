@@ -28,7 +28,7 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     ("arguments", "said"),
     [
         (["--set", "momentum=1"], "no setting 'momentum'"),
-        (["--set", "steps=many"], "'many' is no value for steps"),
+        (["--set", "steps=many"], "'many' is not a value for steps"),
         (["--set", "generator.depth=3"], "no setting 'generator.depth'"),
         (["--pairs", "nowhere"], "no paired dataset"),
         (["--publish", "nowhere"], "cannot be read"),

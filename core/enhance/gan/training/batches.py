@@ -1,8 +1,8 @@
-"""Training examples in memory, and the batches of crops that are drawn from them."""
+"""Training examples in memory, the batches of crops that are drawn from them, and their observers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .....scripts.training.data.dataset import PairedDataset
+from ....color.matrices import LinearSimulation, linear_simulation
 from ....color.simulation import Observer
+from ....color.spaces import linear_to_srgb, srgb_to_linear
 from ....runtime.protocol import Reporter
-from ..conditioning import palette
+from ..conditioning import observer_features, palette
 
 
 @dataclass(frozen=True)
@@ -118,3 +120,41 @@ def _to_tensor(images: list[NDArray[np.uint8]]) -> Tensor:
 def _change(image: NDArray[np.uint8], target: NDArray[np.uint8]) -> float:
     """Mean absolute difference, from every fourth pixel along each side."""
     return float(np.abs(image[::4, ::4].astype(np.int16) - target[::4, ::4]).mean())
+
+
+class ObserverBatch:
+    """One observer for each image of a batch, simulated together.
+
+    Args:
+        observers: as many as the batch has images.
+        device: where the images are.
+    """
+
+    def __init__(self, observers: Sequence[Observer], device: torch.device | str = "cpu") -> None:
+        models = [linear_simulation(o.cvd, float(o.severity), o.simulation) for o in observers]
+        self._above = _stack([m.matrix for m in models], device)
+        self._below = _stack([m.matrix if m.matrix_below is None else m.matrix_below for m in models], device)
+        self._separator = _stack([_separator(m) for m in models], device)
+        self._piecewise = any(m.matrix_below is not None for m in models)
+        self.features = torch.stack([observer_features(o) for o in observers]).to(device)
+        self.severities = torch.tensor([float(o.severity) for o in observers], device=device)
+
+    def simulate_linear(self, linear: Tensor) -> Tensor:
+        """S between linear images: (B, 3, H, W) linear sRGB to the same, clipped to [0, 1]."""
+        pixels = linear.flatten(2)
+        result = self._above @ pixels
+        if self._piecewise:
+            result = torch.where(self._separator[:, None] @ pixels >= 0.0, result, self._below @ pixels)
+        return result.clamp(0.0, 1.0).view_as(linear)
+
+    def simulate(self, images: Tensor) -> Tensor:
+        """S of (B, 3, H, W) display-referred sRGB, as `core.color.simulation.simulate` of each image."""
+        return linear_to_srgb(self.simulate_linear(srgb_to_linear(images)))
+
+
+def _stack(arrays: Sequence[NDArray[np.float64]], device: torch.device | str) -> Tensor:
+    return torch.as_tensor(np.stack(arrays), dtype=torch.float32, device=device)
+
+
+def _separator(model: LinearSimulation) -> NDArray[np.float64]:
+    return np.zeros(3) if model.separator is None else model.separator

@@ -53,7 +53,7 @@ def load_checkpoint(
     try:
         metadata, tensors = read_tensors(path, "the checkpoint", _REMEDY, most_bytes=_MAX_BYTES)
         if metadata.get("format") != _FORMAT:
-            raise InputError("the file is no checkpoint of a training", where=path, remedy=_REMEDY)
+            raise InputError("the file is not a training checkpoint", where=path, remedy=_REMEDY)
         _compare(dict(parse_json(metadata["settings"])), json.loads(json.dumps(settings)), path)
         for name, network in networks.items():
             prefix = f"network/{name}/"

@@ -22,25 +22,13 @@ from torch import Tensor, nn
 
 from ....color.metrics import ccpr, ssim
 from ....color.protected_colors import skin_like
-from ....color.spaces import (
-    linear_to_srgb,
-    linear_to_xyz,
-    srgb_to_lab,
-    srgb_to_linear,
-    xyz_to_lab,
-)
+from ....color.spaces import linear_to_srgb, linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
 from ....runtime.protocol import Reporter
-from ..conditioning import ObserverBatch
-from ..networks import Discriminator, Generator, GeneratorConfig
+from ..networks import Generator, GeneratorConfig
 from ..weights import load_generator, save_generator
-from .batches import Batch, Examples
+from .batches import Batch, Examples, ObserverBatch
 from .checkpoint import load_checkpoint, save_checkpoint
-from .losses import (
-    contrast_distance,
-    discriminator_loss,
-    generator_loss,
-    structure_distance,
-)
+from .losses import Discriminator, contrast_distance, discriminator_loss, generator_loss, structure_distance
 
 CHECKPOINT = "checkpoint.safetensors"
 WEIGHTS = "enhancer.safetensors"

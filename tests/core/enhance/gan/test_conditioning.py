@@ -11,10 +11,10 @@ from cvdgs.core.color.simulation import Observer, simulate
 from cvdgs.core.enhance.gan.conditioning import (
     OBSERVER_FEATURES,
     PALETTE_BINS,
-    ObserverBatch,
     observer_features,
     palette,
 )
+from cvdgs.core.enhance.gan.training.batches import ObserverBatch
 
 MIXED = [
     Observer("deutan", 0.7, "brettel"),

@@ -57,7 +57,7 @@ def test_weights_of_another_version_are_refused(saved):
 
 
 def test_weights_of_something_else_are_refused(saved):
-    with pytest.raises(InputError, match="no enhancer"):
+    with pytest.raises(InputError, match="does not contain enhancer weights"):
         load_generator(rewritten(saved, format="cvdgs-color-lut"))
 
 

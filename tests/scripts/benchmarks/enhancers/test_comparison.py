@@ -143,7 +143,7 @@ def test_protected_colours_are_averaged_over_pixels():
     assert math.isnan(protected_mean(rows[2:], "grey"))
 
 
-def test_means_leave_out_what_is_not_there():
+def test_means_leave_out_missing_values():
     assert mean(pd.DataFrame({"psnr": [30.0, math.inf, math.nan]}), "psnr") == 30.0
     assert mean(pd.DataFrame({"psnr": [math.inf]}), "psnr") == math.inf
     assert math.isnan(mean(pd.DataFrame({"psnr": []}), "psnr"))

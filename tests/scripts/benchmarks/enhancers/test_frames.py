@@ -50,7 +50,7 @@ def test_a_frame_is_hard_or_easy_by_its_own_ccpr_alone(values):
 
 
 @pytest.mark.parametrize(("hard", "sequences"), [(60, 0), (61, 1)])
-def test_sixty_hard_frames_are_no_sequence_yet(hard, sequences):
+def test_sixty_hard_frames_are_not_yet_a_sequence(hard, sequences):
     assert len(select_frames([0.9] + [0.5] * hard + [0.9]).sequences) == sequences
 
 

@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from cvdgs.core.capture.colmap import read_model
+from cvdgs.core.capture.colmap_files import read_model
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.scripts.benchmarks.timing.files import time_files, write_file_times, write_model
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.color.simulation import Observer
-from cvdgs.core.enhance.teacher import fit_lut, fit_luts
+from cvdgs.core.enhance.teacher import fit_luts
 from cvdgs.core.errors import InputError
 from cvdgs.core.files.images import to_bytes, write_png
 from cvdgs.core.runtime.protocol import Reporter
@@ -22,7 +22,7 @@ from cvdgs.scripts.training.data.dataset import (
     PairedDataset,
     make_dataset,
 )
-from cvdgs.scripts.training.data.inputs import PHOTOGRAPH, draw_observers
+from cvdgs.scripts.training.data.kinds import PHOTOGRAPH, draw_observers
 from cvdgs.scripts.training.gradient_teacher import GradientTeacher
 
 SMALL = DatasetSettings(count=3, size=48, observers=2)
@@ -53,7 +53,7 @@ def test_targets_are_what_the_lut_teacher_makes_for_each_observer(lut_pairs: Pat
     assert sample.input.shape == (48, 48, 3)
     assert sample.targets.shape == (2, 48, 48, 3)
     for observer, target in zip(sample.observers, sample.targets, strict=True):
-        lut = fit_lut([sample.input], *observer, settings=FAST_TEACHER, seed=1)
+        (lut,) = fit_luts([sample.input], [Observer(*observer)], settings=FAST_TEACHER, seed=1)
         assert np.array_equal(to_bytes(lut(sample.input)), target)
 
 
@@ -69,7 +69,7 @@ def test_fitting_for_several_observers_at_once_gives_what_each_alone_gives() -> 
     brief = replace(FAST_TEACHER, steps=10, relaxation_steps=5, pairs=200)
     observers = [Observer("deutan", 1.0), Observer("protan", 0.5, "brettel"), Observer("tritan", 0.3)]
     for observer, lut in zip(observers, fit_luts([image], observers, settings=brief), strict=True):
-        alone = fit_lut([image], observer.cvd, observer.severity, observer.simulation, settings=brief)
+        (alone,) = fit_luts([image], [observer], settings=brief)
         assert np.allclose(lut.residual, alone.residual, atol=1e-6)
         assert lut.description == alone.description
 

@@ -12,16 +12,11 @@ from cvdgs.core.color.matrices import linear_simulation
 from cvdgs.core.color.metrics import ccpr
 from cvdgs.core.color.simulation import simulate
 from cvdgs.core.color.spaces import image_to_tensor
-from cvdgs.scripts.training.data.fields import power_noise
+from cvdgs.scripts.showroom.weaves import herringbone, plain_weave, satin, twill
+from cvdgs.scripts.training.data.fields import lch_to_linear, linear_to_lab, power_noise, simulated_lab
 from cvdgs.scripts.training.data.kinds import KINDS, draw, draw_image
-from cvdgs.scripts.training.data.light import lch_to_linear, linear_to_lab, simulated_lab
-from cvdgs.scripts.training.data.palettes import (
-    PALETTE_SIZE,
-    confusion_directions,
-    draw_confused_pair,
-    draw_palette,
-)
-from cvdgs.scripts.training.data.weaves import herringbone, plain, satin, sett, twill
+from cvdgs.scripts.training.data.palettes import PALETTE_SIZE, confusion_directions, draw_confused_pair, draw_palette
+from cvdgs.scripts.training.data.weaves import sett
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -83,14 +78,15 @@ def test_a_sett_is_mirrored() -> None:
     assert np.array_equal(yarns, yarns[::-1])
 
 
-def test_drawdowns_have_the_floats_of_their_weaves() -> None:
-    assert plain().mean() == 0.5
+def test_weaves_have_the_floats_that_they_are_named_for() -> None:
+    assert plain_weave().mean() == 0.5
     assert twill(3, 1).mean() == 0.75
     assert satin().mean() == pytest.approx(0.8)
     assert (satin().sum(0) == 4).all()  # one interlacing a yarn, and no two in line
-    assert (twill()[1:, :-1] == twill()[:-1, 1:]).all()
-    turned = herringbone(8)
-    assert np.array_equal(turned[:8], turned[8:][::-1])
+    assert (twill()[1:, 1:] == twill()[:-1, :-1]).all()
+    assert (twill(lean=-1)[1:, :-1] == twill(lean=-1)[:-1, 1:]).all()
+    turned = herringbone(band=8)
+    assert np.array_equal(turned[:, :8], turned[:, 8:][:, ::-1])
 
 
 def test_noise_has_the_spectrum_asked_for() -> None:

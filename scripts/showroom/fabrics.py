@@ -1,6 +1,8 @@
-"""The fabric collection of a showroom: which pairs of colours, in which weaves. bpy and numpy."""
+"""The fabrics of a showroom: which pairs of colours, in which weaves, and where each hangs, lies or is rolled up."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -12,6 +14,57 @@ from .settings import SceneSettings
 from .weaves import Weave, sequence, weave
 
 Color = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Arrangement:
+    """Fabric names (see `Fabrics`) by place, from left to right as the cameras see it, piles from below.
+
+    Attributes:
+        drapes: the two opaque cloths on the rail.
+        cushions: (fabric, piping) of the three that lean on the block and the small one before them.
+        piles: the two piles of folded cloths on the block.
+        rolls: three rolls on the floor, two on them, one on top.
+        throw: over the plinth's front.
+        cube: over the cube.
+    """
+
+    drapes: tuple[str, str] = ("tartan", "stripe")
+    cushions: tuple[tuple[str, str], ...] = (
+        ("jacquard", "cream"),
+        ("green", "orange"),
+        ("stripe", "cream"),
+        ("tartan", "green"),
+    )
+    piles: tuple[tuple[str, ...], tuple[str, ...]] = (
+        ("pink", "herringbone", "cream", "tartan"),
+        ("stripe", "green", "basket"),
+    )
+    rolls: tuple[str, ...] = ("green", "tartan", "pink", "orange", "blue", "herringbone")
+    throw: str = "basket"
+    cube: str = "herringbone"
+
+
+ARRANGEMENTS = {
+    "deutan": Arrangement(),
+    "protan": Arrangement(
+        drapes=("stripe", "jacquard"),
+        cushions=(("tartan", "cream"), ("orange", "green"), ("herringbone", "cream"), ("basket", "orange")),
+        piles=(("blue", "stripe", "tartan"), ("green", "cream", "jacquard", "pink")),
+        rolls=("orange", "stripe", "blue", "pink", "green", "tartan"),
+        throw="herringbone",
+        cube="tartan",
+    ),
+    "tritan": Arrangement(
+        drapes=("jacquard", "tartan"),
+        cushions=(("stripe", "cream"), ("pink", "blue"), ("tartan", "cream"), ("herringbone", "pink")),
+        piles=(("green", "tartan", "orange", "cream"), ("jacquard", "blue", "stripe")),
+        rolls=("blue", "herringbone", "green", "pink", "stripe", "orange"),
+        throw="tartan",
+        cube="basket",
+    ),
+}
+"""The arrangement of each of `settings.VARIANTS`."""
 
 
 class Fabrics:
@@ -63,7 +116,13 @@ class Fabrics:
             return cloth(c.stripe.first, c.stripe.second, weaves.basket_weave(), 0.014, 24)
         if name == "jacquard":
             motif = weaves.ogee_motif(48, 72)
-            return cloth(c.jacquard.first, c.jacquard.second, weaves.figured(motif), 0.0042, 6)
+            return cloth(
+                c.jacquard.first,
+                c.jacquard.second,
+                weaves.figured(motif, weaves.twill(3, 1), weaves.twill(1, 3)),
+                0.0042,
+                6,
+            )
         plain = {
             "pink": c.herringbone.first,
             "blue": c.herringbone.second,
