@@ -22,6 +22,8 @@ class View:
         image: (H, W, 3) uint8, display-referred sRGB, undistorted, at training resolution.
         alpha: (H, W) uint8 coverage, or None where the photograph is opaque everywhere. Where it is not, `image` holds
             straight (not premultiplied) colours. Pixels that undistortion could not fill count as not covered.
+        again: like `image`, of a second photograph from the same place, or None without one. Two photographs differ by
+            their noise alone, so no scene can be more like a photograph than the other one is.
     """
 
     key: str
@@ -30,6 +32,7 @@ class View:
     world_to_camera: NDArray[np.float64]
     image: NDArray[np.uint8]
     alpha: NDArray[np.uint8] | None = None
+    again: NDArray[np.uint8] | None = None
 
     def at(self, world_to_camera: NDArray[np.float64]) -> View:
         """The same photograph from another (4, 4) pose."""

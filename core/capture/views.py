@@ -6,10 +6,13 @@ from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..files.untrusted import is_file
 from ..runtime.protocol import Reporter
 from .files import make_keys, natural_key
 from .images import (
@@ -27,6 +30,8 @@ from .source import SourceModel, SourceView
 from .undistort import Undistorter
 
 STAGE = "capture"
+SECOND_FOLDER = "images_again"
+"""Beside the folder of the photographs: second ones from the same places, of the same names."""
 # One decoder a core; decoded photographs are what costs memory.
 _DECODERS = 2
 # Above this size one photograph is decoded at a time.
@@ -160,11 +165,29 @@ def _same_aspect(camera: tuple[int, int], image: tuple[int, int]) -> bool:
 
 
 def _read_view(plan: ViewPlan, undistorter: Undistorter) -> View:
-    image, alpha = read_pixels(plan.source.path, upright=plan.upright)
-    image, alpha = downscale_with_alpha(image, alpha, plan.width, plan.height)
-    camera, image, alpha = undistorter.apply(plan.source.camera, image, alpha, where=plan.source.path)
-    view = View(plan.key, plan.source.path, camera, plan.source.world_to_camera, image, alpha)
+    camera, image, alpha = _read_photograph(plan, plan.source.path, undistorter)
+    second = _second_photograph(plan)
+    again = None if second is None else _read_photograph(plan, second, undistorter)[1]
+    view = View(plan.key, plan.source.path, camera, plan.source.world_to_camera, image, alpha, again)
     return _turn_upright(view, plan.header.orientation) if plan.turned else view
+
+
+def _read_photograph(
+    plan: ViewPlan, path: Path, undistorter: Undistorter
+) -> tuple[PinholeCamera, NDArray[np.uint8], NDArray[np.uint8] | None]:
+    image, alpha = read_pixels(path, upright=plan.upright)
+    image, alpha = downscale_with_alpha(image, alpha, plan.width, plan.height)
+    return undistorter.apply(plan.source.camera, image, alpha, where=path)
+
+
+def _second_photograph(plan: ViewPlan) -> Path | None:
+    """The photograph of the same name in `SECOND_FOLDER`, beside the folder of the first, if it has the same size."""
+    first = plan.source.path
+    second = first.parent.parent / SECOND_FOLDER / first.name
+    if not is_file(second):
+        return None
+    header = read_header(second)
+    return second if (header.width, header.height) == (plan.header.width, plan.header.height) else None
 
 
 def _turn_upright(view: View, orientation: int) -> View:
@@ -186,4 +209,5 @@ def _turn_upright(view: View, orientation: int) -> View:
         world_to_camera=roll @ view.world_to_camera,
         image=apply_orientation(view.image, orientation),
         alpha=None if view.alpha is None else apply_orientation(view.alpha, orientation),
+        again=None if view.again is None else apply_orientation(view.again, orientation),
     )

@@ -6,6 +6,7 @@ import json
 import re
 import struct
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,16 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.runtime.protocol import Reporter
+from ...core.settings import Settings
 from . import photograph, scene
 from .cameras import Pose, focal_pixels, rings
 from .settings import CameraSettings, CaptureSettings
 
 DEPTH_UNIT = 2e-4
 """Metres a grey level of the 16-bit depth maps; they reach 13.1 m. 0 stands for no surface, or farther."""
+
+SECOND_FOLDER = "images_again"
+"""As in core.capture.views, which Blender's Python cannot import."""
 
 _TRANSFORMS = "transforms.json"
 _IMAGE_NAME = re.compile(r"view_\d{3,}\.jpg")
@@ -31,7 +36,7 @@ def make(out: Path, settings: CaptureSettings, reporter: Reporter, threads: int 
     Raises:
         InputError: the folder contains other files, or cannot be written.
     """
-    images, depths = _prepare(out)
+    images, again, depths = _prepare(out)
     scene.build(settings.scene, settings.seed, lambda message: reporter.status("set", message))
     camera = photograph.set_up_camera(settings.cameras)
     photograph.set_up_render(settings, threads)
@@ -45,6 +50,15 @@ def make(out: Path, settings: CaptureSettings, reporter: Reporter, threads: int 
         _drop_comments(paths[-1])
         reporter.progress("photographs", (index + 1) / len(poses), paths[-1].name)
 
+    second = _held_out(poses)
+    reporter.status("second photographs", f"{len(second)} of the held-out views, with other noise")
+    photograph.set_up_render(replace(settings, seed=settings.seed + 1), threads)
+    for index, pose in enumerate(second):
+        path = again / f"{pose.name}.jpg"
+        photograph.render_view(camera, pose, path)
+        _drop_comments(path)
+        reporter.progress("second photographs", (index + 1) / len(second), path.name)
+
     chosen = np.linspace(0, len(poses) - 1, min(settings.depth_views, len(poses))).round().astype(int)
     reporter.status("depth", f"{len(chosen)} maps and {settings.points} points")
     surfaces = photograph.Surfaces()
@@ -57,20 +71,25 @@ def make(out: Path, settings: CaptureSettings, reporter: Reporter, threads: int 
     _write_transforms(out / _TRANSFORMS, settings.cameras, poses)
 
 
-def _prepare(out: Path) -> tuple[Path, Path]:
-    """Create the folders for images and depth maps, without an earlier showroom's files."""
-    images, depths = out / "images", out / "depth"
+def _held_out(poses: list[Pose]) -> list[Pose]:
+    """The views that a run with the default settings holds out."""
+    return poses[:: Settings.holdout]
+
+
+def _prepare(out: Path) -> tuple[Path, Path, Path]:
+    """Create the folders for images, second images and depth maps, without an earlier showroom's files."""
+    images, again, depths = out / "images", out / SECOND_FOLDER, out / "depth"
     try:
         if out.exists() and any(out.iterdir()) and not _is_showroom(images):
             raise InputError("the folder contains other files", where=out, remedy="give an empty or new folder")
         (out / _TRANSFORMS).unlink(missing_ok=True)
-        for folder, pattern in ((images, "view_*.jpg"), (depths, "view_*.png")):
+        for folder, pattern in ((images, "view_*.jpg"), (again, "view_*.jpg"), (depths, "view_*.png")):
             folder.mkdir(parents=True, exist_ok=True)
             for old in folder.glob(pattern):
                 old.unlink()
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", where=out, remedy="choose another folder") from None
-    return images, depths
+    return images, again, depths
 
 
 def _is_showroom(images: Path) -> bool:

@@ -240,8 +240,9 @@ class DecisionLog:
             self._best = measurement, fit.parameters.to_gaussians()
 
     def forget_best(self) -> None:
-        """Compare from now on only with what comes."""
+        """Compare from now on only with what comes: the loss, or the number of Gaussians, is another one."""
         self._best = None
+        self.measured.clear()
 
     def restore_best(self, now: Measurement, fit: Fit) -> None:
         """Put the best Gaussians back, unless those of `now` are about as good."""
