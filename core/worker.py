@@ -10,6 +10,8 @@
     {"job": "run", "settings": {...}, "folder": "DIR"}   the whole pipeline up to Blender, written into DIR
         also with "previews": true for pictures of how far it is
     {"job": "enhance", "request": {...}, "folder": "DIR"}   photographs alone, recoloured into DIR
+    {"job": "report-page", "folder": "DIR"}              report.html of the run in DIR
+    {"job": "batch-page", "arguments": {...}, "folder": "DIR"}   the index page of the batch in DIR
 
 Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (its traceback goes to stderr, so to the log).
 """
@@ -30,6 +32,7 @@ from typing import Any
 from .errors import Cancelled, InputError
 from .files.untrusted import parse_json
 from .photographs.front import EnhanceRequest
+from .rendering.requests import PageArguments
 from .runtime.devices import explain_fault
 from .runtime.process import GRACE_SECONDS, follow_parent
 from .runtime.protocol import JsonReporter, claim_stdout
@@ -45,6 +48,8 @@ _REQUESTS: Mapping[str, Mapping[str, type]] = {
     "make-environment": {"folder": str},
     "run": {"settings": dict, "folder": str},
     "enhance": {"request": dict, "folder": str},
+    "report-page": {"folder": str},
+    "batch-page": {"arguments": dict, "folder": str},
 }
 _OPTIONAL: Mapping[str, type] = {"sfm": bool, "previews": bool, "thumbnails": dict, "packages": list}
 _CAPTURE_ENTRY: Mapping[str, type] = {"capture": str, "sfm": bool}
@@ -144,6 +149,16 @@ def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
         from .photographs.job import enhance_folder
 
         return {"summary": enhance_folder(enhance_request, Path(request["folder"]), reporter)}
+    if job == "report-page":
+        from .runs.report_page import write_report_page
+
+        write_report_page(Path(request["folder"]))
+        return {}
+    if job == "batch-page":
+        from .batch.page_markup import write_batch_page
+
+        write_batch_page(PageArguments.from_dict(request["arguments"]), Path(request["folder"]))
+        return {}
     raise AssertionError(f"a job that parse_request knows and nobody does: {job}")
 
 

@@ -13,7 +13,7 @@ from ..doctor.checks import require_blender
 from ..rendering import turntables
 from ..runs.folder import RunFolder
 from ..runs.layout import BLEND_FILE, LOG_FILE, REPORT_PAGE
-from ..runs.report import finish_report, latest_seconds
+from ..runs.report import latest_seconds, write_report
 from ..runtime.process import Event, Workers, blender_command
 from ..runtime.progress import RunProgress, format_seconds
 from ..runtime.supervisor import (
@@ -112,7 +112,8 @@ def run(
             report[turntables.STAGE] = turntables.render_turntables(folder.staging, report, settings, workers, log)
             seconds[turntables.STAGE] = round(time.monotonic() - turntable_started, 2)
         seconds["total"] = round(time.monotonic() - started, 2)
-        finish_report(folder.staging, report)
+        write_report(folder.staging, report)
+        finish(workers.start_page({"job": "report-page", "folder": str(folder.staging)}, log.line), log.event)
     return report
 
 
