@@ -49,7 +49,7 @@ from ..settings import (
     typed_value,
 )
 from .model import Batch, Item, Needs, Output, TurntableSettings, layer_of
-from .toml_reader import Problem, Problems, TableReader, UnusableFile
+from .toml_reader import TableReader, UnusableFile
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9_-]+")
@@ -75,16 +75,14 @@ def read_batch(path: Path) -> Batch:
     _refuse_endless_keys(text, path)
     try:
         values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # also a number of thousands of digits, or a day that no month has
         raise UnusableFile(path, [_syntax_problem(str(error))]) from None
     except RecursionError:
         raise UnusableFile(path, [_syntax_problem("lists or tables are nested too deeply")]) from None
-    except ValueError as error:  # a number of thousands of digits, a day that no month has
-        raise UnusableFile(path, [_syntax_problem(str(error))]) from None
-    problems = Problems(text)
+    problems: list[str] = []
     batch = _read(TableReader(values, (), problems), path.absolute().parent)
-    if problems.found:
-        raise UnusableFile(path, problems.found)
+    if problems:
+        raise UnusableFile(path, problems)
     return batch
 
 
@@ -92,7 +90,7 @@ def _refuse_endless_keys(text: str, path: Path) -> None:
     found = [number for number, line in enumerate(text.split("\n"), start=1) if line.count(".") > _MAX_DOTS]
     if found:
         what = f"more than {_MAX_DOTS} dots in one line"
-        raise UnusableFile(path, [Problem(number, f"{what} - write it in several lines") for number in found])
+        raise UnusableFile(path, [f"line {number}: {what} - split the line" for number in found])
 
 
 @dataclass(frozen=True)
@@ -121,7 +119,7 @@ def _read(table: TableReader, folder: Path) -> Batch:
     needs = _read_needs(table.table("needs"))
     tables = table.tables("items")
     if not table.values.get("items"):
-        table.problems.add((), "the batch has no items", "add [[items]] with a capture or a run")
+        table.add_at((), "the batch has no items", "add [[items]] with a capture or a run")
     items = [_read_item(entry, defaults) for entry in tables]
     table.refuse_others()
     _refuse_equal_names(items, tables)
@@ -131,7 +129,7 @@ def _read(table: TableReader, folder: Path) -> Batch:
 def _read_item(table: TableReader, defaults: _Defaults) -> Item:
     capture, run = _read_path(table, "capture", defaults.folder), _read_path(table, "run", defaults.folder)
     if ("capture" in table) == ("run" in table):
-        table.problems.add(table.path, "needs either a capture or a run", "give one of the two")
+        table.add_at((), "needs either a capture or a run", "give one of the two")
     name = table.text("name", _NOT_IN_A_NAME.sub("-", (capture or run or Path("item")).name).strip("-_") or "item")
     if not _NAME.fullmatch(name):
         table.add("name", f"'{name}' cannot be a folder's name", "use letters, digits, - and _")
@@ -175,7 +173,7 @@ def _with_source_checked(item: Item, table: TableReader) -> Item:
         try:
             Settings(str(item.capture), "out", layers, **item.train)
         except InputError as error:
-            table.problems.add((*table.path, "train"), f"{error.where.lstrip('-')}: {error.what}", error.remedy)
+            table.add("train", f"{error.where.lstrip('-')}: {error.what}", error.remedy)
     return item
 
 
@@ -193,11 +191,11 @@ def _read_layers(table: TableReader, default: tuple[str, ...]) -> tuple[str, ...
         except ValueError:
             types = ", ".join(CVD_TYPES)
             remedy = f'give "{ORIGINAL}", or one of {types} with a severity from 0 to 1, such as "deutan-0.6"'
-            table.problems.add((*table.path, "layers", index), f"'{text}' is not known", remedy)
+            table.add_at(("layers", index), f"unknown layer '{text}'", remedy)
             continue
         name = layer.name if layer else ORIGINAL
         if name in names:
-            table.problems.add((*table.path, "layers", index), f"'{text}' is there twice", "name each once")
+            table.add_at(("layers", index), f"'{text}' appears twice", "name each once")
         else:
             names.append(name)
     return tuple(names) or default
@@ -211,11 +209,11 @@ def _read_cameras(table: TableReader) -> dict[str, CameraPath]:
             table.add(name, "cannot be part of a file's name", "use letters, digits, - and _")
         usual = CameraPath()
         cameras[name] = CameraPath(
-            name,
             camera.number("radius", usual.radius, 0.0, _FAR),
             camera.number("height", usual.height, -100.0, 100.0),
             camera.number("focal_length", usual.focal_length, 0.0, 5000.0),
             camera.number("arc", usual.arc, 0.0, 360.0),
+            name,
         )
         camera.refuse_others()
     return cameras or {CameraPath.name: CameraPath()}
@@ -261,12 +259,11 @@ def _refuse_equal_names(items: Iterable[Item], tables: Sequence[TableReader]) ->
             table.add("name", f"items {other + 1} and {index + 1} are both called '{item.name}'", "give one a name")
 
 
-def _syntax_problem(message: str) -> Problem:
-    found = re.search(r"\s*\(at line (\d+), column (\d+)\)|\s*\(at end of document\)", message)
-    line = int(found[1]) if found and found[1] else 1
-    what = message[: found.start()] if found else message
-    column = f" at column {found[2]}" if found and found[2] else ""
-    return Problem(line, f"no valid TOML{column}: {what} - {_REASONABLE_SYNTAX}")
+def _syntax_problem(message: str) -> str:
+    """`message` of Python's reader, which ends with ``(at line 3, column 7)`` where it knows the place."""
+    found = re.search(r"\s*\(at (line \d+), column (\d+)\)", message)
+    place, what = (f"{found[1]}: ", f"{message[: found.start()]} (column {found[2]})") if found else ("", message)
+    return f"{place}not valid TOML: {what} - {_REASONABLE_SYNTAX}"
 
 
 _TRAIN_OPTIONS = tuple(name for name, option in OPTIONS.items() if option.in_batch)

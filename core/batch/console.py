@@ -26,7 +26,7 @@ from .progress import estimated_seconds, measured_pace
 from .records import is_done
 from .scheduler import STAGE, BatchOutcome, summary
 from .task import Plan, Task, write_plan
-from .toml_reader import LineNumbers, Problem, UnusableFile
+from .toml_reader import UnusableFile
 
 _CANCELLED = "cancelled; what is done is kept, and the same command goes on from there"
 
@@ -150,17 +150,10 @@ def check_captures(batch: Batch, path: Path, listen: Listener) -> None:
     listen({"event": "status", "stage": CHECK_STAGE, "message": f"captures to look at: {len(captures)}"})
     request = {"job": "inspect-all", "captures": captures}
     refusals = finish(Workers().start(request, _log), listen)["refusals"]
-    if any(refusals):
-        lines = LineNumbers(path.read_text(encoding="utf-8"))
-        found = zip(places, refusals, strict=True)
-        raise UnusableFile(
-            path,
-            [
-                Problem(lines[("items", place, "capture")], f"items[{place + 1}].capture: {refusal}")
-                for place, refusal in found
-                if refusal
-            ],
-        )
+    found = zip(places, refusals, strict=True)
+    problems = [f"items[{place + 1}].capture: {refusal}" for place, refusal in found if refusal]
+    if problems:
+        raise UnusableFile(path, problems)
 
 
 def _log(line: str) -> None:

@@ -32,7 +32,7 @@ from ..errors import Cancelled, InputError
 from ..runtime.process import Event, Job
 from ..runtime.resources import Resources
 from ..runtime.supervisor import Listener, WorkerDefect, finish
-from .scheduler import TELL_SECONDS, BatchOutcome, Course
+from .scheduler import TELL_SECONDS, BatchOutcome, BatchScheduler
 from .task import Plan, Task, plan_path
 from .task_process import start_task
 
@@ -122,7 +122,7 @@ class _Cluster:
         self._batch = f"cvdgs-{uuid.uuid4().hex}"
         # Dask lets a task wait for ever for a resource that no worker offers.
         self._offered = {name for worker in workers for name in worker["resources"]}
-        self._course = Course(plan, _resources(workers), listen)
+        self._scheduler = BatchScheduler(plan, _resources(workers), listen)
         self._running: dict[str, distributed.Future] = {}  # by task's name
         self._said: queue.Queue[tuple[str, Event | distributed.Future]] = queue.Queue()
 
@@ -132,16 +132,16 @@ class _Cluster:
         try:
             self._submit()
             while self._running:
-                self._course.tell()
+                self._scheduler.tell()
                 self._hear()
                 self._submit()
-            return self._course.outcome
+            return self._scheduler.outcome
         finally:
             self._take_off()
 
     def _submit(self) -> None:
-        for task in self._course.ready():
-            self._course.hand_out(task)
+        for task in self._scheduler.ready():
+            self._scheduler.hand_out(task)
             future = self._client.submit(
                 do_task, self._batch, self._plan_file, task.name, resources=self._needs(task), pure=False
             )
@@ -164,18 +164,18 @@ class _Cluster:
             del self._running[name]
             self._take_back(task, said)
         elif name in self._running:
-            self._course.hear(task, said)
+            self._scheduler.hear(task, said)
 
     def _take_back(self, task: Task, future: distributed.Future) -> None:
         """An attempt has ended, or Dask has given it up."""
         if future.status == "finished":
             attempt: Attempt = future.result()
             if attempt.complaint:
-                self._course.fail(task, attempt.seconds, attempt.complaint, for_good=attempt.is_input)
+                self._scheduler.fail(task, attempt.seconds, attempt.complaint, for_good=attempt.is_input)
             else:
-                self._course.succeed(task, attempt.seconds, was_done=attempt.was_done)
+                self._scheduler.succeed(task, attempt.seconds, was_done=attempt.was_done)
         elif future.status == "error":  # above all KilledWorker: as many workers were lost with it as Dask puts up with
-            self._course.fail(task, 0.0, _one_line(future.exception()), for_good=False)
+            self._scheduler.fail(task, 0.0, _one_line(future.exception()), for_good=False)
         else:
             raise InputError(
                 "the Dask scheduler is gone",

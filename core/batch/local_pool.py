@@ -21,7 +21,7 @@ from ..runs.folder import lock_exclusively, open_lock
 from ..runtime.process import Event, Job
 from ..runtime.resources import Resources
 from ..runtime.supervisor import EXIT_DONE, EXIT_INPUT, Listener
-from .scheduler import TELL_SECONDS, BatchOutcome, Course
+from .scheduler import TELL_SECONDS, BatchOutcome, BatchScheduler
 from .task import BATCH_FOLDER, Plan, Task, plan_path
 from .task_process import start_task
 
@@ -79,7 +79,7 @@ class _Attempt:
 class _Pool:
     def __init__(self, plan: Plan, machine: Resources, listen: Listener) -> None:
         self._plan, self._machine, self._free = plan, machine, machine
-        self._course = Course(plan, machine, listen)
+        self._scheduler = BatchScheduler(plan, machine, listen)
         self._cards = list(range(machine.gpus))
         self._running: dict[str, _Attempt] = {}
         self._ready_since: dict[str, float] = {}
@@ -88,18 +88,18 @@ class _Pool:
     def run(self) -> BatchOutcome:
         try:
             self._start_what_fits()
-            while not self._course.has_ended:
-                self._course.tell()
+            while not self._scheduler.has_ended:
+                self._scheduler.tell()
                 self._hear()
                 self._start_what_fits()
-            return self._course.outcome
+            return self._scheduler.outcome
         except BaseException:
             self._cancel()
             raise
 
     def _start_what_fits(self) -> None:
         """Start ready tasks in the plan's order, later ones where an earlier one does not fit."""
-        for task in self._course.ready():
+        for task in self._scheduler.ready():
             since = self._ready_since.setdefault(task.name, time.monotonic())
             if self._free.covers(task.resources.capped(self._machine)):
                 self._start(task)
@@ -115,7 +115,7 @@ class _Pool:
         attempt = self._running[task.name] = _Attempt(task, job, share, cards)
         self._free -= share
         self._cards = self._cards[share.gpus :]
-        self._course.begin(task)
+        self._scheduler.begin(task)
         threading.Thread(target=self._listen_to, args=(attempt,), name=task.name, daemon=True).start()
 
     def _listen_to(self, attempt: _Attempt) -> None:
@@ -137,7 +137,7 @@ class _Pool:
         elif event["event"] == "result":
             attempt.was_done = bool(event["done_already"])
         else:
-            self._course.hear(attempt.task, event)
+            self._scheduler.hear(attempt.task, event)
 
     def _take_back(self, attempt: _Attempt) -> None:
         """A process has ended."""
@@ -147,11 +147,11 @@ class _Pool:
         self._cards = sorted([*self._cards, *attempt.cards])
         self._ready_since.pop(task.name, None)
         if attempt.code == EXIT_DONE:
-            self._course.succeed(task, seconds, was_done=attempt.was_done)
+            self._scheduler.succeed(task, seconds, was_done=attempt.was_done)
         else:
             message = attempt.complaint or _describe_end(attempt.code)
             # Unusable input is the same the next time.
-            self._course.fail(task, seconds, message, for_good=attempt.code == EXIT_INPUT)
+            self._scheduler.fail(task, seconds, message, for_good=attempt.code == EXIT_INPUT)
 
     def _cancel(self) -> None:
         """End all processes, at the same time."""

@@ -262,12 +262,13 @@ class _PlannedItem:
         )
 
     def _chunks(self, turn: _Turn, after: tuple[str, ...]) -> Iterator[Task]:
-        settings, camera = self.item.turntable, turn.camera
+        settings = self.item.turntable
         width, height_pixels = settings.size
         files = (GAUSSIANS_FILE, CAMERAS, *(() if turn.layer == ORIGINAL else (layer_gaussians_file(turn.layer),)))
         for first in range(1, settings.frames + 1, settings.chunk):
             last = min(first + settings.chunk - 1, settings.frames)
-            arguments = FramesArguments(
+            arguments = FramesArguments.on(
+                turn.camera,
                 run=self.run,
                 layer=turn.layer,
                 engine=turn.engine,
@@ -275,10 +276,6 @@ class _PlannedItem:
                 first=first,
                 last=last,
                 frames=settings.frames,
-                radius=camera.radius,
-                height=camera.height,
-                focal_length=camera.focal_length,
-                arc=camera.arc,
                 width=width,
                 height_pixels=height_pixels,
                 simulated=turn.simulated,

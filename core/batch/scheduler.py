@@ -27,7 +27,7 @@ TELL_SECONDS = 1.0
 """Between events of progress."""
 
 
-class Course:
+class BatchScheduler:
     """Follows the tasks of `plan` from start to end.
 
     What is done already is left alone. A task that fails is tried again as often as the plan says; what needs it is

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import sys
-import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from ..errors import InputError
 from ..files.untrusted import explained, read_bytes
 from ..runs.folder import RunFolder
 from ..runtime.process import WORKER, Event, Job, find_python
-from ..runtime.progress import RunProgress, format_seconds
+from ..runtime.progress import Clock, RunProgress, format_seconds
 from ..runtime.supervisor import (
     BarDisplay,
     JsonDisplay,
@@ -97,7 +96,7 @@ def enhance(request: EnhanceRequest, listen: Listener) -> Event:
         Cancelled: nothing was written.
         WorkerDefect: the worker failed; its log is kept in the output folder.
     """
-    started = time.monotonic()
+    clock = Clock()
     listen({"event": "status", "stage": "start", "message": "starting"})
     python = find_python()
     folder = RunFolder(request.out, earlier_files, METRICS_NAME)
@@ -107,7 +106,7 @@ def enhance(request: EnhanceRequest, listen: Listener) -> Event:
             message = {"job": "enhance", "request": request.to_dict(), "folder": str(folder.staging)}
             summary = finish(Job([python, str(WORKER)], message, log.line), log.event)["summary"]
         (folder.staging / LOG_NAME).unlink()  # of interest only when the worker fails
-    return {"out": request.out, "seconds": round(time.monotonic() - started, 2), "summary": summary}
+    return {"out": request.out, "seconds": clock.total, "summary": summary}
 
 
 def earlier_files(out: Path) -> list[Path]:

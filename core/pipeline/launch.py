@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from ..runs.folder import RunFolder
 from ..runs.layout import BLEND_FILE, LOG_FILE, REPORT_PAGE
 from ..runs.report import latest_seconds, write_report
 from ..runtime.process import Event, Workers, blender_command
-from ..runtime.progress import RunProgress, format_seconds
+from ..runtime.progress import Clock, RunProgress, format_seconds
 from ..runtime.supervisor import (
     BarDisplay,
     JsonDisplay,
@@ -71,7 +70,7 @@ def run(
         Cancelled: nothing was written.
         WorkerDefect: a worker failed; its log is kept in the output folder.
     """
-    started = time.monotonic()
+    clock = Clock()
     listen({"event": "status", "stage": "start", "message": "starting"})
     workers = workers or Workers()
     workers.require_python()  # before a folder is made
@@ -95,23 +94,21 @@ def run(
         report = finish(workers.start(request, log.line), log.event)["report"]
         seconds = latest_seconds(report)
         if settings.blend:
-            blender_started = time.monotonic()
             # A held-out view from the middle: its still can be compared with renders/.
             shown = report["views_shown"]
             arguments = [str(folder.staging), "--view", shown[len(shown) // 2]]
-            blender = finish(workers.start_command(blender_command(arguments), None, log.line), log.event)
+            with clock.measure("blender"):
+                blender = finish(workers.start_command(blender_command(arguments), None, log.line), log.event)
             blender.pop("event")
             report["blender"] = blender
-            seconds["blender"] = round(time.monotonic() - blender_started, 2)
         elif report.get("blender"):
             message = f"{BLEND_FILE} does not have the new layers; add them with another run without --no-blend"
             log.event({"event": "warning", "name": "old-scene", "message": message})
             report["warnings"].append({"name": "old-scene", "message": message})
         if settings.turntable:
-            turntable_started = time.monotonic()
-            report[turntables.STAGE] = turntables.render_turntables(folder.staging, report, settings, workers, log)
-            seconds[turntables.STAGE] = round(time.monotonic() - turntable_started, 2)
-        seconds["total"] = round(time.monotonic() - started, 2)
+            with clock.measure(turntables.STAGE):
+                report[turntables.STAGE] = turntables.render_turntables(folder.staging, report, settings, workers, log)
+        seconds.update(clock.seconds, total=clock.total)
         write_report(folder.staging, report)
         finish(workers.start_page({"job": "report-page", "folder": str(folder.staging)}, log.line), log.event)
     return report

@@ -52,7 +52,10 @@ def _curve(curve: list[dict[str, float]]) -> dict[str, Any]:
         return 8 + (_HEIGHT - _MARGIN) * (1 - (psnr - low) / (high - low))
 
     return {
-        **{"width": _WIDTH, "height": _HEIGHT, "left": _MARGIN, "seconds": last},
+        "width": _WIDTH,
+        "height": _HEIGHT,
+        "left": _MARGIN,
+        "seconds": last,
         "points": [(_MARGIN + (_WIDTH - _MARGIN - 8) * seconds / last, height_of(psnr)) for seconds, psnr in measured],
         "labels": [(psnr, height_of(psnr)) for psnr in (low, high)],
     }

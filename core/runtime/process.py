@@ -112,7 +112,7 @@ class Job:
         log: receives every line that the worker writes, stderr included.
         variables: environment variables of the worker, beside this process's.
         grace_seconds: that it has to stop after it was asked to.
-        behind: let other programs go first, because somebody works in one meanwhile.
+        low_priority: give way to other programs, because somebody is working in one meanwhile.
 
     Attributes:
         cancelled: whether `cancel` was called.
@@ -127,7 +127,7 @@ class Job:
         variables: Mapping[str, str] = MappingProxyType({}),
         grace_seconds: float = GRACE_SECONDS,
         *,
-        behind: bool = False,
+        low_priority: bool = False,
     ) -> None:
         environment = {**variables_of_interpreters(), **variables}
         environment |= {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8"}
@@ -146,7 +146,7 @@ class Job:
                 stderr=subprocess.PIPE,
                 env=environment,
                 start_new_session=True,  # Ctrl-C reaches us, and we decide
-                creationflags=BEHIND_FLAGS if behind else 0,
+                creationflags=LOW_PRIORITY_FLAGS if low_priority else 0,
                 text=True,
                 encoding="utf-8",
                 errors="replace",
@@ -155,8 +155,8 @@ class Job:
             raise InputError(
                 f"cannot be started ({error.strerror})", where=command[0], remedy="check the installation"
             ) from None
-        if behind:
-            put_behind(self._process.pid)
+        if low_priority:
+            lower_priority(self._process.pid)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         assert self._process.stderr is not None
@@ -254,14 +254,18 @@ class Workers:
     Args:
         python: interpreter that has torch and Warp; None looks for one when it is needed (`find_python`).
         variables: environment variables of the workers, beside this process's.
-        behind: let other programs go before the workers, because somebody works in one meanwhile.
+        low_priority: workers give way to other programs, because somebody is working in one meanwhile.
     """
 
     def __init__(
-        self, python: str | None = None, variables: Mapping[str, str] = MappingProxyType({}), *, behind: bool = False
+        self,
+        python: str | None = None,
+        variables: Mapping[str, str] = MappingProxyType({}),
+        *,
+        low_priority: bool = False,
     ) -> None:
         self._python = python
-        self._behind = behind
+        self._low_priority = low_priority
         self._variables = dict(variables)
         self._lock = threading.Lock()
         self._current: Job | None = None
@@ -288,7 +292,7 @@ class Workers:
         with self._lock:
             if self._cancelled:
                 raise Cancelled
-            self._current = Job(command, request, log, self._variables, behind=self._behind)
+            self._current = Job(command, request, log, self._variables, low_priority=self._low_priority)
             return self._current
 
     def require_python(self) -> str:
@@ -305,17 +309,17 @@ class Workers:
                 threading.Thread(target=self._current.cancel, name="cancel", daemon=True).start()
 
 
-_NICENESS = 5  # a third of what an equal would get: enough for smooth drawing, and no standstill beside others
+_NICENESS = 5  # a third of an equal share: enough for smooth drawing, and no standstill beside other programs
 
-BEHIND_FLAGS = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0)
-"""Creation flags of a process that goes behind others, on Windows; elsewhere none."""
+LOW_PRIORITY_FLAGS = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0)
+"""Creation flags of a process of low priority on Windows; none elsewhere."""
 
 
-def put_behind(process: int) -> None:
-    """Let other programs go before a process that has just started, and before what it will start.
+def lower_priority(process: int) -> None:
+    """Let a process that has just started, and what it will start, give way to other programs.
 
-    Linux shares the processor between sessions first, and only within one by niceness; so both are told. What the
-    system does not know or allow is left as it is.
+    Linux shares the processor between sessions first and applies niceness only within one, so both are set. What the
+    system does not support or allow is left as it is.
     """
     with contextlib.suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, process, _NICENESS)

@@ -15,8 +15,7 @@ from ..errors import Cancelled, InputError
 from ..runs.folder import RunFolder
 from .process import Event, Job
 from .progress import RunProgress, format_seconds
-
-EXIT_DONE, EXIT_DEFECT, EXIT_INPUT, EXIT_CANCELLED = 0, 1, 2, 130
+from .protocol import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
 
 # A worker that says nothing for so long may be stuck. It may also swap, or render a large picture, so this is said and
 # the user decides; compiling the kernels, the longest silence of a healthy run, takes about a minute.

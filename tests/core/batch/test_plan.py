@@ -53,7 +53,7 @@ def test_an_item_is_trained_once_and_every_layer_rendered_in_chunks(tmp_path, ch
 
 def test_captures_layers_engines_and_cameras_multiply(tmp_path, chair):
     both = replace(chair, turntable=replace(SMALL, engines=("cycles", "eevee")))
-    both = replace(both, cameras=(CameraPath("low"), CameraPath("high", height=1.0)))
+    both = replace(both, cameras=(CameraPath(name="low"), CameraPath(name="high", height=1.0)))
     sofa = replace(both, name="sofa")
     folders = {task.arguments["folder"] for task in of_kind(planned(tmp_path, both, sofa), Kind.FRAMES)}
     assert len(folders) == 2 * 3 * 2 * 2
