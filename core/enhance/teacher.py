@@ -112,6 +112,17 @@ def fit_lut(
 
     Raises:
         InputError: an observer that cannot be simulated.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import numpy as np
+        >>> from cvdgs.core import fit_lut
+        >>> brown, green = (200, 50, 25), (100, 125, 25)
+        >>> image = np.tile(np.array([brown, green], np.uint8), (16, 8, 1))  # stripes, 16 x 16 pixels
+        >>> lut = fit_lut([image], "deutan", 1.0)
+        >>> lut(image).shape  # recoloured, in [0, 1]
+        (16, 16, 3)
+        >>> lut.export_cube(Path("deutan.cube"))  # for grading tools
     """
     return fit_luts(
         images,
