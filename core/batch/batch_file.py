@@ -38,16 +38,7 @@ from ..files.untrusted import is_file, is_folder, read_text
 from ..rendering.requests import CameraPath
 from ..runs.layout import DIGITS, ORIGINAL
 from ..runs.report import check_finished_run
-from ..settings import (
-    AUTO,
-    CVD_TYPES,
-    ENGINES,
-    OPTIONS,
-    WEIGHTS_SUFFIX,
-    Layer,
-    Settings,
-    typed_value,
-)
+from ..settings import AUTO, CVD_TYPES, ENGINES, OPTIONS, WEIGHTS_SUFFIX, Layer, Settings, typed_value
 from .model import Batch, Item, Needs, Output, TurntableSettings, layer_of
 from .toml_reader import TableReader, UnusableFile
 
@@ -132,7 +123,7 @@ def _read_item(table: TableReader, defaults: _Defaults) -> Item:
         table.add_at((), "needs either a capture or a run", "give one of the two")
     name = table.text("name", _NOT_IN_A_NAME.sub("-", (capture or run or Path("item")).name).strip("-_") or "item")
     if not _NAME.fullmatch(name):
-        table.add("name", f"'{name}' cannot be a folder's name", "use letters, digits, - and _")
+        table.add("name", f"'{name}' is not usable as a folder name", "use letters, digits, - and _")
     layers = _read_layers(table, defaults.layers)
     names = table.choices("cameras", tuple(defaults.cameras), tuple(defaults.cameras))
     turntable = _read_turntable(table.table("turntable"), defaults.turntable)
@@ -168,7 +159,7 @@ def _with_source_checked(item: Item, table: TableReader) -> Item:
         layers = tuple(filter(None, map(layer_of, item.layers)))
         if not layers:
             key = "layers" if "layers" in table else "capture"
-            table.add(key, "a capture needs a layer beside the original colours", 'add one, such as "deutan-1.0"')
+            table.add(key, "a capture needs a layer besides the original colours", 'add one, such as "deutan-1.0"')
             return item
         try:
             Settings(str(item.capture), "out", layers, **item.train)
@@ -206,7 +197,7 @@ def _read_cameras(table: TableReader) -> dict[str, CameraPath]:
     for name in table.values:
         camera = table.table(name)
         if not _NAME.fullmatch(name):
-            table.add(name, "cannot be part of a file's name", "use letters, digits, - and _")
+            table.add(name, "is not usable in a file name", "use letters, digits, - and _")
         usual = CameraPath()
         cameras[name] = CameraPath(
             camera.number("radius", usual.radius, 0.0, _FAR),
@@ -234,7 +225,7 @@ def _read_turntable(table: TableReader, default: TurntableSettings) -> Turntable
 def _read_size(table: TableReader, default: tuple[int, int]) -> tuple[int, int]:
     size = table.pair_of_integers("size", default, 2, _MAX_PIXELS)
     if "size" in table and any(side % 2 for side in size):
-        table.add("size", f"{size[0]} x {size[1]} has an odd side, which videos cannot have", "give even numbers")
+        table.add("size", f"{size[0]} x {size[1]} has an odd side; videos need even ones", "give even numbers")
     return size
 
 
@@ -256,7 +247,11 @@ def _refuse_equal_names(items: Iterable[Item], tables: Sequence[TableReader]) ->
         # Some file systems do not tell capitals from small letters.
         other = first.setdefault(item.name.casefold(), index)
         if other != index:
-            table.add("name", f"items {other + 1} and {index + 1} are both called '{item.name}'", "give one a name")
+            table.add(
+                "name",
+                f"items {other + 1} and {index + 1} are both called '{item.name}'",
+                "give one of them another name",
+            )
 
 
 def _syntax_problem(message: str) -> str:
@@ -298,6 +293,6 @@ def _checked(name: str, value: Any, folder: Path) -> Any:
     if name == "enhancer" and value.endswith(WEIGHTS_SUFFIX):
         value = os.path.normpath(folder / value)
         if not is_file(value):
-            raise InputError(f"no such file: {value}", remedy=f"give a {WEIGHTS_SUFFIX} file that is there")
+            raise InputError(f"no such file: {value}", remedy=f"name an existing {WEIGHTS_SUFFIX} file")
     Settings("capture", "out", (Layer("deutan", 1.0),), **{name: value})
     return value

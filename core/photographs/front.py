@@ -1,4 +1,4 @@
-"""The job "enhance" as its user meets it: photographs recoloured into a folder. Standard library only."""
+"""The job "enhance" on the console: photographs recoloured into a folder. Standard library only."""
 
 from __future__ import annotations
 
@@ -14,15 +14,7 @@ from ..files.untrusted import explained, read_bytes
 from ..runs.folder import RunFolder
 from ..runtime.process import WORKER, Event, Job, find_python
 from ..runtime.progress import Clock, RunProgress, format_seconds
-from ..runtime.supervisor import (
-    BarDisplay,
-    JsonDisplay,
-    Listener,
-    Log,
-    all_or_nothing,
-    finish,
-    in_console,
-)
+from ..runtime.supervisor import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from ..settings import Settings, typed_value
 
 METRICS_NAME, SHEET_NAME, LOG_NAME = "metrics.csv", "sheet.html", "enhance.log"
@@ -132,5 +124,5 @@ def _summary(result: Event) -> str:
     lines = [f"done in {format_seconds(result['seconds'])}: {summary['images']} photographs"]
     before, after = summary["ccpr"]["input"], summary["ccpr"]["enhanced"]
     if before is not None and after is not None:
-        lines.append(f"  contrast that is left (CCPR): photographs {before:.3f}, enhanced {after:.3f}")
+        lines.append(f"  contrast preserved (CCPR): photographs {before:.3f}, enhanced {after:.3f}")
     return "\n".join([*lines, f"  open {Path(result['out']) / SHEET_NAME}"])

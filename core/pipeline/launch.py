@@ -1,4 +1,4 @@
-"""A run as its user meets it on a console: workers, progress, results put in place. Standard library only."""
+"""A run on the console: workers, progress, results put in place. Standard library only."""
 
 from __future__ import annotations
 
@@ -15,15 +15,7 @@ from ..runs.layout import BLEND_FILE, LOG_FILE, REPORT_PAGE
 from ..runs.report import latest_seconds, write_report
 from ..runtime.process import Event, Workers, blender_command
 from ..runtime.progress import Clock, RunProgress, format_seconds
-from ..runtime.supervisor import (
-    BarDisplay,
-    JsonDisplay,
-    Listener,
-    Log,
-    all_or_nothing,
-    finish,
-    in_console,
-)
+from ..runtime.supervisor import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from ..settings import Settings
 
 
@@ -63,7 +55,7 @@ def run(
     Args:
         listen: receives every event of the workers.
         workers: does the work; None takes the interpreter that `job.find_python` finds.
-        previews: whether `listen` hears of pictures of how far the run is.
+        previews: whether `listen` receives pictures of the run's progress.
 
     Raises:
         InputError: unusable input or output; nothing was written.
@@ -85,12 +77,7 @@ def run(
         if folder.mended:
             log.event({"event": "warning", "name": "interrupted-run", "message": folder.mended})
         log.line("settings " + json.dumps(settings.to_dict()))
-        request = {
-            "job": "run",
-            "settings": settings.to_dict(),
-            "folder": str(folder.staging),
-            "previews": previews,
-        }
+        request = {"job": "run", "settings": settings.to_dict(), "folder": str(folder.staging), "previews": previews}
         report = finish(workers.start(request, log.line), log.event)["report"]
         seconds = latest_seconds(report)
         if settings.blend:
@@ -102,7 +89,7 @@ def run(
             blender.pop("event")
             report["blender"] = blender
         elif report.get("blender"):
-            message = f"{BLEND_FILE} does not have the new layers; add them with another run without --no-blend"
+            message = f"{BLEND_FILE} lacks the new layers; run again without --no-blend to add them"
             log.event({"event": "warning", "name": "old-scene", "message": message})
             report["warnings"].append({"name": "old-scene", "message": message})
         if settings.turntable:
@@ -125,6 +112,6 @@ def _summary(result: Event) -> str:
         if ccpr["rendered"] is not None:
             kinds = (("photographs", "input"), ("scene", "unenhanced"), ("enhanced scene", "rendered"))
             values = ", ".join(f"{label} {ccpr[kind]:.3f}" for label, kind in kinds)
-            lines.append(f"  {name}: contrast that is left (CCPR): {values}")
+            lines.append(f"  {name}: contrast preserved (CCPR): {values}")
     lines.append(f"  open {out / REPORT_PAGE}" + (f" and {out / BLEND_FILE}" if report.get("blender") else ""))
     return "\n".join(lines)

@@ -19,12 +19,7 @@ from ..settings import Layer, Settings
 from ..splats import raster
 from ..splats.training.lens import FOCAL_LENGTH, FocalLength
 from ..splats.training.trainer import TrainingResult
-from .device import (
-    choose_warp_device,
-    describe_device,
-    peak_memory_mb,
-    versions,
-)
+from .device import choose_warp_device, describe_device, peak_memory_mb, versions
 from .resume import EarlierRun
 from .stages import Reconstruction, Stages
 
@@ -41,7 +36,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
         settings: what is asked for.
         folder: for the results.
         reporter: told of progress and warnings.
-        previews: whether it is shown pictures of how far the run is.
+        previews: whether it receives pictures of the run's progress.
 
     Raises:
         InputError: the capture or the options cannot be used.
@@ -130,13 +125,7 @@ def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
 def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:
     return {
         layer: make_enhancer(
-            settings.enhancer,
-            layer.cvd,
-            layer.severity,
-            settings.simulation,
-            settings.strength,
-            settings.seed,
-            device,
+            settings.enhancer, layer.cvd, layer.severity, settings.simulation, settings.strength, settings.seed, device
         )
         for layer in settings.layers
     }

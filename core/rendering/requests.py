@@ -1,4 +1,4 @@
-"""What a task of each kind is told. Standard library only.
+"""The arguments of each kind of task. Standard library only.
 
 ``FramesArguments.from_dict(task.arguments)`` reads it back; paths are those of `task`: relative to OUT, or absolute.
 A sequence is a folder with the pictures ``0001.png``, ``0002.png`` and so on, as Blender numbers them.
@@ -55,7 +55,7 @@ class CameraPath(Orbit):
 
 @dataclass(frozen=True)
 class TrainArguments(_Arguments):
-    """What makes a run.
+    """How to make a run.
 
     Attributes:
         settings: `Settings.to_dict()` without its layers; ``out`` is the run's folder.
@@ -69,7 +69,7 @@ class TrainArguments(_Arguments):
 
 @dataclass(frozen=True)
 class LayerArguments(_Arguments):
-    """What adds a layer to a run.
+    """How to add a layer to a run.
 
     Attributes:
         settings: `Settings.to_dict()` of the addition, with ``resume`` and one layer; ``out`` is the run's folder.

@@ -24,7 +24,7 @@ def render_turntables(
     Args:
         folder: of the run, with its Gaussians and capture.
         report: of the run.
-        log: hears of the progress.
+        log: receives the progress.
 
     Returns:
         What the report says of it: the number of pictures of a turn, the layers, and the engine that was asked for.

@@ -111,7 +111,7 @@ _REMEDY = "give the output folder of a finished run of scripts/run.py"
 
 
 def check_finished_run(folder: Path) -> list[str]:
-    """The layers of the run in `folder`; one whose file was lost is none, for it can be added again.
+    """The layers of the run in `folder`; one whose file was lost is left out, because it can be added again.
 
     Raises:
         InputError: there is no run, it is damaged, of another version, or its geometry or cameras are missing.
@@ -139,12 +139,14 @@ def read_report(folder: Path) -> dict[str, Any]:
         InputError: there is none, or it is damaged or of another version.
     """
     if not is_there(folder / REPORT_FILE):
-        raise InputError("no finished run is there", where=folder, remedy=_REMEDY)
+        raise InputError("there is no finished run", where=folder, remedy=_REMEDY)
     report = read_json(folder / REPORT_FILE, remedy=_REMEDY)
     if not isinstance(report, dict) or "schema" not in report:
         raise InputError(f"{REPORT_FILE} of the finished run is damaged", where=folder, remedy=_REMEDY)
     if report["schema"] != SCHEMA:
-        raise InputError(f"a run of another version ({report['schema']})", where=folder, remedy="make the run again")
+        raise InputError(
+            f"the run was made by another version ({report['schema']})", where=folder, remedy="make the run again"
+        )
     if not isinstance(report.get("layers"), dict) or not isinstance(report.get("settings"), dict):
         raise InputError(f"{REPORT_FILE} of the finished run is damaged", where=folder, remedy=_REMEDY)
     return report

@@ -46,7 +46,9 @@ def find_python() -> str:
     chosen = os.environ.get("CVDGS_PYTHON")
     if chosen:
         if not os.access(chosen, os.X_OK):
-            raise InputError("is not a program that can be run", where=f"CVDGS_PYTHON={chosen}", remedy="name a Python")
+            raise InputError(
+                "is not a program that can be run", where=f"CVDGS_PYTHON={chosen}", remedy="name a Python interpreter"
+            )
         return chosen
     if _has_modules("torch", "warp"):
         return sys.executable
@@ -54,7 +56,7 @@ def find_python() -> str:
         if os.access(candidate, os.X_OK):
             return str(candidate)
     raise InputError(
-        "no Python with torch and Warp is found",
+        "no Python with torch and Warp found",
         remedy=f"run 'make venv' in {ROOT} (its README says what that needs), or set CVDGS_PYTHON to one that has them",
     )
 
@@ -84,8 +86,8 @@ def blender_command(arguments: list[str], worker: Path = BLENDER_WORKER, threads
     if _has_bpy(python):
         return [python, str(worker), *arguments]
     raise InputError(
-        "no Blender is found",
-        remedy="set CVDGS_BLENDER to a Blender program, or install the bpy wheel; run.py can do without: --no-blend",
+        "no Blender found",
+        remedy="set CVDGS_BLENDER to a Blender program, install the bpy wheel, or do without: run.py --no-blend",
     )
 
 
@@ -189,7 +191,7 @@ class Job:
             self._write_log(line.rstrip())
 
     def _write_log(self, line: str) -> None:
-        """Log a line. Reading goes on where that fails (a full disk), or the worker would wait for ever to write."""
+        """Log a line. Where that fails (a full disk), reading continues, or the worker would wait for ever to write."""
         try:
             self._log(line)
         except OSError as error:
@@ -333,7 +335,7 @@ _CHECK_SECONDS = 0.5
 def follow_parent(when_gone: Callable[[], None], parent: int | None = None) -> None:
     """Watch from a thread, and call `when_gone` there once the process that started this one has ended.
 
-    Killed, it cannot say so itself; what goes on without it keeps the machine busy and writes where a new run does.
+    A killed process cannot say so itself; one that outlives it keeps the machine busy and writes where a new run does.
 
     Args:
         when_gone: is to end this process.

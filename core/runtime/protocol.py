@@ -49,7 +49,7 @@ class StageSpan(Reporter):
     """What a part of a stage reports, as the share of the stage that it is.
 
     Args:
-        inner: hears of the stage.
+        inner: receives the stage's progress.
         stage: the stage's name; the part may use another.
         start, end: the fractions of the stage between which the part lies.
         message: said instead of the part's own.

@@ -161,7 +161,7 @@ def test_a_damaged_plan_is_refused_in_one_line(tmp_path, text):
 
 @pytest.mark.parametrize("name", ["../escape", "a/b", "", ".hidden", "a b"])
 def test_a_task_whose_name_leads_out_of_its_folder_is_refused(name):
-    with pytest.raises(ValueError, match="no name of a task"):
+    with pytest.raises(ValueError, match="not a valid task name"):
         Task(name, Kind.VIDEO)
 
 
