@@ -1,4 +1,4 @@
-"""The worker process: one JSON request on stdin, events on stdout, an exit code of the contract.
+"""The worker process: one JSON request on stdin, events on stdout, an exit code of the protocol.
 
     {"job": "inspect", "capture": "FOLDER"}              what the folder holds, without reading pixels
         also with "sfm": true; "thumbnails": {"folder": "DIR", "count": N, "size": PIXELS} for small pictures
@@ -8,10 +8,12 @@
     {"job": "check", "device": "auto"}                   versions, device and speed; compiles the kernels
     {"job": "make-environment", "folder": "DIR"}         the worker's own environment; for any Python, whatever it has
     {"job": "run", "settings": {...}, "folder": "DIR"}   the whole pipeline up to Blender, written into DIR
-        also with "previews": true for pictures of how far it is
+        also with "previews": true for pictures of its progress
     {"job": "enhance", "request": {...}, "folder": "DIR"}   photographs alone, recoloured into DIR
+    {"job": "report-page", "folder": "DIR"}              report.html of the run in DIR
+    {"job": "batch-page", "arguments": {...}, "folder": "DIR"}   the index page of the batch in DIR
 
-Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (its traceback goes to stderr, so to the log).
+Events and exit codes are those of `runtime.protocol`. A job imports what it needs when it begins.
 """
 
 from __future__ import annotations
@@ -20,8 +22,7 @@ import os
 import signal
 import sys
 import time
-import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType
@@ -30,25 +31,12 @@ from typing import Any
 from .errors import Cancelled, InputError
 from .files.untrusted import parse_json
 from .photographs.front import EnhanceRequest
-from .runtime.devices import explain_fault
+from .rendering.requests import PageArguments
 from .runtime.process import GRACE_SECONDS, follow_parent
-from .runtime.protocol import JsonReporter, claim_stdout
-from .runtime.supervisor import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
+from .runtime.protocol import EXIT_CANCELLED, JsonReporter, Reporter, claim_stdout, do_and_report
 from .settings import Settings
 
-# What a request must have besides its job, and what it may have.
-_REQUESTS: Mapping[str, Mapping[str, type]] = {
-    "inspect": {"capture": str},
-    "inspect-all": {"captures": list},
-    "normalise": {"capture": str, "folder": str},
-    "check": {"device": str},
-    "make-environment": {"folder": str},
-    "run": {"settings": dict, "folder": str},
-    "enhance": {"request": dict, "folder": str},
-}
-_OPTIONAL: Mapping[str, type] = {"sfm": bool, "previews": bool, "thumbnails": dict, "packages": list}
-_CAPTURE_ENTRY: Mapping[str, type] = {"capture": str, "sfm": bool}
-_THUMBNAILS: Mapping[str, type] = {"folder": str, "count": int, "size": int}
+Request = dict[str, Any]
 
 
 def main() -> int:
@@ -57,39 +45,29 @@ def main() -> int:
     signal.signal(signal.SIGINT, _cancel)
     signal.signal(signal.SIGTERM, _cancel)
     follow_parent(_end_alone)
-    try:
-        result = _perform(parse_request(sys.stdin.readline()), reporter)
-    except InputError as error:
-        reporter.emit("error", kind="input", message=str(error))
-        return EXIT_INPUT
-    except Cancelled:
-        return EXIT_CANCELLED
-    except Exception as error:
-        traceback.print_exc()
-        explanation = explain_fault(error)
-        if explanation:
-            reporter.emit("error", kind="input", message=explanation)
-            return EXIT_INPUT
-        reporter.emit("error", kind="defect", message=f"{type(error).__name__}: {error}".splitlines()[0])
-        return EXIT_DEFECT
-    reporter.emit("result", **result)
-    return EXIT_DONE
+
+    def work() -> Mapping[str, Any]:
+        request = parse_request(sys.stdin.readline())
+        do, _ = _JOBS[request["job"]]
+        return do(request, reporter)
+
+    return do_and_report(work, reporter)
 
 
-def parse_request(line: str) -> dict[str, Any]:
-    """The request in `line`, of which everything that the job needs is there and of its type.
+def parse_request(line: str) -> Request:
+    """The request in `line`, with everything that the job needs, each of its type.
 
     Raises:
-        InputError: it is none.
+        InputError: it is not a request.
     """
     try:
         request = parse_json(line)
     except ValueError as error:
         raise _unusable(f"is not JSON ({error})") from None
     job = request.get("job") if isinstance(request, dict) else None
-    if not isinstance(job, str) or job not in _REQUESTS:
+    if not isinstance(job, str) or job not in _JOBS:
         raise _unusable(f"is for an unknown job {str(job)[:40]!r}")
-    _require_fields(request, _REQUESTS[job], _OPTIONAL)
+    _require_fields(request, _JOBS[job][1], _OPTIONAL)
     for entry in request.get("captures", ()):
         _require_fields(entry, _CAPTURE_ENTRY)
     if request.get("thumbnails") is not None:
@@ -111,45 +89,13 @@ def _require_fields(
 
 
 def _unusable(what: str) -> InputError:
-    return InputError(f"the request {what}", where="stdin", remedy="send what the head of core/worker.py shows")
+    return InputError(f"the request {what}", where="stdin", remedy="send one of the requests listed in core/worker.py")
 
 
-def _perform(request: dict[str, Any], reporter: JsonReporter) -> dict[str, Any]:
-    job = request.get("job")
-    if job == "inspect":
-        return _inspect(Path(request["capture"]), bool(request.get("sfm")), request.get("thumbnails"), reporter)
-    if job == "inspect-all":
-        return {"refusals": _inspect_all(request["captures"], reporter)}
-    if job == "normalise":
-        return _normalise(Path(request["capture"]), Path(request["folder"]), bool(request.get("sfm")), reporter)
-    if job == "check":
-        reporter.status("check", "loading")
-        from .pipeline.device import check_machine
-
-        return {"machine": check_machine(str(request["device"]), reporter)}
-    if job == "make-environment":
-        from .runtime.environment import make_environment
-
-        return {"python": str(make_environment(Path(request["folder"]), reporter, request.get("packages")))}
-    if job == "run":
-        settings = Settings.from_dict(request["settings"])
-        reporter.status("start", "loading")
-        from .pipeline.run import run
-
-        previews = bool(request.get("previews"))
-        return {"report": run(settings, Path(request["folder"]), reporter, previews=previews)}
-    if job == "enhance":
-        enhance_request = EnhanceRequest.from_dict(request["request"])
-        reporter.status("start", "loading")
-        from .photographs.job import enhance_folder
-
-        return {"summary": enhance_folder(enhance_request, Path(request["folder"]), reporter)}
-    raise AssertionError(f"a job that parse_request knows and nobody does: {job}")
-
-
-def _inspect(capture: Path, sfm: bool, thumbnails: dict[str, Any] | None, reporter: JsonReporter) -> dict[str, Any]:
+def _inspect(request: Request, reporter: Reporter) -> Mapping[str, Any]:
     from .capture.reader import inspect_capture, write_thumbnails
 
+    capture, sfm, thumbnails = Path(request["capture"]), bool(request.get("sfm")), request.get("thumbnails")
     summary = asdict(inspect_capture(capture, sfm=sfm, reporter=reporter))
     summary["source"] = str(summary["source"])
     if thumbnails is None:
@@ -159,30 +105,90 @@ def _inspect(capture: Path, sfm: bool, thumbnails: dict[str, Any] | None, report
     return {"summary": summary, "thumbnails": [str(path) for path in paths]}
 
 
-def _inspect_all(captures: list[dict[str, Any]], reporter: JsonReporter) -> list[str | None]:
+def _inspect_all(request: Request, reporter: Reporter) -> Mapping[str, Any]:
     from .capture.reader import inspect_capture
 
     refusals: list[str | None] = []
-    for entry in captures:
-        reporter.progress("check", len(refusals) / len(captures), entry["capture"])
+    for entry in request["captures"]:
+        reporter.progress("check", len(refusals) / len(request["captures"]), entry["capture"])
         try:
             inspect_capture(entry["capture"], sfm=bool(entry["sfm"]), reporter=reporter)
+            refusals.append(None)
         except InputError as error:
             refusals.append(str(error))
-        else:
-            refusals.append(None)
-    return refusals
+    return {"refusals": refusals}
 
 
-def _normalise(source: Path, folder: Path, sfm: bool, reporter: JsonReporter) -> dict[str, Any]:
+def _normalise(request: Request, reporter: Reporter) -> Mapping[str, Any]:
     reporter.status("capture", "loading")
     from .capture.normalised import write_capture
     from .capture.reader import read_capture
 
+    source, sfm = Path(request["capture"]), bool(request.get("sfm"))
     capture = read_capture(source, max_size=None, sfm=sfm, reporter=reporter)
     reporter.status("capture", f"writing {len(capture.views)} photographs")
-    write_capture(capture, folder)
+    write_capture(capture, Path(request["folder"]))
     return {"views": len(capture.views), "points": len(capture.points)}
+
+
+def _check(request: Request, reporter: Reporter) -> Mapping[str, Any]:
+    reporter.status("check", "loading")
+    from .pipeline.device import check_machine
+
+    return {"machine": check_machine(str(request["device"]), reporter)}
+
+
+def _make_environment(request: Request, reporter: Reporter) -> Mapping[str, Any]:
+    from .runtime.environment import make_environment
+
+    return {"python": str(make_environment(Path(request["folder"]), reporter, request.get("packages")))}
+
+
+def _run(request: Request, reporter: Reporter) -> Mapping[str, Any]:
+    settings = Settings.from_dict(request["settings"])
+    reporter.status("start", "loading")
+    from .pipeline.run import run
+
+    return {"report": run(settings, Path(request["folder"]), reporter, previews=bool(request.get("previews")))}
+
+
+def _enhance(request: Request, reporter: Reporter) -> Mapping[str, Any]:
+    enhance_request = EnhanceRequest.from_dict(request["request"])
+    reporter.status("start", "loading")
+    from .photographs.job import enhance_folder
+
+    return {"summary": enhance_folder(enhance_request, Path(request["folder"]), reporter)}
+
+
+def _write_report_page(request: Request, reporter: Reporter) -> Mapping[str, Any]:
+    from .runs.report_page import write_report_page
+
+    write_report_page(Path(request["folder"]))
+    return {}
+
+
+def _write_batch_page(request: Request, reporter: Reporter) -> Mapping[str, Any]:
+    from .batch.page_markup import write_batch_page
+
+    write_batch_page(PageArguments.from_dict(request["arguments"]), Path(request["folder"]))
+    return {}
+
+
+# What does a job, and what its request must have; below, what any request may have.
+_JOBS: Mapping[str, tuple[Callable[[Request, Reporter], Mapping[str, Any]], Mapping[str, type]]] = {
+    "inspect": (_inspect, {"capture": str}),
+    "inspect-all": (_inspect_all, {"captures": list}),
+    "normalise": (_normalise, {"capture": str, "folder": str}),
+    "check": (_check, {"device": str}),
+    "make-environment": (_make_environment, {"folder": str}),
+    "run": (_run, {"settings": dict, "folder": str}),
+    "enhance": (_enhance, {"request": dict, "folder": str}),
+    "report-page": (_write_report_page, {"folder": str}),
+    "batch-page": (_write_batch_page, {"arguments": dict, "folder": str}),
+}
+_OPTIONAL: Mapping[str, type] = {"sfm": bool, "previews": bool, "thumbnails": dict, "packages": list}
+_CAPTURE_ENTRY: Mapping[str, type] = {"capture": str, "sfm": bool}
+_THUMBNAILS: Mapping[str, type] = {"folder": str, "count": int, "size": int}
 
 
 def _cancel(*_: object) -> None:
@@ -190,7 +196,7 @@ def _cancel(*_: object) -> None:
 
 
 def _end_alone() -> None:
-    """End as if cancelled, because nobody listens any more; at once where a long call into C++ does not let that be."""
+    """End as if cancelled, because nobody is listening any more; at once if a long call into C++ blocks that."""
     os.kill(os.getpid(), signal.SIGINT)  # pycolmap takes SIGTERM for itself when it is imported
     time.sleep(GRACE_SECONDS)
     os._exit(EXIT_CANCELLED)

@@ -60,9 +60,9 @@ def make_workers() -> Workers:
     """What starts workers with the interpreter of the preferences; refuses only when one is to be started."""
     variables = {"WARP_CACHE_PATH": str(get_cache().kernels)}
     try:
-        return Workers(worker_python(), variables, behind=True)
+        return Workers(worker_python(), variables, low_priority=True)
     except InputError:
-        return _NoWorkers(variables=variables, behind=True)
+        return _NoWorkers(variables=variables, low_priority=True)
 
 
 class _NoWorkers(Workers):
@@ -87,7 +87,7 @@ def start_check() -> None:
 def start_making(base_python: str) -> None:
     """Make the environment in the background, from the interpreter `base_python`."""
     work = partial(_make, base_python, environment_folder())
-    job = BackgroundJob("Setting up the worker", work, Workers(base_python, behind=True), (STAGE,), {STAGE: 1.0})
+    job = BackgroundJob("Setting up the worker", work, Workers(base_python, low_priority=True), (STAGE,), {STAGE: 1.0})
     ACTIVITY.start(MAKE_JOB, job, _take_over_environment)
 
 

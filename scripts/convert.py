@@ -36,16 +36,11 @@ def main(arguments: list[str]) -> int:
 def build_parser() -> argparse.ArgumentParser:
     """Two paths and an option."""
     parser = OneLineParser(
-        prog="convert.py",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+        prog="convert.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
     parser.add_argument("source", type=Path, metavar="IN", help=".ply, .spz or .splat")
     parser.add_argument("target", type=Path, metavar="OUT", help="likewise; replaced if it is there")
-    parser.add_argument(
-        "--drop-damaged", action="store_true", help="leave Gaussians out whose values are no finite numbers"
-    )
+    parser.add_argument("--drop-damaged", action="store_true", help="drop Gaussians with values that are not finite")
     return parser
 
 
@@ -53,12 +48,12 @@ def convert(source: Path, target: Path, *, drop_damaged: bool) -> str:
     """Read `source`, write `target`, and say in a line what was done."""
     require_known_suffix(target)  # before anything long
     if target.exists() and source.exists() and target.samefile(source):
-        raise InputError("is the input too", where=target, remedy="name another file to write")
+        raise InputError("is also the input", where=target, remedy="name another file to write")
     gaussians = read_gaussians(source, drop_damaged=drop_damaged)
     write_gaussians(target, gaussians)
     said = f"wrote {target}: {len(gaussians):,} Gaussians, {target.stat().st_size / 1e6:.1f} MB"
     if target.suffix.lower() == ".splat" and gaussians.sh_degree:
-        said += f"; .splat holds no colours that depend on the direction (degree {gaussians.sh_degree} before)"
+        said += f"; .splat holds no view-dependent colours (degree {gaussians.sh_degree} before)"
     return said
 
 

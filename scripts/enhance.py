@@ -28,20 +28,21 @@ from cvdgs.core.settings import CVD_TYPES
 def build_parser() -> argparse.ArgumentParser:
     """The options of design.md; their values are checked by the worker."""
     parser = OneLineParser(
-        prog="enhance.py",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
+        prog="enhance.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
     add = parser.add_argument
     add("inputs", nargs="+", metavar="IMAGES|FOLDER", help="photographs; folders are searched with their subfolders")
-    add("--out", required=True, metavar="DIR", help="folder for the results; replaced only when all succeeds")
+    add("--out", required=True, metavar="DIR", help="folder for the results; replaced only when everything succeeds")
     add("--cvd", default="deutan", metavar="TYPE", help=f"{'|'.join(CVD_TYPES)} (deutan)")
     add("--severity", type=float, default=1.0, metavar="0..1", help="(1)")
     add_settings(parser, ("simulation", "strength", "enhancer", "seed", "device"))
-    add("--separately", action="store_true", help="each photograph on its own; by default all are one scene")
-    add("--skip-unreadable", action="store_true", help="leave damaged photographs out; by default they are refused")
-    add("--json", action="store_true", help="events on stdout, one JSON object a line, instead of a progress bar")
+    add(
+        "--separately",
+        action="store_true",
+        help="fit each photograph on its own; by default all are treated as one scene",
+    )
+    add("--skip-unreadable", action="store_true", help="skip damaged photographs; by default they are an error")
+    add("--json", action="store_true", help="events on stdout, one JSON object per line, instead of a progress bar")
     return parser
 
 

@@ -40,8 +40,12 @@ def build_parser() -> argparse.ArgumentParser:
     add("--cvd", action="append", metavar="TYPE", help=f"{'|'.join(CVD_TYPES)}; repeat for several layers (deutan)")
     add("--severity", action="append", type=float, metavar="0..1", help="one for all layers, or one per --cvd (1)")
     add_settings(parser, OPTIONS)
-    add("--json", action="store_true", help="events on stdout, one JSON object a line, instead of a progress bar")
-    add(DOCTOR, action="store_true", help="instead of a run: what is here, what is missing, how to get it; also --json")
+    add("--json", action="store_true", help="events on stdout, one JSON object per line, instead of a progress bar")
+    add(
+        DOCTOR,
+        action="store_true",
+        help="instead of a run, show what is installed, what is missing and how to get it; also with --json",
+    )
     return parser
 
 

@@ -22,13 +22,7 @@ import bootstrap
 bootstrap.load()
 from cvdgs.core.batch.batch_file import read_batch
 from cvdgs.core.batch.console import CHECK_STAGE as INSPECTION
-from cvdgs.core.batch.console import (
-    check_captures,
-    export,
-    print_plan,
-    run_in_console,
-    start_display,
-)
+from cvdgs.core.batch.console import check_captures, export, print_plan, run_in_console, start_display
 from cvdgs.core.batch.example import write_example
 from cvdgs.core.batch.plan import make_plan
 from cvdgs.core.batch.task import Plan
@@ -59,20 +53,20 @@ def build_parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     add = parser.add_argument
-    add("batch", nargs="?", metavar="BATCH.toml", help="what to render; core/batch/batch_file.py tells its form")
-    add("--out", metavar="DIR", help="folder for the results; what is done there already is kept")
-    add("--dry-run", action="store_true", help="say what there is to do and how long it may take; write nothing")
-    add("--example", metavar="FILE", help="write a small batch file on the demo capture, and do nothing else")
-    add("--json", action="store_true", help="events on stdout, one JSON object a line, instead of a progress bar")
-    add("--cores", type=int, metavar="N", help="that the tasks may keep busy at once (all)")
-    add("--memory", type=int, metavar="MB", help="that the tasks may need at once (all)")
+    add("batch", nargs="?", metavar="BATCH.toml", help="what to render; core/batch/batch_file.py describes the format")
+    add("--out", metavar="DIR", help="folder for the results; finished tasks in it are kept")
+    add("--dry-run", action="store_true", help="print the tasks and the estimated time; write nothing")
+    add("--example", metavar="FILE", help="write a small batch file for the demo capture, and exit")
+    add("--json", action="store_true", help="events on stdout, one JSON object per line, instead of a progress bar")
+    add("--cores", type=int, metavar="N", help="processor cores that the tasks may use together (all)")
+    add("--memory", type=int, metavar="MB", help="main memory that the tasks may use together (all)")
     add("--gpus", type=int, metavar="N", help="graphics cards for training (all)")
-    add("--cluster", metavar="tcp://HOST:PORT", help="give the tasks to this Dask scheduler; DIR is a shared folder")
+    add("--cluster", metavar="tcp://HOST:PORT", help="do the tasks on this Dask cluster; DIR is a shared folder")
     add("--export", choices=FARMS, help="write the plan for a render farm into DIR instead of doing it")
-    one = parser.add_argument_group("one task of a plan, as every engine does it")
+    one = parser.add_argument_group("do one task of a plan, as every engine does")
     one.add_argument("--plan", metavar="FILE", help="DIR/.batch/plan.json")
-    one.add_argument("--task", metavar="NAME", help="to do")
-    one.add_argument("--parent", type=int, metavar="PID", help="process with which the task ends")
+    one.add_argument("--task", metavar="NAME", help="the task to do")
+    one.add_argument("--parent", type=int, metavar="PID", help="end the task when this process ends")
     return parser
 
 

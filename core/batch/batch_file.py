@@ -38,18 +38,9 @@ from ..files.untrusted import is_file, is_folder, read_text
 from ..rendering.requests import CameraPath
 from ..runs.layout import DIGITS, ORIGINAL
 from ..runs.report import check_finished_run
-from ..settings import (
-    AUTO,
-    CVD_TYPES,
-    ENGINES,
-    OPTIONS,
-    WEIGHTS_SUFFIX,
-    Layer,
-    Settings,
-    typed_value,
-)
+from ..settings import AUTO, CVD_TYPES, ENGINES, OPTIONS, WEIGHTS_SUFFIX, Layer, Settings, typed_value
 from .model import Batch, Item, Needs, Output, TurntableSettings, layer_of
-from .toml_reader import Problem, Problems, TableReader, UnusableFile
+from .toml_reader import TableReader, UnusableFile
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9_-]+")
@@ -75,16 +66,14 @@ def read_batch(path: Path) -> Batch:
     _refuse_endless_keys(text, path)
     try:
         values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # also a number of thousands of digits, or a day that no month has
         raise UnusableFile(path, [_syntax_problem(str(error))]) from None
     except RecursionError:
         raise UnusableFile(path, [_syntax_problem("lists or tables are nested too deeply")]) from None
-    except ValueError as error:  # a number of thousands of digits, a day that no month has
-        raise UnusableFile(path, [_syntax_problem(str(error))]) from None
-    problems = Problems(text)
+    problems: list[str] = []
     batch = _read(TableReader(values, (), problems), path.absolute().parent)
-    if problems.found:
-        raise UnusableFile(path, problems.found)
+    if problems:
+        raise UnusableFile(path, problems)
     return batch
 
 
@@ -92,7 +81,7 @@ def _refuse_endless_keys(text: str, path: Path) -> None:
     found = [number for number, line in enumerate(text.split("\n"), start=1) if line.count(".") > _MAX_DOTS]
     if found:
         what = f"more than {_MAX_DOTS} dots in one line"
-        raise UnusableFile(path, [Problem(number, f"{what} - write it in several lines") for number in found])
+        raise UnusableFile(path, [f"line {number}: {what} - split the line" for number in found])
 
 
 @dataclass(frozen=True)
@@ -121,7 +110,7 @@ def _read(table: TableReader, folder: Path) -> Batch:
     needs = _read_needs(table.table("needs"))
     tables = table.tables("items")
     if not table.values.get("items"):
-        table.problems.add((), "the batch has no items", "add [[items]] with a capture or a run")
+        table.add_at((), "the batch has no items", "add [[items]] with a capture or a run")
     items = [_read_item(entry, defaults) for entry in tables]
     table.refuse_others()
     _refuse_equal_names(items, tables)
@@ -131,10 +120,10 @@ def _read(table: TableReader, folder: Path) -> Batch:
 def _read_item(table: TableReader, defaults: _Defaults) -> Item:
     capture, run = _read_path(table, "capture", defaults.folder), _read_path(table, "run", defaults.folder)
     if ("capture" in table) == ("run" in table):
-        table.problems.add(table.path, "needs either a capture or a run", "give one of the two")
+        table.add_at((), "needs either a capture or a run", "give one of the two")
     name = table.text("name", _NOT_IN_A_NAME.sub("-", (capture or run or Path("item")).name).strip("-_") or "item")
     if not _NAME.fullmatch(name):
-        table.add("name", f"'{name}' cannot be a folder's name", "use letters, digits, - and _")
+        table.add("name", f"'{name}' is not usable as a folder name", "use letters, digits, - and _")
     layers = _read_layers(table, defaults.layers)
     names = table.choices("cameras", tuple(defaults.cameras), tuple(defaults.cameras))
     turntable = _read_turntable(table.table("turntable"), defaults.turntable)
@@ -170,12 +159,12 @@ def _with_source_checked(item: Item, table: TableReader) -> Item:
         layers = tuple(filter(None, map(layer_of, item.layers)))
         if not layers:
             key = "layers" if "layers" in table else "capture"
-            table.add(key, "a capture needs a layer beside the original colours", 'add one, such as "deutan-1.0"')
+            table.add(key, "a capture needs a layer besides the original colours", 'add one, such as "deutan-1.0"')
             return item
         try:
             Settings(str(item.capture), "out", layers, **item.train)
         except InputError as error:
-            table.problems.add((*table.path, "train"), f"{error.where.lstrip('-')}: {error.what}", error.remedy)
+            table.add("train", f"{error.where.lstrip('-')}: {error.what}", error.remedy)
     return item
 
 
@@ -193,11 +182,11 @@ def _read_layers(table: TableReader, default: tuple[str, ...]) -> tuple[str, ...
         except ValueError:
             types = ", ".join(CVD_TYPES)
             remedy = f'give "{ORIGINAL}", or one of {types} with a severity from 0 to 1, such as "deutan-0.6"'
-            table.problems.add((*table.path, "layers", index), f"'{text}' is not known", remedy)
+            table.add_at(("layers", index), f"unknown layer '{text}'", remedy)
             continue
         name = layer.name if layer else ORIGINAL
         if name in names:
-            table.problems.add((*table.path, "layers", index), f"'{text}' is there twice", "name each once")
+            table.add_at(("layers", index), f"'{text}' appears twice", "name each once")
         else:
             names.append(name)
     return tuple(names) or default
@@ -208,14 +197,14 @@ def _read_cameras(table: TableReader) -> dict[str, CameraPath]:
     for name in table.values:
         camera = table.table(name)
         if not _NAME.fullmatch(name):
-            table.add(name, "cannot be part of a file's name", "use letters, digits, - and _")
+            table.add(name, "is not usable in a file name", "use letters, digits, - and _")
         usual = CameraPath()
         cameras[name] = CameraPath(
-            name,
             camera.number("radius", usual.radius, 0.0, _FAR),
             camera.number("height", usual.height, -100.0, 100.0),
             camera.number("focal_length", usual.focal_length, 0.0, 5000.0),
             camera.number("arc", usual.arc, 0.0, 360.0),
+            name,
         )
         camera.refuse_others()
     return cameras or {CameraPath.name: CameraPath()}
@@ -236,7 +225,7 @@ def _read_turntable(table: TableReader, default: TurntableSettings) -> Turntable
 def _read_size(table: TableReader, default: tuple[int, int]) -> tuple[int, int]:
     size = table.pair_of_integers("size", default, 2, _MAX_PIXELS)
     if "size" in table and any(side % 2 for side in size):
-        table.add("size", f"{size[0]} x {size[1]} has an odd side, which videos cannot have", "give even numbers")
+        table.add("size", f"{size[0]} x {size[1]} has an odd side; videos need even ones", "give even numbers")
     return size
 
 
@@ -258,15 +247,18 @@ def _refuse_equal_names(items: Iterable[Item], tables: Sequence[TableReader]) ->
         # Some file systems do not tell capitals from small letters.
         other = first.setdefault(item.name.casefold(), index)
         if other != index:
-            table.add("name", f"items {other + 1} and {index + 1} are both called '{item.name}'", "give one a name")
+            table.add(
+                "name",
+                f"items {other + 1} and {index + 1} are both called '{item.name}'",
+                "give one of them another name",
+            )
 
 
-def _syntax_problem(message: str) -> Problem:
-    found = re.search(r"\s*\(at line (\d+), column (\d+)\)|\s*\(at end of document\)", message)
-    line = int(found[1]) if found and found[1] else 1
-    what = message[: found.start()] if found else message
-    column = f" at column {found[2]}" if found and found[2] else ""
-    return Problem(line, f"no valid TOML{column}: {what} - {_REASONABLE_SYNTAX}")
+def _syntax_problem(message: str) -> str:
+    """`message` of Python's reader, which ends with ``(at line 3, column 7)`` where it knows the place."""
+    found = re.search(r"\s*\(at (line \d+), column (\d+)\)", message)
+    place, what = (f"{found[1]}: ", f"{message[: found.start()]} (column {found[2]})") if found else ("", message)
+    return f"{place}not valid TOML: {what} - {_REASONABLE_SYNTAX}"
 
 
 _TRAIN_OPTIONS = tuple(name for name, option in OPTIONS.items() if option.in_batch)
@@ -301,6 +293,6 @@ def _checked(name: str, value: Any, folder: Path) -> Any:
     if name == "enhancer" and value.endswith(WEIGHTS_SUFFIX):
         value = os.path.normpath(folder / value)
         if not is_file(value):
-            raise InputError(f"no such file: {value}", remedy=f"give a {WEIGHTS_SUFFIX} file that is there")
+            raise InputError(f"no such file: {value}", remedy=f"name an existing {WEIGHTS_SUFFIX} file")
     Settings("capture", "out", (Layer("deutan", 1.0),), **{name: value})
     return value

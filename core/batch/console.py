@@ -1,34 +1,26 @@
-"""A batch as its user meets it on a console: the plan, progress, the summary, exit codes. Standard library only."""
+"""A batch on the console: the plan, progress, the summary, exit codes. Standard library only."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import InputError
 from ..runtime.process import Event, Workers
 from ..runtime.progress import RunProgress, format_seconds
 from ..runtime.resources import Resources
-from ..runtime.supervisor import (
-    EXIT_DONE,
-    BarDisplay,
-    JsonDisplay,
-    Listener,
-    finish,
-    in_console,
-)
+from ..runtime.supervisor import EXIT_DONE, BarDisplay, JsonDisplay, Listener, finish, in_console
 from .local_pool import alone, run_locally
 from .model import Batch
 from .progress import estimated_seconds, measured_pace
 from .records import is_done
 from .scheduler import STAGE, BatchOutcome, summary
 from .task import Plan, Task, write_plan
-from .toml_reader import LineNumbers, Problem, UnusableFile
+from .toml_reader import UnusableFile
 
-_CANCELLED = "cancelled; what is done is kept, and the same command goes on from there"
+_CANCELLED = "cancelled; finished tasks are kept, and the same command continues from there"
 
 
 def run_in_console(plan: Plan, machine: Resources, *, cluster: str | None = None, json_events: bool) -> int:
@@ -42,9 +34,12 @@ def run_in_console(plan: Plan, machine: Resources, *, cluster: str | None = None
     outcomes: list[BatchOutcome] = []
 
     def work(listen: Listener) -> Event:
-        with _alone(plan):
-            write_plan(plan)
-            outcomes.append(_run_on(cluster, plan, listen) if cluster else run_locally(plan, machine, listen))
+        try:
+            with alone(plan):
+                write_plan(plan)
+                outcomes.append(_run_on(cluster, plan, listen) if cluster else run_locally(plan, machine, listen))
+        except OSError as error:
+            raise _unwritable(plan, error) from None
         return outcomes[0].to_event()
 
     code = in_console(work, start_display(STAGE, json_events=json_events), cancelled=_CANCELLED)
@@ -80,7 +75,7 @@ def export(plan: Plan, farm: str) -> int:
 
 
 def print_plan(plan: Plan, machine: Resources, *, json_events: bool) -> None:
-    """Say what there is to do, and how long it may take on `machine`."""
+    """Print the tasks and how long they may take on `machine`."""
     done = done_tasks(plan)
     pace = measured_pace(plan.tasks, plan.out)
     seconds = estimated_seconds(plan, machine, pace, done)
@@ -112,20 +107,6 @@ def _described_needs(task: Task) -> str:
     return ", ".join([*needs, *([f"{task.gpu} GPU"] if task.gpu else [])])
 
 
-@contextmanager
-def _alone(plan: Plan) -> Iterator[None]:
-    """Keep other processes from working on the batch; say in one line what cannot be written.
-
-    Raises:
-        InputError: another process does, or the folder cannot be written.
-    """
-    try:
-        with alone(plan):
-            yield
-    except OSError as error:
-        raise _unwritable(plan, error) from None
-
-
 def _unwritable(plan: Plan, error: OSError) -> InputError:
     remedy = "free space or choose another folder with --out"
     return InputError(f"cannot be written to ({error.strerror})", where=plan.out, remedy=remedy)
@@ -147,20 +128,13 @@ def check_captures(batch: Batch, path: Path, listen: Listener) -> None:
         return
     items = [batch.items[place] for place in places]
     captures = [{"capture": str(item.capture), "sfm": bool(item.train.get("sfm", False))} for item in items]
-    listen({"event": "status", "stage": CHECK_STAGE, "message": f"captures to look at: {len(captures)}"})
+    listen({"event": "status", "stage": CHECK_STAGE, "message": f"checking {len(captures)} captures"})
     request = {"job": "inspect-all", "captures": captures}
     refusals = finish(Workers().start(request, _log), listen)["refusals"]
-    if any(refusals):
-        lines = LineNumbers(path.read_text(encoding="utf-8"))
-        found = zip(places, refusals, strict=True)
-        raise UnusableFile(
-            path,
-            [
-                Problem(lines[("items", place, "capture")], f"items[{place + 1}].capture: {refusal}")
-                for place, refusal in found
-                if refusal
-            ],
-        )
+    found = zip(places, refusals, strict=True)
+    problems = [f"items[{place + 1}].capture: {refusal}" for place, refusal in found if refusal]
+    if problems:
+        raise UnusableFile(path, problems)
 
 
 def _log(line: str) -> None:

@@ -32,7 +32,7 @@ from ..errors import Cancelled, InputError
 from ..runtime.process import Event, Job
 from ..runtime.resources import Resources
 from ..runtime.supervisor import Listener, WorkerDefect, finish
-from .scheduler import TELL_SECONDS, BatchOutcome, Course
+from .scheduler import PROGRESS_SECONDS, BatchOutcome, BatchScheduler
 from .task import Plan, Task, plan_path
 from .task_process import start_task
 
@@ -40,7 +40,7 @@ try:
     import distributed
 except ImportError:
     raise InputError(
-        "this Python has no Dask", where="--cluster", remedy="install cvdgs with its extra: pip install 'cvdgs[farm]'"
+        "this Python has no Dask", where="--cluster", remedy="install it: pip install 'cvdgs[farm]'"
     ) from None
 
 _CONNECT_SECONDS = 15.0
@@ -78,7 +78,7 @@ def _connect(address: str, where: str) -> distributed.Client:
         client.wait_for_workers(1, timeout=_WORKERS_SECONDS)
     except TimeoutError:
         client.close()
-        raise InputError("the cluster has no worker", where=where, remedy=f"start a 'dask worker {address}'") from None
+        raise InputError("the cluster has no workers", where=where, remedy=f"start a 'dask worker {address}'") from None
     return client
 
 
@@ -102,7 +102,7 @@ def _check_cards(plan: Plan, workers: list[dict[str, Any]], where: str) -> None:
     most = max(worker["resources"].get("GPU", 0) for worker in workers)
     for task in plan.tasks:
         if task.gpu > most:
-            what = f"task '{task.name}' needs {task.gpu} graphics card(s), and no worker offers so many"
+            what = f"task '{task.name}' needs {task.gpu} graphics card(s), more than any worker offers"
             remedy = "start a worker with --resources 'GPU=1' where there is a card, or plan with --gpus 0"
             raise InputError(what, where=where, remedy=remedy)
 
@@ -111,52 +111,47 @@ class _Cluster:
     """The tasks of a plan on a cluster that can do them."""
 
     def __init__(
-        self,
-        client: distributed.Client,
-        plan: Plan,
-        plan_file: str,
-        workers: list[dict[str, Any]],
-        listen: Listener,
+        self, client: distributed.Client, plan: Plan, plan_file: str, workers: list[dict[str, Any]], listen: Listener
     ) -> None:
         self._client, self._plan, self._plan_file = client, plan, plan_file
         self._batch = f"cvdgs-{uuid.uuid4().hex}"
         # Dask lets a task wait for ever for a resource that no worker offers.
         self._offered = {name for worker in workers for name in worker["resources"]}
-        self._course = Course(plan, _resources(workers), listen)
+        self._scheduler = BatchScheduler(plan, _resources(workers), listen)
         self._running: dict[str, distributed.Future] = {}  # by task's name
-        self._said: queue.Queue[tuple[str, Event | distributed.Future]] = queue.Queue()
+        self._events: queue.Queue[tuple[str, Event | distributed.Future]] = queue.Queue()
 
     def run(self) -> BatchOutcome:
         self._client.register_plugin(TaskRunner(self._batch))
-        self._client.subscribe_topic(self._batch, lambda stamped: self._said.put((stamped[1]["task"], stamped[1])))
+        self._client.subscribe_topic(self._batch, lambda stamped: self._events.put((stamped[1]["task"], stamped[1])))
         try:
             self._submit()
             while self._running:
-                self._course.tell()
-                self._hear()
+                self._scheduler.report_progress()
+                self._handle_next()
                 self._submit()
-            return self._course.outcome
+            return self._scheduler.outcome
         finally:
             self._take_off()
 
     def _submit(self) -> None:
-        for task in self._course.ready():
-            self._course.hand_out(task)
+        for task in self._scheduler.ready():
+            self._scheduler.hand_out(task)
             future = self._client.submit(
                 do_task, self._batch, self._plan_file, task.name, resources=self._needs(task), pure=False
             )
             self._running[task.name] = future
-            future.add_done_callback(lambda future, name=task.name: self._said.put((name, future)))
+            future.add_done_callback(lambda future, name=task.name: self._events.put((name, future)))
 
     def _needs(self, task: Task) -> dict[str, float]:
         """What `task` takes of a worker, of the resources that are offered."""
         needs = {"GPU": task.gpu, "CORES": task.cores, "MEMORY": task.memory_mb * _MIB}
         return {name: amount for name, amount in needs.items() if amount and name in self._offered}
 
-    def _hear(self) -> None:
-        """Take in what has happened, if something happens soon."""
+    def _handle_next(self) -> None:
+        """Handle the next event or end of a task, if there is one soon."""
         try:
-            name, said = self._said.get(timeout=TELL_SECONDS)
+            name, said = self._events.get(timeout=PROGRESS_SECONDS)
         except queue.Empty:
             return
         task = self._plan.task(name)
@@ -164,23 +159,23 @@ class _Cluster:
             del self._running[name]
             self._take_back(task, said)
         elif name in self._running:
-            self._course.hear(task, said)
+            self._scheduler.handle_event(task, said)
 
     def _take_back(self, task: Task, future: distributed.Future) -> None:
         """An attempt has ended, or Dask has given it up."""
         if future.status == "finished":
             attempt: Attempt = future.result()
             if attempt.complaint:
-                self._course.fail(task, attempt.seconds, attempt.complaint, for_good=attempt.is_input)
+                self._scheduler.fail(task, attempt.seconds, attempt.complaint, for_good=attempt.is_input)
             else:
-                self._course.succeed(task, attempt.seconds, was_done=attempt.was_done)
-        elif future.status == "error":  # above all KilledWorker: as many workers were lost with it as Dask puts up with
-            self._course.fail(task, 0.0, _one_line(future.exception()), for_good=False)
+                self._scheduler.succeed(task, attempt.seconds, was_done=attempt.was_done)
+        elif future.status == "error":  # above all KilledWorker: as many workers were lost with it as Dask tolerates
+            self._scheduler.fail(task, 0.0, _one_line(future.exception()), for_good=False)
         else:
             raise InputError(
-                "the Dask scheduler is gone",
+                "the connection to the Dask scheduler is lost",
                 where=plan_path(self._plan.out),
-                remedy="start it and the batch again; what is done is kept",
+                remedy="restart it and run the batch again; finished tasks are kept",
             )
 
     def _take_off(self) -> None:
@@ -228,7 +223,7 @@ class TaskRunner(WorkerPlugin):
     A worker that is killed cannot do that; its tasks notice by themselves that it is gone.
 
     Args:
-        batch: name of the batch on this cluster, under which the worker keeps the runner and tells of its tasks.
+        batch: name of the batch on this cluster, under which the worker keeps the runner and publishes its events.
     """
 
     def __init__(self, batch: str) -> None:
@@ -249,7 +244,7 @@ class TaskRunner(WorkerPlugin):
         await asyncio.gather(*(asyncio.to_thread(job.cancel) for job in jobs))
 
     def do(self, plan_file: str, task: str) -> Attempt:
-        """Do a task, and tell of its events under the batch's name."""
+        """Do a task, and publish its events under the batch's name."""
         started = time.monotonic()
         complaint, is_input, was_done = "", False, False
         try:
@@ -285,7 +280,7 @@ class _Throttled:
     def __call__(self, event: Event) -> None:
         if event["event"] == "progress":
             now = time.monotonic()
-            if now - self._last < TELL_SECONDS:
+            if now - self._last < PROGRESS_SECONDS:
                 return
             self._last = now
         self._listen(event)

@@ -68,7 +68,7 @@ def write_example(path: Path) -> Path:
         with open(path, "x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise InputError("is there already", where=path, remedy="choose another name") from None
+        raise InputError("already exists", where=path, remedy="choose another name") from None
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", where=path, remedy="choose another place") from None
     return path

@@ -1,8 +1,8 @@
 """Does a plan on this machine: as many tasks at once as its cores, memory and graphics cards allow.
 
 Every task is a process of its own with the command of `task_command`, the one that every other engine runs. What is
-done already is left alone. A task that fails is tried again; what depends on it is given up, and everything else goes
-on. The processes end with this one, however it ends. Standard library only.
+already done is left alone. A task that fails is tried again; what depends on it is given up, and everything else
+continues. The processes end with this one, however it ends. Standard library only.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..runs.folder import lock_exclusively, open_lock
 from ..runtime.process import Event, Job
 from ..runtime.resources import Resources
 from ..runtime.supervisor import EXIT_DONE, EXIT_INPUT, Listener
-from .scheduler import TELL_SECONDS, BatchOutcome, Course
+from .scheduler import PROGRESS_SECONDS, BatchOutcome, BatchScheduler
 from .task import BATCH_FOLDER, Plan, Task, plan_path
 from .task_process import start_task
 
@@ -58,7 +58,7 @@ def alone(plan: Plan) -> Iterator[None]:
             lock_exclusively(lock)
         except OSError:
             remedy = "wait for it, or choose another folder with --out"
-            raise InputError("another process works on this batch", where=plan.out, remedy=remedy) from None
+            raise InputError("another process is working on this batch", where=plan.out, remedy=remedy) from None
         yield
 
 
@@ -79,27 +79,27 @@ class _Attempt:
 class _Pool:
     def __init__(self, plan: Plan, machine: Resources, listen: Listener) -> None:
         self._plan, self._machine, self._free = plan, machine, machine
-        self._course = Course(plan, machine, listen)
+        self._scheduler = BatchScheduler(plan, machine, listen)
         self._cards = list(range(machine.gpus))
         self._running: dict[str, _Attempt] = {}
         self._ready_since: dict[str, float] = {}
-        self._said: queue.Queue[tuple[_Attempt, Event | None]] = queue.Queue()
+        self._events: queue.Queue[tuple[_Attempt, Event | None]] = queue.Queue()
 
     def run(self) -> BatchOutcome:
         try:
             self._start_what_fits()
-            while not self._course.has_ended:
-                self._course.tell()
-                self._hear()
+            while not self._scheduler.has_ended:
+                self._scheduler.report_progress()
+                self._handle_next()
                 self._start_what_fits()
-            return self._course.outcome
+            return self._scheduler.outcome
         except BaseException:
             self._cancel()
             raise
 
     def _start_what_fits(self) -> None:
         """Start ready tasks in the plan's order, later ones where an earlier one does not fit."""
-        for task in self._course.ready():
+        for task in self._scheduler.ready():
             since = self._ready_since.setdefault(task.name, time.monotonic())
             if self._free.covers(task.resources.capped(self._machine)):
                 self._start(task)
@@ -115,19 +115,19 @@ class _Pool:
         attempt = self._running[task.name] = _Attempt(task, job, share, cards)
         self._free -= share
         self._cards = self._cards[share.gpus :]
-        self._course.begin(task)
+        self._scheduler.begin(task)
         threading.Thread(target=self._listen_to, args=(attempt,), name=task.name, daemon=True).start()
 
     def _listen_to(self, attempt: _Attempt) -> None:
         for event in attempt.job.events():
-            self._said.put((attempt, event))
+            self._events.put((attempt, event))
         attempt.code = attempt.job.wait()
-        self._said.put((attempt, None))
+        self._events.put((attempt, None))
 
-    def _hear(self) -> None:
-        """Take in what a task has said, if one says something soon."""
+    def _handle_next(self) -> None:
+        """Handle the next event of a task, if one arrives soon."""
         try:
-            attempt, event = self._said.get(timeout=TELL_SECONDS)
+            attempt, event = self._events.get(timeout=PROGRESS_SECONDS)
         except queue.Empty:
             return
         if event is None:
@@ -137,7 +137,7 @@ class _Pool:
         elif event["event"] == "result":
             attempt.was_done = bool(event["done_already"])
         else:
-            self._course.hear(attempt.task, event)
+            self._scheduler.handle_event(attempt.task, event)
 
     def _take_back(self, attempt: _Attempt) -> None:
         """A process has ended."""
@@ -147,11 +147,11 @@ class _Pool:
         self._cards = sorted([*self._cards, *attempt.cards])
         self._ready_since.pop(task.name, None)
         if attempt.code == EXIT_DONE:
-            self._course.succeed(task, seconds, was_done=attempt.was_done)
+            self._scheduler.succeed(task, seconds, was_done=attempt.was_done)
         else:
             message = attempt.complaint or _describe_end(attempt.code)
             # Unusable input is the same the next time.
-            self._course.fail(task, seconds, message, for_good=attempt.code == EXIT_INPUT)
+            self._scheduler.fail(task, seconds, message, for_good=attempt.code == EXIT_INPUT)
 
     def _cancel(self) -> None:
         """End all processes, at the same time."""

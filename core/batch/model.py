@@ -123,5 +123,5 @@ def layer_of(name: str) -> Layer | None:
     found = _LAYER.fullmatch(name)
     severity = float(found[2] or 1.0) if found else -1.0
     if found is None or not 0.0 <= severity <= 1.0:
-        raise ValueError(f"'{name}' is no layer")
+        raise ValueError(f"'{name}' is not a layer")
     return Layer(found[1], severity)

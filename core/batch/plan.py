@@ -29,22 +29,16 @@ from ..rendering.requests import (
     beside_each_other,
     seen_by,
 )
-from ..runs.layout import (
-    GAUSSIANS_FILE,
-    ORIGINAL,
-    REPORT_FILE,
-    layer_gaussians_file,
-    pictures,
-)
+from ..runs.layout import GAUSSIANS_FILE, ORIGINAL, REPORT_FILE, layer_gaussians_file, pictures
 from ..runs.report import CAMERAS
 from ..settings import Settings
 from .model import Batch, Item, Needs, Output, layer_of
 from .progress import (
+    LAYER_ADDED_SECONDS,
     LAYER_KEPT_SECONDS,
+    SHEET_SECONDS,
     frames_seconds,
-    layer_seconds,
     page_seconds,
-    sheet_seconds,
     train_seconds,
     video_seconds,
 )
@@ -180,7 +174,7 @@ class _PlannedItem:
 
     @property
     def entry(self) -> dict[str, Any]:
-        """What the page is told of the item."""
+        """The item's entry in the arguments of the page."""
         turntable = self.item.turntable
         turntables = [
             {
@@ -225,7 +219,7 @@ class _PlannedItem:
                 Kind.TRAIN,
                 TrainArguments(settings, made_along).to_dict(),
                 inputs=(str(item.source),),
-                # The layers made along are vouched for by tasks of their own: one that is lost costs no training.
+                # Layers trained along with the run have tasks of their own: losing one costs no training.
                 outputs=tuple(f"{run}/{file}" for file in (GAUSSIANS_FILE, CAMERAS)),
                 seconds=train_seconds(item.train, len(layers)),
             )
@@ -243,7 +237,7 @@ class _PlannedItem:
                 LayerArguments(settings, source).to_dict(),
                 inputs=(f"{source or run}/{GAUSSIANS_FILE}",),
                 outputs=tuple(outputs),
-                seconds=layer_seconds() if item.run else LAYER_KEPT_SECONDS,
+                seconds=LAYER_ADDED_SECONDS if item.run else LAYER_KEPT_SECONDS,
                 after=after,
             )
             after = (f"{name}.layer.{layer.name}",)  # one after the other: they write the same folder
@@ -262,12 +256,13 @@ class _PlannedItem:
         )
 
     def _chunks(self, turn: _Turn, after: tuple[str, ...]) -> Iterator[Task]:
-        settings, camera = self.item.turntable, turn.camera
+        settings = self.item.turntable
         width, height_pixels = settings.size
         files = (GAUSSIANS_FILE, CAMERAS, *(() if turn.layer == ORIGINAL else (layer_gaussians_file(turn.layer),)))
         for first in range(1, settings.frames + 1, settings.chunk):
             last = min(first + settings.chunk - 1, settings.frames)
-            arguments = FramesArguments(
+            arguments = FramesArguments.on(
+                turn.camera,
                 run=self.run,
                 layer=turn.layer,
                 engine=turn.engine,
@@ -275,10 +270,6 @@ class _PlannedItem:
                 first=first,
                 last=last,
                 frames=settings.frames,
-                radius=camera.radius,
-                height=camera.height,
-                focal_length=camera.focal_length,
-                arc=camera.arc,
                 width=width,
                 height_pixels=height_pixels,
                 simulated=turn.simulated,
@@ -338,12 +329,12 @@ class _PlannedItem:
             inputs=tuple(pictures(row["folder"], 1, frames) for row in rows),
             outputs=(file,),
             item=self.item.name,
-            seconds=sheet_seconds(),
+            seconds=SHEET_SECONDS,
             memory_mb=_SMALL_MEMORY_MB,
         )
 
     def _label(self, turn: _Turn) -> str:
-        """The layer, and what tells its turntables apart where there are several."""
+        """The layer, and what distinguishes its turntables where there are several."""
         parts = [turn.layer]
         parts += [turn.engine] if len(self.item.turntable.engines) > 1 else []
         parts += [turn.camera.name] if len(self.item.cameras) > 1 else []

@@ -64,16 +64,16 @@ class BatchProgress:
         self._running[task.name] = _Running(task, time.monotonic())
 
     def is_running(self, task: Task) -> bool:
-        """Whether an attempt at `task` goes on."""
+        """Whether an attempt at `task` is running."""
         return task.name in self._running
 
     def update(self, task: Task, event: Event) -> None:
-        """`task` has said something."""
+        """Take in an event of `task`."""
         if task.name in self._running:
             self._running[task.name].update(event)
 
     def stop(self, task: Task) -> None:
-        """An attempt at `task` has come to nothing."""
+        """An attempt at `task` has failed."""
         self._running.pop(task.name, None)
 
     def finish(self, task: Task, seconds: float | None) -> None:
@@ -108,7 +108,7 @@ class BatchProgress:
 
     @property
     def message(self) -> str:
-        """What goes on, for a person."""
+        """What is being done, for people."""
         count = len(self._tasks) - len(self._open)
         names = ", ".join(self._running)
         return f"{count} of {len(self._tasks)} tasks" + (f"; {names}" if names else "")
@@ -142,13 +142,13 @@ def estimated_seconds(plan: Plan, machine: Resources, pace: Mapping[Kind, float]
 _START_SECONDS = 16.0  # reading, enhancing, evaluating
 _SECONDS_PER_ITERATION = 0.051
 _LAYER_SECONDS = 20.0
-LAYER_KEPT_SECONDS = 1.0  # for a layer that the run was made with
+LAYER_ADDED_SECONDS, LAYER_KEPT_SECONDS = _START_SECONDS + _LAYER_SECONDS, 1.0  # kept: the run was made with it
 # 36,000 Gaussians in Cycles on one core; more cores share it.
 _LOAD_SECONDS = 3.0
 _SECONDS_PER_MEGAPIXEL = 170.0
 _SIMULATION_SECONDS_PER_MEGAPIXEL = 0.3
 _ENCODING_SECONDS_PER_MEGAPIXEL = 0.05
-_SHEET_SECONDS = 3.0
+SHEET_SECONDS = 3.0
 _PAGE_SECONDS_PER_ITEM = 0.5
 
 
@@ -156,11 +156,6 @@ def train_seconds(settings: Mapping[str, Any], layers: int) -> float:
     """Of a run with `settings` as `Settings` names them."""
     iterations = settings.get("iterations", Settings.iterations)
     return _START_SECONDS + _SECONDS_PER_ITERATION * iterations + _LAYER_SECONDS * layers
-
-
-def layer_seconds() -> float:
-    """Of a layer that is added to a run."""
-    return _START_SECONDS + _LAYER_SECONDS
 
 
 def frames_seconds(frames: int, size: tuple[int, int], observers: int, cores: int) -> float:
@@ -173,11 +168,6 @@ def frames_seconds(frames: int, size: tuple[int, int], observers: int, cores: in
 def video_seconds(frames: int, size: tuple[int, int], sequences: int) -> float:
     """Of a video of sequences side by side."""
     return 1.0 + frames * sequences * size[0] * size[1] / 1e6 * _ENCODING_SECONDS_PER_MEGAPIXEL
-
-
-def sheet_seconds() -> float:
-    """Of a contact sheet."""
-    return _SHEET_SECONDS
 
 
 def page_seconds(items: int) -> float:

@@ -1,4 +1,4 @@
-"""What vouches for a finished task: a record of what it was made from and what it left. Standard library only.
+"""Records of finished tasks: what each was made from and what it wrote. Standard library only.
 
     OUT/.batch/done/TASK.json    {"fingerprint": "...", "seconds": 12.3, "inputs": {...}, "outputs": {...}}
 
@@ -54,7 +54,7 @@ def record_path(task: Task, out: Path) -> Path:
 
 
 def fingerprint(task: Task) -> str:
-    """Of what a task is told, and of the version that does it; not of what it may take of a machine."""
+    """Hash of a task's arguments and of the version that does it, but not of the resources that it may use."""
     incidental = _INCIDENTAL.get(task.kind, ())
     arguments = {name: value for name, value in task.arguments.items() if name not in incidental}
     told = {"format": _FORMAT, "version": __version__, "kind": task.kind, "arguments": arguments}
@@ -70,7 +70,7 @@ def is_done(task: Task, out: Path) -> bool:
 
 
 def read_record(task: Task, out: Path) -> Record | None:
-    """The record of `task`; None where there is none, or it is damaged."""
+    """The record of `task`; None if it is missing or damaged."""
     try:
         values = read_json(record_path(task, out))
         inputs = {path: tuple(signature) for path, signature in values["inputs"].items()}
@@ -89,12 +89,12 @@ def sign_inputs(task: Task, out: Path) -> dict[str, tuple[Any, ...]]:
     signatures = {name: _signature(path) for name, path in _input_files(task, out)}
     missing = [name for name, signature in signatures.items() if not signature]
     if missing and not task.kind.tolerates_failures:
-        raise InputError("no such file", where=missing[0], remedy="run the batch again; what makes it is done first")
+        raise InputError("no such file", where=missing[0], remedy="run the batch again, which makes it first")
     return signatures
 
 
 def write_record(task: Task, out: Path, inputs: Signatures, seconds: float) -> None:
-    """Vouch for what `task` left, after it has reached the disk.
+    """Record that `task` is done, after its outputs have reached the disk.
 
     Raises:
         FileNotFoundError: an output is missing.
@@ -115,7 +115,7 @@ def write_record(task: Task, out: Path, inputs: Signatures, seconds: float) -> N
 
 
 def forget(task: Task, out: Path) -> None:
-    """No longer vouch for what `task` left."""
+    """Delete the record of `task`, so that it will be done again."""
     record_path(task, out).unlink(missing_ok=True)
 
 

@@ -40,7 +40,7 @@ def run_task(plan: Plan, name: str, listen: Listener) -> bool:
     task = plan.task(name)
     with _alone(task, plan.out, listen):
         if is_done(task, plan.out):
-            listen({"event": "status", "stage": str(task.kind), "message": f"{task.name} is done already"})
+            listen({"event": "status", "stage": str(task.kind), "message": f"{task.name} is already done"})
             return False
         listen({"event": "status", "stage": str(task.kind), "message": task.name})
         forget(task, plan.out)
@@ -50,7 +50,7 @@ def run_task(plan: Plan, name: str, listen: Listener) -> bool:
         try:
             write_record(task, plan.out, inputs, time.monotonic() - started)
         except FileNotFoundError as error:
-            raise WorkerDefect(f"{task.name} left no {error.filename}") from None
+            raise WorkerDefect(f"{task.name} did not write {error.filename}") from None
     return True
 
 
@@ -67,7 +67,7 @@ def _alone(task: Task, out: Path, listen: Listener) -> Iterator[None]:
                 break
             except OSError:
                 if not told:
-                    message = f"another process does {task.name}; waiting for it"
+                    message = f"another process is doing {task.name}; waiting for it"
                     listen({"event": "status", "stage": str(task.kind), "message": message})
                     told = True
                 time.sleep(_LOCK_POLL_SECONDS)
@@ -110,19 +110,16 @@ def _render_frames(task: Task, out: Path, listen: Listener) -> None:
     render(arguments, out, listen, threads=task.cores, model=simulation_model(out / arguments.run))
 
 
-def _make_video(task: Task, out: Path, listen: Listener) -> None:
-    make_pictures("video", task.arguments, out, listen)
-
-
-def _make_sheet(task: Task, out: Path, listen: Listener) -> None:
-    make_pictures("sheet", task.arguments, out, listen)
+def _make_file(task: Task, out: Path, listen: Listener) -> None:
+    """Make a video or a contact sheet of pictures that are there."""
+    make_pictures(str(task.kind), task.arguments, out, listen)
 
 
 _WORK: dict[Kind, Callable[[Task, Path, Listener], None]] = {
     Kind.TRAIN: _train,
     Kind.LAYER: _add_layer,
     Kind.FRAMES: _render_frames,
-    Kind.VIDEO: _make_video,
-    Kind.SHEET: _make_sheet,
+    Kind.VIDEO: _make_file,
+    Kind.SHEET: _make_file,
     Kind.PAGE: page.run,
 }

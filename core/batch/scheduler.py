@@ -1,4 +1,4 @@
-"""The course of a batch, whichever engine does its tasks: which may begin, how they end, and what is said of it.
+"""Schedules a batch's tasks, whichever engine does them: which may start, how they end, and what is reported.
 
 Standard library only.
 """
@@ -23,15 +23,15 @@ from .records import is_done
 from .task import BATCH_FOLDER, Kind, Plan, Task
 
 STAGE = "batch"
-TELL_SECONDS = 1.0
+PROGRESS_SECONDS = 1.0
 """Between events of progress."""
 
 
-class Course:
+class BatchScheduler:
     """Follows the tasks of `plan` from start to end.
 
-    What is done already is left alone. A task that fails is tried again as often as the plan says; what needs it is
-    given up then, and everything else goes on.
+    Finished tasks are left alone. A task that fails is retried as often as the plan says; then the tasks that depend
+    on it are given up, and everything else continues.
 
     Args:
         machine: all that the tasks may take at once, for the time left.
@@ -52,7 +52,7 @@ class Course:
         self._checked: set[str] = set()
         self._failures: dict[str, int] = {}
         self._outcomes: dict[str, TaskOutcome] = {}
-        self._told = 0.0
+        self._reported = 0.0
         for task in plan.tasks:
             if not task.after:
                 self._make_ready(task)
@@ -90,11 +90,11 @@ class Course:
         self._progress.start(task)
 
     def hand_out(self, task: Task) -> None:
-        """A task that was ready waits for its turn elsewhere; `hear` notices when that has come."""
+        """A task that was ready is queued elsewhere; `handle_event` notices when it starts."""
         self._ready.remove(self._order[task.name])
 
-    def hear(self, task: Task, event: dict) -> None:
-        """A task has said something."""
+    def handle_event(self, task: Task, event: dict) -> None:
+        """Take in an event of a task."""
         if not self._progress.is_running(task):
             self._progress.start(task)
         if event["event"] == "warning":
@@ -117,12 +117,12 @@ class Course:
         self._listen({"event": "warning", "name": "task-retried", "task": task.name, "message": text})
         self._make_ready(task)
 
-    def tell(self) -> None:
-        """Say how far the batch is, if that was not said just now."""
+    def report_progress(self) -> None:
+        """Report the batch's progress, unless that was done within the last second."""
         now = time.monotonic()
-        if now - self._told < TELL_SECONDS:
+        if now - self._reported < PROGRESS_SECONDS:
             return
-        self._told = now
+        self._reported = now
         progress = self._progress
         self._listen(
             {
@@ -138,13 +138,13 @@ class Course:
         insort(self._ready, self._order[task.name])
 
     def _end(self, task: Task, outcome: TaskOutcome) -> None:
-        """A task has come to its end, and with it those that can only be given up."""
+        """A task has ended, and with it those that can only be given up."""
         ended = [(task, outcome)]
         while ended:
             task, outcome = ended.pop()
             self._outcomes[task.name] = outcome
             self._progress.finish(task, outcome.seconds if outcome.state is State.DONE else None)
-            self._tell_end(task, outcome)
+            self._report_end(task, outcome)
             for dependent in self._dependents[task.name]:
                 if dependent.name in self._outcomes:
                     continue
@@ -155,7 +155,7 @@ class Course:
                 elif not waits_for:
                     self._make_ready(dependent)
 
-    def _tell_end(self, task: Task, outcome: TaskOutcome) -> None:
+    def _report_end(self, task: Task, outcome: TaskOutcome) -> None:
         fields = {"task": task.name, "item": task.item, "state": str(outcome.state)}
         self._listen({"event": "task", **fields, "seconds": round(outcome.seconds, 2), "message": outcome.message})
         if outcome.state is State.FAILED:
@@ -246,11 +246,11 @@ def summary(result: Mapping[str, Any]) -> str:
     finished = sum(items.values())
     lines = [
         f"{finished} of {len(items)} items in {format_seconds(result['seconds'])}: {tasks['done']} tasks done, "
-        f"{tasks['kept']} were done before, {tasks['failed']} failed, {tasks['blocked']} could not be begun"
+        f"{tasks['kept']} done before, {tasks['failed']} failed, {tasks['blocked']} not started"
     ]
     lines += [f"  {failed['task']} failed: {failed['message']} (see {failed['log']})" for failed in result["failed"]]
     if result["failed"]:
-        lines.append("  start the batch again to do what is missing")
+        lines.append("  run the batch again to do what is missing")
     if result["page"]:
         lines.append(f"  open {result['page']}")
     return "\n".join(lines)

@@ -2,15 +2,15 @@
 
     python scripts/turntable.py --plan OUT/.batch/plan.json --task NAME
 
-does one task, for the local pool as for every other engine. What a task of each kind is told stands in `arguments`;
-what it does is a function ``run(task: Task, out: Path, listen: Listener) -> None`` in the module of its kind (see
+does one task, for the local pool as for every other engine. A task's `arguments` say what to do;
+it is done by a function ``run(task: Task, out: Path, listen: Listener) -> None`` in the module of its kind (see
 `run_task`), which
 
 - writes its outputs under temporary names in the folder where they belong, and renames them when they are complete;
-- tells `listen` of its progress in the events of ``core/runtime/protocol.py``;
+- reports its progress to `listen` with the events of ``core/runtime/protocol.py``;
 - raises `InputError` for unusable input, `WorkerDefect` for a worker that failed, and lets `Cancelled` pass.
 
-It need not ask whether there is anything to do: `run_task` does, and vouches for the outputs afterwards.
+It need not check whether there is anything to do: `run_task` does, and records the outputs afterwards.
 
 Paths in a task are relative to OUT, with forward slashes, so that machines may mount the shared folder anywhere;
 captures and finished runs outside of OUT are absolute. Pictures of a sequence are written as ``{0001..0024}``.
@@ -73,7 +73,7 @@ class Task:
         name: unique in the plan, and fit for a file name.
         kind: what it does.
         after: names of the tasks that have to be done before.
-        arguments: what it is told; the fields of the dataclass of its kind in `arguments`, ready for JSON.
+        arguments: the fields of the dataclass of its kind in `rendering.requests`, ready for JSON.
         inputs: files and folders whose contents it depends on.
         outputs: files that it leaves.
         item: the batch's item that it belongs to; "" for the whole batch.
@@ -97,7 +97,7 @@ class Task:
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
-            raise ValueError(f"'{self.name}' is no name of a task")
+            raise ValueError(f"'{self.name}' is not a valid task name")
         for path in self.outputs:
             parts = path.replace("\\", "/").split("/")
             if os.path.isabs(path) or ".." in parts or ":" in parts[0]:
@@ -221,7 +221,7 @@ def read_plan(path: Path) -> Plan:
     try:
         values = read_json(path, most_bytes=_MAX_PLAN_BYTES, remedy=remedy)
         if values["format"] != _FORMAT:
-            raise InputError(f"a plan of another version ({values['format']})", where=path, remedy=remedy)
+            raise InputError(f"the plan was made by another version ({values['format']})", where=path, remedy=remedy)
         tasks = tuple(Task.from_dict(task) for task in values["tasks"])
         return Plan(path.absolute().parent.parent, tasks, int(values["retries"]))
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:

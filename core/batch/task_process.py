@@ -15,14 +15,7 @@ from typing import TextIO
 from ..errors import Cancelled, InputError
 from ..runtime.process import GRACE_SECONDS, Event, Job, follow_parent
 from ..runtime.progress import RunProgress
-from ..runtime.supervisor import (
-    BarDisplay,
-    JsonDisplay,
-    Listener,
-    Log,
-    WorkerDefect,
-    in_console,
-)
+from ..runtime.supervisor import BarDisplay, JsonDisplay, Listener, Log, WorkerDefect, in_console
 from .run_task import run_task
 from .scheduler import log_path
 from .task import read_plan, task_command
@@ -86,20 +79,14 @@ def start_task(
     Raises:
         InputError: it cannot be started.
     """
-    log = TaskLog(name, plan_file.absolute().parent.parent)
+    path = log_path(name, plan_file.absolute().parent.parent)
+
+    def log(line: str) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(path, "a", encoding="utf-8") as file:
+            file.write(f"          {line}\n")
+
     if note:
         log(note)
     command = [*task_command(sys.executable, plan_file, name), "--parent", str(os.getpid())]
     return Job(command, log=log, variables=variables, grace_seconds=_GRACE_SECONDS)
-
-
-class TaskLog:
-    """Adds lines to the log of the task called `name`, beside those that its process writes."""
-
-    def __init__(self, name: str, out: Path) -> None:
-        self._path = log_path(name, out)
-
-    def __call__(self, line: str) -> None:
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        with open(self._path, "a", encoding="utf-8") as file:
-            file.write(f"          {line}\n")

@@ -55,6 +55,13 @@ def simulate(image: Tensor, cvd: str, severity: float, model: str = "machado", s
 
     Raises:
         InputError: a combination that cannot be simulated.
+
+    Example:
+        >>> import torch
+        >>> from cvdgs.core import simulate
+        >>> brown_beside_green = torch.tensor([[[0.8, 0.4]], [[0.2, 0.5]], [[0.1, 0.1]]])
+        >>> simulate(brown_beside_green, "deutan", 1.0)[0].round(decimals=2)  # their red: 0.8 and 0.4 before
+        tensor([[0.5400, 0.5200]])
     """
     if space not in SIMULATION_SPACES:
         raise InputError(f"{space!r} is not a simulation space", remedy="use linear or encoded")

@@ -1,4 +1,4 @@
-"""The doctor's whole round. Standard library only."""
+"""All checks of the doctor. Standard library only."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ STAGE = "doctor"
 def examine(reporter: Reporter | None = None) -> Iterator[Finding]:
     """Every finding as it is made; some seconds, because packages are imported to see whether they work."""
     tell = (reporter or Reporter()).status
-    tell(STAGE, "asking the worker's Python")
+    tell(STAGE, "checking the worker's Python")
     worker = list(examine_worker())
     yield Finding("this Python", State.OK, f"{platform.python_version()} ({sys.executable})")
     yield from worker
-    tell(STAGE, "asking Blender")
+    tell(STAGE, "checking Blender")
     worker_is_here = worker[0].state is State.OK
     yield from examine_blender(worker_is_here=worker_is_here)
     yield from examine_computer(environment_is_here=worker_is_here)
@@ -64,8 +64,8 @@ def examine_blender(*, worker_is_here: bool) -> Iterator[Finding]:
     blender, is_module = _blender()
     if blender.state is State.MISSING and not worker_is_here:
         # Without a worker nothing is known of its bpy module, and whoever makes the worker gets both.
-        remedy = "make the worker first, which has it; or set CVDGS_BLENDER to a Blender program"
-        blender = Finding("Blender", State.MISSING, "is looked for beside the worker, which is missing", remedy)
+        remedy = "set up the worker first, which includes it, or set CVDGS_BLENDER to a Blender program"
+        blender = Finding("Blender", State.MISSING, "cannot be looked for before there is a worker", remedy)
     yield blender
     if is_module:  # a Blender program brings its libraries, or its package asks for them
         yield from _system_libraries()
@@ -75,7 +75,7 @@ def examine_blender(*, worker_is_here: bool) -> Iterator[Finding]:
 
 
 def _blender() -> tuple[Finding, bool]:
-    """What is found of it, and whether it is, or would be, the bpy module."""
+    """The finding, and whether Blender is, or would be, the bpy module."""
     this = sys.modules.get("bpy")
     if this is not None and this.app.binary_path and not os.environ.get("CVDGS_BLENDER"):
         return Finding("Blender", State.OK, f"{this.app.version_string} ({this.app.binary_path})"), False
@@ -104,7 +104,7 @@ def _module_version(python: str) -> str:
 
 
 def _system_libraries() -> Iterator[Finding]:
-    """Packages that the bpy wheel needs, as `SYSTEM_LIBRARIES` knows them; nothing where there is no such knowledge."""
+    """Packages that the bpy wheel needs according to `SYSTEM_LIBRARIES`; nothing where that cannot be run."""
     if not SYSTEM_LIBRARIES.is_file() or os.name != "posix":
         return
     try:
@@ -113,16 +113,16 @@ def _system_libraries() -> Iterator[Finding]:
     except (OSError, subprocess.SubprocessError):
         return
     if missing:
-        found = f"{len(missing)} that Blender's module loads are missing"
+        found = f"{len(missing)} that Blender's module needs are missing"
         yield Finding("libraries", State.MISSING, found, _how_to_install(missing))
     else:
-        yield Finding("libraries", State.OK, "all that Blender's module loads")
+        yield Finding("libraries", State.OK, "everything that Blender's module needs")
 
 
 def _how_to_install(packages: Sequence[str]) -> str:
     names = " ".join(packages)
     if shutil.which("apt-get") is None:
-        return f"install what Debian calls {names}"
+        return f"install the packages that Debian calls {names}"
     if os.geteuid() == 0:  # a root without packages has neither sudo nor apt's lists
         return f"run 'sh {SYSTEM_LIBRARIES}', which installs {names}"
     return f"sudo apt-get install {names}"
@@ -167,7 +167,7 @@ def _graphics_card() -> Finding:
     try:
         answer = subprocess.run(query, capture_output=True, text=True, timeout=20.0, check=True).stdout.strip()
     except (OSError, subprocess.SubprocessError):
-        return Finding("graphics card", State.NOTE, "NVIDIA's driver does not answer; the CPU is used", "restart it")
+        return Finding("graphics card", State.NOTE, "the NVIDIA driver does not respond; the CPU is used", "reboot")
     return Finding("graphics card", State.OK, "; ".join(answer.splitlines()))
 
 
@@ -199,7 +199,9 @@ def examine_worker() -> Iterator[Finding]:
         if packages[name]["problem"] is None:
             yield Finding(name, State.OK, packages[name]["version"])
         else:
-            yield Finding(name, State.NOTE, f"is not installed; only for {purpose}", f"{python} -m pip install {name}")
+            yield Finding(
+                name, State.NOTE, f"is not installed; needed only for {purpose}", f"{python} -m pip install {name}"
+            )
     yield from _kernels(answer)
 
 
@@ -218,7 +220,7 @@ def _kernels(answer: Answer) -> Iterator[Finding]:
         remedy = "set WARP_CACHE_PATH to a folder that you can write to"
         yield Finding("kernels", State.MISSING, f"{cache['folder']} cannot be written to ({cache['problem']})", remedy)
     else:
-        yield Finding("kernels", State.OK, f"kept in {cache['folder']}")
+        yield Finding("kernels", State.OK, f"cached in {cache['folder']}")
     devices = answer["cuda"]
     if devices:
         yield Finding("CUDA", State.OK, ", ".join(devices))
@@ -244,5 +246,5 @@ def _what_makes_one() -> Iterator[Finding]:
         remedy += ", or let the add-on make an environment (Preferences > Add-ons > cvdgs) and set CVDGS_PYTHON to it"
         yield Finding("Python", State.MISSING, f"none of {', '.join(names)} is found; 'make venv' needs one", remedy)
     if shutil.which("make") is None:
-        remedy = f"install make, or type what the Makefile's venv does, in {ROOT}"
+        remedy = f"install make, or run the commands of the Makefile's venv target in {ROOT}"
         yield Finding("make", State.MISSING, "is not found", remedy)

@@ -33,7 +33,7 @@ def diagnose_in_console(*, as_json: bool) -> int:
 
 
 def _say(text: str) -> None:
-    """Print; to nobody from now on where whoever was listening (``| head``) has left."""
+    """Print; discard everything once the reader of a pipe (``| head``) has gone."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -57,5 +57,5 @@ def format_finding(finding: Finding) -> str:
 def _last_word(findings: Sequence[Finding]) -> str:
     names = missing(findings)
     if names:
-        return f"Missing: {', '.join(names)}. Follow the arrows from the top, then ask again."
+        return f"Missing: {', '.join(names)}. Follow the arrows from top to bottom, then run the doctor again."
     return "Everything that a run needs is here."

@@ -1,4 +1,4 @@
-"""Asks interpreters and Blenders what they have. Standard library only."""
+"""Asks interpreters and Blender which packages and versions they have. Standard library only."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Answer = dict[str, Any]
 
 
 def ask(python: str, modules: dict[str, str]) -> Answer:
-    """What `python` has of `modules` (module to distribution), as `probe.main` tells it.
+    """Which of `modules` (module to distribution) `python` has, as reported by `probe.main`.
 
     Raises:
         InputError: it cannot be run, or does not answer.
@@ -30,9 +30,13 @@ def ask(python: str, modules: dict[str, str]) -> Answer:
     try:
         answer = json.loads(lines[-1])
     except (IndexError, ValueError):
-        raise InputError("does not answer like a Python", where=python, remedy="name a Python 3") from None
+        raise InputError(
+            "does not behave like a Python interpreter", where=python, remedy="name a Python 3 interpreter"
+        ) from None
     if not isinstance(answer, dict) or "packages" not in answer:
-        raise InputError("does not answer like a Python", where=python, remedy="name a Python 3")
+        raise InputError(
+            "does not behave like a Python interpreter", where=python, remedy="name a Python 3 interpreter"
+        )
     return answer
 
 
@@ -67,7 +71,7 @@ def _run(command: list[str]) -> str:
 
 
 class State(Enum):
-    """How a thing stands; the values are what programs read and what stands before a line."""
+    """The state of a thing; the values are printed before each line and read by programs."""
 
     OK = "ok"
     NOTE = "note"
@@ -77,7 +81,7 @@ class State(Enum):
 
 @dataclass(frozen=True)
 class Finding:
-    """A line of the doctor.
+    """One line of the doctor's report.
 
     Attributes:
         name: of the thing.
@@ -93,7 +97,7 @@ class Finding:
 
     @classmethod
     def of_error(cls, name: str, error: InputError) -> Finding:
-        """What is missing because of `error`."""
+        """The thing is missing, for the reason in `error`."""
         found = f"{error.where}: {error.what}" if error.where else error.what
         return cls(name, State.MISSING, found, error.remedy)
 

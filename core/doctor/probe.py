@@ -1,4 +1,4 @@
-"""Tells what an interpreter has, in its last line of output. Run as a file by that interpreter, whatever it has.
+"""Reports what an interpreter has, in its last line of output. Run as a file by that interpreter, whatever it has.
 
     PYTHON core/doctor/probe.py MODULE=DISTRIBUTION ...
 

@@ -87,6 +87,53 @@ class TeacherSettings:
     sampling: PairSampling = field(default_factory=PairSampling)
 
 
+def fit_lut(
+    images: Images,
+    cvd: str,
+    severity: float,
+    model: str = "machado",
+    *,
+    alphas: Alphas = None,
+    settings: TeacherSettings = TeacherSettings(),
+    seed: int = 0,
+    reporter: Reporter | None = None,
+    stage: str = "enhance",
+) -> ColorLut:
+    """Fit the recolouring of a scene for one observer; deterministic for a seed.
+
+    Args:
+        images: (H, W, 3) uint8 training views.
+        cvd, severity, model: the observer, as for `simulate`.
+        alphas: (H, W) coverage per view or None; uncovered pixels are left out.
+        settings: constants of the fit.
+        seed: draws the pairs.
+        reporter, stage: progress goes there under this name.
+
+    Raises:
+        InputError: an observer that cannot be simulated.
+
+    Example:
+        >>> from pathlib import Path
+        >>> import numpy as np
+        >>> from cvdgs.core import fit_lut
+        >>> brown, green = (200, 50, 25), (100, 125, 25)
+        >>> image = np.tile(np.array([brown, green], np.uint8), (16, 8, 1))  # stripes, 16 x 16 pixels
+        >>> lut = fit_lut([image], "deutan", 1.0)
+        >>> lut(image).shape  # recoloured, in [0, 1]
+        (16, 16, 3)
+        >>> lut.export_cube(Path("deutan.cube"))  # for grading tools
+    """
+    return fit_luts(
+        images,
+        [Observer(cvd, severity, model)],
+        alphas=alphas,
+        settings=settings,
+        seed=seed,
+        reporter=reporter,
+        stage=stage,
+    )[0]
+
+
 def fit_luts(
     images: Images,
     observers: Sequence[Observer],

@@ -80,7 +80,7 @@ class Evaluation:
         notes: dict[str, str] = {}
         tested = self.split.test or spread(self.split.train, MOST_SCORED_VIEWS // 3)
         if not self.split.test:
-            notes["reconstruction"] = "no view is held out: the figures are on training views and flatter the result"
+            notes["reconstruction"] = "no view is held out: the figures come from training views and are optimistic"
         scored = spread(tested, MOST_SCORED_VIEWS)
         self._steps = len(tested) * (1 + len(layers)) + len(layers)
         self.reporter.status(STAGE, f"rendering {len(tested)} views")

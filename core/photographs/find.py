@@ -48,7 +48,7 @@ class Photograph:
         """What the file says about itself.
 
         Raises:
-            InputError: it is no image that can be used.
+            InputError: it is not a usable image.
         """
         return read_header(self.path, min_side=1)
 
@@ -56,7 +56,7 @@ class Photograph:
         """Upright (H, W, 3) sRGB and (H, W) coverage, or None where it is opaque.
 
         Raises:
-            InputError: it is no image that can be used, or is damaged.
+            InputError: it is not a usable image, or is damaged.
         """
         return read_pixels(self.path, upright=True, min_side=1)
 
@@ -79,7 +79,7 @@ class Survey:
 def find_photographs(inputs: Sequence[str], out: Path, reporter: Reporter) -> list[Photograph]:
     """The photographs that `inputs`, files and folders, name; in natural order for each folder, each once.
 
-    What lies in `out` is no photograph of a folder that contains it, so results are not read again.
+    Files in `out` are skipped in a folder that contains it, so results are not read again.
 
     Raises:
         InputError: an input is missing, a folder holds no image, or a result would replace what is not ours.
@@ -144,9 +144,9 @@ def _search(folder: Path, out: Path, reporter: Reporter) -> list[Path]:
     others = _other_files(folder, set(images), out)
     if not images:
         held = f" ({quote_first(others)})" if others else ""
-        raise InputError(f"no image is in this folder{held}", where=folder, remedy="name a folder of photographs")
+        raise InputError(f"this folder contains no images{held}", where=folder, remedy="name a folder of photographs")
     if others:
-        reporter.warning("not-images", f"{folder}: what is no image is skipped: {quote_first(others)}")
+        reporter.warning("not-images", f"{folder}: files that are not images are skipped: {quote_first(others)}")
     return images
 
 
@@ -167,7 +167,7 @@ def _is_inside(path: Path, folder: Path) -> bool:
 
 
 def _real(path: Path) -> Path:
-    """The path without symbolic links; unlike `Path.resolve` it puts up with a cycle of them."""
+    """The path without symbolic links; unlike `Path.resolve` it tolerates a cycle of them."""
     return Path(os.path.realpath(path))
 
 
@@ -190,14 +190,14 @@ def _keep_foreign_files(photographs: Sequence[Photograph], out: Path) -> None:
             )
         target = out / photograph.output
         if target.exists() and _real(target) not in ours:
-            raise InputError("is there already and was not made by an earlier run", where=target, remedy=_OTHER_FOLDER)
+            raise InputError("already exists and was not made by an earlier run", where=target, remedy=_OTHER_FOLDER)
 
 
 def _describe(headers: Sequence[ImageHeader], reporter: Reporter) -> None:
     """Warn of what happens to photographs that are not plain upright 8-bit sRGB."""
     rotated = sum(header.orientation != 1 for header in headers)
     if rotated:
-        reporter.warning("exif-rotated", f"{rotated} photographs are turned upright as their EXIF data says")
+        reporter.warning("exif-rotated", f"{rotated} photographs are rotated upright according to their EXIF data")
     deep = sum(header.bits > 8 for header in headers)
     if deep:
         reporter.warning("deep-colour", f"{deep} photographs have more than 8 bits a channel; the results have 8")

@@ -1,11 +1,10 @@
-"""The job "enhance" as its user meets it: photographs recoloured into a folder. Standard library only."""
+"""The job "enhance" on the console: photographs recoloured into a folder. Standard library only."""
 
 from __future__ import annotations
 
 import csv
 import io
 import sys
-import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,16 +13,8 @@ from ..errors import InputError
 from ..files.untrusted import explained, read_bytes
 from ..runs.folder import RunFolder
 from ..runtime.process import WORKER, Event, Job, find_python
-from ..runtime.progress import RunProgress, format_seconds
-from ..runtime.supervisor import (
-    BarDisplay,
-    JsonDisplay,
-    Listener,
-    Log,
-    all_or_nothing,
-    finish,
-    in_console,
-)
+from ..runtime.progress import Clock, RunProgress, format_seconds
+from ..runtime.supervisor import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from ..settings import Settings, typed_value
 
 METRICS_NAME, SHEET_NAME, LOG_NAME = "metrics.csv", "sheet.html", "enhance.log"
@@ -97,7 +88,7 @@ def enhance(request: EnhanceRequest, listen: Listener) -> Event:
         Cancelled: nothing was written.
         WorkerDefect: the worker failed; its log is kept in the output folder.
     """
-    started = time.monotonic()
+    clock = Clock()
     listen({"event": "status", "stage": "start", "message": "starting"})
     python = find_python()
     folder = RunFolder(request.out, earlier_files, METRICS_NAME)
@@ -107,7 +98,7 @@ def enhance(request: EnhanceRequest, listen: Listener) -> Event:
             message = {"job": "enhance", "request": request.to_dict(), "folder": str(folder.staging)}
             summary = finish(Job([python, str(WORKER)], message, log.line), log.event)["summary"]
         (folder.staging / LOG_NAME).unlink()  # of interest only when the worker fails
-    return {"out": request.out, "seconds": round(time.monotonic() - started, 2), "summary": summary}
+    return {"out": request.out, "seconds": clock.total, "summary": summary}
 
 
 def earlier_files(out: Path) -> list[Path]:
@@ -133,5 +124,5 @@ def _summary(result: Event) -> str:
     lines = [f"done in {format_seconds(result['seconds'])}: {summary['images']} photographs"]
     before, after = summary["ccpr"]["input"], summary["ccpr"]["enhanced"]
     if before is not None and after is not None:
-        lines.append(f"  contrast that is left (CCPR): photographs {before:.3f}, enhanced {after:.3f}")
+        lines.append(f"  contrast preserved (CCPR): photographs {before:.3f}, enhanced {after:.3f}")
     return "\n".join([*lines, f"  open {Path(result['out']) / SHEET_NAME}"])

@@ -41,7 +41,7 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
     Args:
         request: what to do.
         folder: where to write, usually a staging folder inside ``request.out``.
-        reporter: hears of the stages "read" and "enhance".
+        reporter: receives the progress of the stages "read" and "enhance".
 
     Raises:
         InputError: an option, a photograph or the output folder cannot be used.
@@ -50,24 +50,13 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
 
     def make() -> Enhancer:
         return make_enhancer(
-            request.enhancer,
-            request.cvd,
-            request.severity,
-            request.simulation,
-            request.strength,
-            request.seed,
-            device,
+            request.enhancer, request.cvd, request.severity, request.simulation, request.strength, request.seed, device
         )
 
     enhancer = make()  # refuses what cannot be simulated before anything takes time
     reporter.status("read", "looking for photographs")
     photographs = find_photographs(request.inputs, Path(request.out), reporter)
-    found = survey(
-        photographs,
-        reporter,
-        keep_pixels=not request.separately,
-        skip_unreadable=request.skip_unreadable,
-    )
+    found = survey(photographs, reporter, keep_pixels=not request.separately, skip_unreadable=request.skip_unreadable)
     reporter.status(STAGE, "fitting the enhancer")
     readable = found.photographs
     count = len(readable)
@@ -89,10 +78,7 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
         sheet.write(folder / SHEET_NAME, means, count)
     write_table(folder / METRICS_NAME, rows)
     reporter.progress(STAGE, 1.0)
-    return {
-        "images": count,
-        "ccpr": {kind: _finite(means[f"ccpr_{kind}"]) for kind in ("input", "enhanced")},
-    }
+    return {"images": count, "ccpr": {kind: _finite(means[f"ccpr_{kind}"]) for kind in ("input", "enhanced")}}
 
 
 def _enhance_one(
@@ -162,7 +148,7 @@ def _has_colour(image: Pixels, alpha: Pixels | None) -> bool:
 
 
 def _notes(image: Pixels, alpha: Pixels | None) -> tuple[str, ...]:
-    return () if _has_colour(image, alpha) else ("no colour is visible: left as it is",)
+    return () if _has_colour(image, alpha) else ("no visible colour: left unchanged",)
 
 
 def _finite(value: float) -> float | None:

@@ -27,16 +27,7 @@ FIGURES = (
 )
 """Columns of the metrics; see `core.color.metrics`. "input": of the photograph seen as it is."""
 
-_COLUMNS = (
-    FILE_COLUMN,
-    OUTPUT_COLUMN,
-    "width",
-    "height",
-    *FIGURES,
-    "seconds",
-    "metrics_scale",
-    "notes",
-)
+_COLUMNS = (FILE_COLUMN, OUTPUT_COLUMN, "width", "height", *FIGURES, "seconds", "metrics_scale", "notes")
 
 
 @dataclass(frozen=True)
@@ -49,7 +40,7 @@ class PhotographScores:
         figures: by `FIGURES`; NaN where there is nothing to measure on, infinite PSNR where nothing changed.
         seconds: what the enhancer took, its fit included where it was fitted to this photograph alone.
         scale: of the copy on which the metrics were computed, relative to the result; 1 is full resolution.
-        notes: what there is to know about the row.
+        notes: remarks on the row.
     """
 
     file: str
@@ -129,11 +120,11 @@ def _reasons(row: PhotographScores) -> list[str]:
         return ["no pixel is visible"]
     reasons = []
     if any("ssim" in name for name in undefined):
-        reasons.append("SSIM: no whole window of 11 x 11 pixels")
+        reasons.append("SSIM: no complete window of 11 x 11 pixels")
     if any(name.startswith("cc") for name in undefined):
         reasons.append("CCPR and CCFR: no two colours are distinct")
     if math.isinf(row.figures["naturalness_psnr"]):
         reasons.append("PSNR: infinite, the photograph is unchanged")
     if row.scale < 1.0:
-        reasons.append(f"metrics are of a copy reduced to {_METRIC_PIXELS / 1e6:g} megapixel")
+        reasons.append(f"metrics were computed on a copy reduced to {_METRIC_PIXELS / 1e6:g} megapixel")
     return reasons

@@ -1,10 +1,9 @@
-"""A run as its user meets it on a console: workers, progress, results put in place. Standard library only."""
+"""A run on the console: workers, progress, results put in place. Standard library only."""
 
 from __future__ import annotations
 
 import json
 import sys
-import time
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -13,18 +12,10 @@ from ..doctor.checks import require_blender
 from ..rendering import turntables
 from ..runs.folder import RunFolder
 from ..runs.layout import BLEND_FILE, LOG_FILE, REPORT_PAGE
-from ..runs.report import finish_report, latest_seconds
+from ..runs.report import latest_seconds, write_report
 from ..runtime.process import Event, Workers, blender_command
-from ..runtime.progress import RunProgress, format_seconds
-from ..runtime.supervisor import (
-    BarDisplay,
-    JsonDisplay,
-    Listener,
-    Log,
-    all_or_nothing,
-    finish,
-    in_console,
-)
+from ..runtime.progress import Clock, RunProgress, format_seconds
+from ..runtime.supervisor import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from ..settings import Settings
 
 
@@ -64,14 +55,14 @@ def run(
     Args:
         listen: receives every event of the workers.
         workers: does the work; None takes the interpreter that `job.find_python` finds.
-        previews: whether `listen` hears of pictures of how far the run is.
+        previews: whether `listen` receives pictures of the run's progress.
 
     Raises:
         InputError: unusable input or output; nothing was written.
         Cancelled: nothing was written.
         WorkerDefect: a worker failed; its log is kept in the output folder.
     """
-    started = time.monotonic()
+    clock = Clock()
     listen({"event": "status", "stage": "start", "message": "starting"})
     workers = workers or Workers()
     workers.require_python()  # before a folder is made
@@ -86,33 +77,27 @@ def run(
         if folder.mended:
             log.event({"event": "warning", "name": "interrupted-run", "message": folder.mended})
         log.line("settings " + json.dumps(settings.to_dict()))
-        request = {
-            "job": "run",
-            "settings": settings.to_dict(),
-            "folder": str(folder.staging),
-            "previews": previews,
-        }
+        request = {"job": "run", "settings": settings.to_dict(), "folder": str(folder.staging), "previews": previews}
         report = finish(workers.start(request, log.line), log.event)["report"]
         seconds = latest_seconds(report)
         if settings.blend:
-            blender_started = time.monotonic()
             # A held-out view from the middle: its still can be compared with renders/.
             shown = report["views_shown"]
             arguments = [str(folder.staging), "--view", shown[len(shown) // 2]]
-            blender = finish(workers.start_command(blender_command(arguments), None, log.line), log.event)
+            with clock.measure("blender"):
+                blender = finish(workers.start_command(blender_command(arguments), None, log.line), log.event)
             blender.pop("event")
             report["blender"] = blender
-            seconds["blender"] = round(time.monotonic() - blender_started, 2)
         elif report.get("blender"):
-            message = f"{BLEND_FILE} does not have the new layers; add them with another run without --no-blend"
+            message = f"{BLEND_FILE} lacks the new layers; run again without --no-blend to add them"
             log.event({"event": "warning", "name": "old-scene", "message": message})
             report["warnings"].append({"name": "old-scene", "message": message})
         if settings.turntable:
-            turntable_started = time.monotonic()
-            report[turntables.STAGE] = turntables.render_turntables(folder.staging, report, settings, workers, log)
-            seconds[turntables.STAGE] = round(time.monotonic() - turntable_started, 2)
-        seconds["total"] = round(time.monotonic() - started, 2)
-        finish_report(folder.staging, report)
+            with clock.measure(turntables.STAGE):
+                report[turntables.STAGE] = turntables.render_turntables(folder.staging, report, settings, workers, log)
+        seconds.update(clock.seconds, total=clock.total)
+        write_report(folder.staging, report)
+        finish(workers.start_page({"job": "report-page", "folder": str(folder.staging)}, log.line), log.event)
     return report
 
 
@@ -127,6 +112,6 @@ def _summary(result: Event) -> str:
         if ccpr["rendered"] is not None:
             kinds = (("photographs", "input"), ("scene", "unenhanced"), ("enhanced scene", "rendered"))
             values = ", ".join(f"{label} {ccpr[kind]:.3f}" for label, kind in kinds)
-            lines.append(f"  {name}: contrast that is left (CCPR): {values}")
+            lines.append(f"  {name}: contrast preserved (CCPR): {values}")
     lines.append(f"  open {out / REPORT_PAGE}" + (f" and {out / BLEND_FILE}" if report.get("blender") else ""))
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Pictures of a run while it goes on, for a front end to show."""
+"""Pictures of a running job, for a front end to show."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class PreviewedTraining(Reporter):
     """Passes on what a training reports, and shows a picture now and then.
 
     Args:
-        inner: hears of the training.
+        inner: receives the training's progress.
         preview: shows the picture.
         gaussians: as they are now, in world units.
     """

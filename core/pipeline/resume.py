@@ -14,12 +14,7 @@ from ..capture.model import Capture, View
 from ..capture.reader import inspect_capture, read_capture
 from ..errors import InputError
 from ..files.untrusted import MAX_JSON_BYTES, explained, is_file, parse_json, read_text
-from ..runs.layout import (
-    CAPTURE_FOLDER,
-    GAUSSIANS_FILE,
-    REPORT_FILE,
-    layer_gaussians_file,
-)
+from ..runs.layout import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
 from ..runs.report import SCHEMA, check_report
 from ..runtime.protocol import Reporter, StageSpan
 from ..settings import AUTO, OPTIONS, Settings, flag
@@ -65,7 +60,7 @@ class EarlierRun:
             report = parse_json(read_text(folder / REPORT_FILE, most_bytes=MAX_JSON_BYTES, remedy=_NEW_RUN))
             schema = report["schema"]
             if schema != SCHEMA:
-                raise InputError(f"a run of another version ({schema})", where=out, remedy=_NEW_RUN)
+                raise InputError(f"the run was made by another version ({schema})", where=out, remedy=_NEW_RUN)
             settings = _settings_of(report, out)
             check_report(report)
         except (ValueError, KeyError, TypeError) as error:
@@ -93,7 +88,7 @@ class EarlierRun:
         present = sorted({layer.name for layer in asked.layers} & self.layers)
         if present:
             raise InputError(
-                f"the finished run has {', '.join(present)} already", where="--cvd", remedy="ask for others"
+                f"the finished run has {', '.join(present)} already", where="--cvd", remedy="ask for other layers"
             )
         return replace(asked, **own)
 
@@ -149,10 +144,10 @@ class EarlierRun:
 
 
 class _ProgressOnly(StageSpan):
-    """Keeps back warnings that the finished run's report has already."""
+    """Withholds warnings that the finished run's report already has."""
 
     def warning(self, name: str, message: str) -> None:
-        """Said before."""
+        """Reported before."""
 
 
 def _settings_of(report: Mapping[str, Any], out: str) -> Settings:

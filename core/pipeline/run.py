@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +13,13 @@ from ..evaluate.advice import advise
 from ..evaluate.evaluation import Split
 from ..runs.layout import CAPTURE_FOLDER
 from ..runs.report import SCHEMA, without_non_finite
+from ..runtime.progress import Clock
 from ..runtime.protocol import Reporter
 from ..settings import Layer, Settings
 from ..splats import raster
 from ..splats.training.lens import FOCAL_LENGTH, FocalLength
 from ..splats.training.trainer import TrainingResult
-from .device import (
-    choose_warp_device,
-    describe_device,
-    peak_memory_mb,
-    versions,
-)
+from .device import choose_warp_device, describe_device, peak_memory_mb, versions
 from .resume import EarlierRun
 from .stages import Reconstruction, Stages
 
@@ -43,12 +36,12 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
         settings: what is asked for.
         folder: for the results.
         reporter: told of progress and warnings.
-        previews: whether it is shown pictures of how far the run is.
+        previews: whether it receives pictures of the run's progress.
 
     Raises:
         InputError: the capture or the options cannot be used.
     """
-    clock, recorder = _Clock(), _Recorder(reporter)
+    clock, recorder = Clock(), _Recorder(reporter)
     device = choose_warp_device(settings.device)
     earlier = EarlierRun.read(folder, settings.out) if settings.resume else None
     settings = earlier.complete(settings) if earlier else settings
@@ -132,13 +125,7 @@ def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
 def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:
     return {
         layer: make_enhancer(
-            settings.enhancer,
-            layer.cvd,
-            layer.severity,
-            settings.simulation,
-            settings.strength,
-            settings.seed,
-            device,
+            settings.enhancer, layer.cvd, layer.severity, settings.simulation, settings.strength, settings.seed, device
         )
         for layer in settings.layers
     }
@@ -155,20 +142,6 @@ def _describe_capture(capture: Capture, split: Split) -> dict[str, Any]:
         "height": first.height,
         "points": len(capture.points),
     }
-
-
-class _Clock:
-    """Seconds of each stage."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float | None] = {}
-
-    @contextmanager
-    def measure(self, stage: str) -> Iterator[None]:
-        """Time the block as `stage`, or as more of it."""
-        started = time.perf_counter()
-        yield
-        self.seconds[stage] = round((self.seconds.get(stage) or 0.0) + time.perf_counter() - started, 2)
 
 
 class _Recorder(Reporter):

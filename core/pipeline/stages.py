@@ -48,12 +48,14 @@ from .preview import Preview, PreviewedTraining
 LUT_FIT_VIEWS = 100
 NETWORK_FIT_VIEWS = 20  # the same fit, but applying takes longer
 
-# What a reader of the report has to know of a mode.
+# What readers of the report have to know about a mode.
 MODE_NOTES = {
-    "joint": {"curve": "the PSNR is against the enhanced held-out views, which the geometry was fitted to"},
+    "joint": {
+        "curve": "the PSNR is measured against enhanced held-out views, because the geometry was fitted to such views"
+    },
     "post": {
-        "layers": "the pictures and figures of a layer are of renderings that were enhanced one by one; its Gaussians "
-        "have the colours that fit these pictures best"
+        "layers": "the pictures and figures of a layer are those of renderings that were enhanced one by one; its "
+        "Gaussians have the colours that fit these pictures best"
     },
 }
 
@@ -100,7 +102,7 @@ class Plans:
 
 @dataclass(frozen=True)
 class Stages:
-    """What the stages after the capture have in common, and the stages."""
+    """Shared context and steps of one run after the capture was read."""
 
     settings: Settings
     folder: Path
@@ -151,7 +153,7 @@ class Stages:
             self.reporter.warning(
                 "lens-corrected",
                 f"the cameras' focal length seems to be {found.error}, and is corrected; a better calibration may give "
-                "a sharper scene, and --no-refine-poses takes it as it is",
+                "a sharper scene, and --no-refine-poses keeps it as it is",
             )
         return found
 

@@ -64,7 +64,7 @@ def render(
 ) -> None:
     """Render pictures of a turntable.
 
-    Where there is no OpenGL, Cycles takes EEVEE's place, and `listen` hears of it.
+    Where there is no OpenGL, Cycles takes EEVEE's place, and `listen` receives a warning.
 
     Args:
         out: folder that the arguments' paths start from.
@@ -96,7 +96,7 @@ def simulation_model(run_folder: Path) -> str:
 
 def _has_eevee(out: Path, listen: Listener, workers: Workers | None, log: Callable[[str], None]) -> bool:
     """Whether EEVEE renders here; asked of a process of its own, because without OpenGL Blender aborts."""
-    listen({"event": "status", "stage": "frames", "message": "trying EEVEE"})
+    listen({"event": "status", "stage": "frames", "message": "checking whether EEVEE works"})
     try:
         make_pictures("try-eevee", {}, out, lambda _: None, workers=workers, log=log)
     except WorkerDefect:

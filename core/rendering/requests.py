@@ -1,4 +1,4 @@
-"""What a task of each kind is told. Standard library only.
+"""The arguments of each kind of task. Standard library only.
 
 ``FramesArguments.from_dict(task.arguments)`` reads it back; paths are those of `task`: relative to OUT, or absolute.
 A sequence is a folder with the pictures ``0001.png``, ``0002.png`` and so on, as Blender numbers them.
@@ -7,7 +7,7 @@ A sequence is a folder with the pictures ``0001.png``, ``0002.png`` and so on, a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Self
 
 from ..runs.layout import ORIGINAL
@@ -30,8 +30,32 @@ class _Arguments:
 
 
 @dataclass(frozen=True)
+class Orbit:
+    """A camera's way around the subject.
+
+    Attributes:
+        radius: from the axis in scene units; 0: as far as the photographs were taken from.
+        height: above the subject's centre, as a share of the radius.
+        focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
+        arc: in degrees; 360 goes all the way around, less swings to and fro; 0: as far around as the photographs go.
+    """
+
+    radius: float = 0.0
+    height: float = 0.25
+    focal_length: float = 0.0
+    arc: float = 0.0
+
+
+@dataclass(frozen=True)
+class CameraPath(Orbit):
+    """A camera of a batch; its name becomes part of file names."""
+
+    name: str = "turn"
+
+
+@dataclass(frozen=True)
 class TrainArguments(_Arguments):
-    """What makes a run.
+    """How to make a run.
 
     Attributes:
         settings: `Settings.to_dict()` without its layers; ``out`` is the run's folder.
@@ -45,7 +69,7 @@ class TrainArguments(_Arguments):
 
 @dataclass(frozen=True)
 class LayerArguments(_Arguments):
-    """What adds a layer to a run.
+    """How to add a layer to a run.
 
     Attributes:
         settings: `Settings.to_dict()` of the addition, with ``resume`` and one layer; ``out`` is the run's folder.
@@ -57,9 +81,9 @@ class LayerArguments(_Arguments):
     source: str = ""
 
 
-@dataclass(frozen=True)
-class FramesArguments(_Arguments):
-    """Which pictures of which turntable to render.
+@dataclass(frozen=True, kw_only=True)
+class FramesArguments(_Arguments, Orbit):
+    """Which frames of which turntable to render, on which orbit.
 
     Attributes:
         run: folder of the finished run.
@@ -68,10 +92,6 @@ class FramesArguments(_Arguments):
         folder: of the sequence.
         first, last: numbers of the pictures to render, both included, from 1 to `frames`.
         frames: pictures of a whole turn.
-        radius: of the camera from the axis in scene units; 0: as far as the photographs were taken from.
-        height: of the camera above the subject's centre, as a share of the radius.
-        focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
-        arc: in degrees; 360 goes around, less swings to and fro, 0: as far around as the photographs were taken.
         width, height_pixels: of the pictures.
         simulated: folder of a sequence that shows the same pictures as an observer sees them, by the observer's layer
             name (``deutan-1.0``); empty for none.
@@ -84,13 +104,14 @@ class FramesArguments(_Arguments):
     first: int
     last: int
     frames: int
-    radius: float
-    height: float
-    focal_length: float
-    arc: float
     width: int
     height_pixels: int
     simulated: Mapping[str, str]
+
+    @classmethod
+    def on(cls, orbit: Orbit, **others: Any) -> Self:
+        """The request for frames on `orbit`."""
+        return cls(**{entry.name: getattr(orbit, entry.name) for entry in fields(Orbit)}, **others)
 
 
 @dataclass(frozen=True)
@@ -162,22 +183,3 @@ def beside_each_other(layer: str, observer: str) -> tuple[str, str]:
     """Captions of a layer's pictures and, beside them, of what an observer sees of them."""
     what = "Original" if layer == ORIGINAL else "Enhanced"
     return what, seen_by(what, observer)
-
-
-@dataclass(frozen=True)
-class CameraPath:
-    """A camera on its way around the subject.
-
-    Attributes:
-        name: in file names.
-        radius: from the axis in scene units; 0: as far as the photographs were taken from.
-        height: above the subject's centre, as a share of the radius.
-        focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
-        arc: in degrees; 360 goes around, less swings to and fro, 0: as far around as the photographs were taken.
-    """
-
-    name: str = "turn"
-    radius: float = 0.0
-    height: float = 0.25
-    focal_length: float = 0.0
-    arc: float = 0.0

@@ -11,7 +11,7 @@ from ..runtime.process import Event, Workers
 from ..runtime.supervisor import Listener, Log
 from ..settings import Settings
 from . import frames
-from .requests import CameraPath, FramesArguments
+from .requests import FramesArguments, Orbit
 
 STAGE = "turntable"
 
@@ -24,7 +24,7 @@ def render_turntables(
     Args:
         folder: of the run, with its Gaussians and capture.
         report: of the run.
-        log: hears of the progress.
+        log: receives the progress.
 
     Returns:
         What the report says of it: the number of pictures of a turn, the layers, and the engine that was asked for.
@@ -34,12 +34,12 @@ def render_turntables(
         WorkerDefect: Blender failed.
         Cancelled: nothing half-written is left.
     """
-    camera = CameraPath()
     layers = [ORIGINAL, *report["layers"]]
     missing = [layer for layer in layers if not _is_there(folder / TURNTABLE_FOLDER / layer, settings.turntable)]
     for done, layer in enumerate(missing):
         shutil.rmtree(folder / TURNTABLE_FOLDER / layer, ignore_errors=True)
-        arguments = FramesArguments(
+        arguments = FramesArguments.on(
+            Orbit(),
             run=".",
             layer=layer,
             engine=settings.engine,
@@ -47,10 +47,6 @@ def render_turntables(
             first=1,
             last=settings.turntable,
             frames=settings.turntable,
-            radius=camera.radius,
-            height=camera.height,
-            focal_length=camera.focal_length,
-            arc=camera.arc,
             width=report["capture"]["width"],
             height_pixels=report["capture"]["height"],
             simulated={},

@@ -42,7 +42,7 @@ class RunFolder:
     Args:
         out: the folder; made when it is missing.
         earlier_files: what an earlier run has left in a folder, and a new one replaces. Nothing else there is touched.
-        last: the staged file that vouches for the others, and so is put in place after them.
+        last: the staged file that marks the others as complete, and so is put in place after them.
 
     Attributes:
         out: the folder.
@@ -109,12 +109,12 @@ class RunFolder:
             for path in self._in_order(self._complete):
                 os.replace(path, self.out / path.name)
             self._end_commit()
-            return "an earlier run was interrupted while it put its results in place; they are all there now"
+            return "an earlier run was interrupted while it put its results in place; they are now complete"
         if self._retired.is_dir():
             for path in self._in_order(self._retired):
                 os.replace(path, self.out / path.name)
             self._retired.rmdir()
-            return "an earlier run was interrupted while it replaced a result; that result is back"
+            return "an earlier run was interrupted while it replaced a result; that result was restored"
         return ""
 
     def carry_over(self, source: Path | None = None) -> None:
@@ -133,7 +133,7 @@ class RunFolder:
                 shutil.copy2(path, self.staging / path.name)
 
     def commit(self) -> None:
-        """Put the staged files in place of an earlier run's; each is a rename, and the old ones go only afterwards.
+        """Replace an earlier run's files by the staged ones: each is a rename, and the old ones are deleted last.
 
         Raises:
             OSError: that is not possible; all is as it was before.
@@ -143,7 +143,7 @@ class RunFolder:
         if earlier:
             _write_through(self.staging)  # a power cut must not find the old files gone and the new ones empty
             self._retired.mkdir()
-        # The file that vouches for the others goes first and comes last.
+        # The file that marks the others as complete is taken away first and put in place last.
         names = sorted(earlier, key=lambda name: name != self._last)
         moves = [(self.out / name, self._retired / name) for name in names]
         moves.append((self.staging, self._complete))
@@ -175,7 +175,7 @@ class RunFolder:
         shutil.rmtree(self.staging, ignore_errors=True)
 
     def _in_order(self, folder: Path) -> list[Path]:
-        """What is in `folder`, the file that vouches for the others at the end."""
+        """What is in `folder`, the file that marks the others as complete at the end."""
         return sorted(folder.iterdir(), key=lambda path: (path.name == self._last, path.name))
 
     def abort(self, keep: str = "") -> Path | None:

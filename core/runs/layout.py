@@ -1,4 +1,4 @@
-"""What a finished run leaves in its folder, by the contract of the command line. Standard library only."""
+"""The files that a finished run leaves in its folder, as documented for the command line. Standard library only."""
 
 from __future__ import annotations
 

@@ -74,7 +74,7 @@ def _number_or_auto(text: str) -> int | None:
 
 
 _number_or_auto.__name__ = f"number or {AUTO}"
-_QUIET_INTERVAL = 30.0  # seconds between lines when the stream is no terminal
+_QUIET_INTERVAL = 30.0  # seconds between lines when the stream is not a terminal
 _LIVELY_INTERVAL = 0.2
 
 

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from ..errors import InputError
 from ..settings import DEVICES
 
-NO_DEVICE = "no CUDA device is found"
+NO_DEVICE = "no CUDA device found"
 
 
 def missing_for_cuda(driver: Sequence[int] | None, toolkit: Sequence[int] | None) -> str:
-    """Why there is no CUDA device, in words.
+    """Why there is no CUDA device, as a phrase.
 
     Args:
         driver: (major, minor) version of CUDA that the installed driver supports; None where there is none.
@@ -68,15 +68,15 @@ def is_out_of_memory(error: BaseException) -> bool:
 
 
 def explain_fault(error: Exception) -> str:
-    """One line about a fault of the machine, with what to do; "" for what is none, but a defect of ours."""
+    """One line about a fault of the machine, with a remedy; "" for a defect of ours."""
     if is_out_of_memory(error):
         smaller = "give fewer or smaller photographs, or a smaller --max-size"
         if _ON_GRAPHICS_CARD.search(str(error)):
-            return f"the graphics card's memory is used up - {smaller}, or use --device cpu"
-        return f"the memory is used up - {smaller}"
+            return f"the graphics card is out of memory - {smaller}, or use --device cpu"
+        return f"the machine is out of memory - {smaller}"
     if isinstance(error, ImportError) and error.name and not error.name.startswith(_OURS):
         what = str(error).splitlines()[0]
-        return f"{sys.executable} lacks something ({what}) - 'scripts/run.py --doctor' says what and how to get it"
+        return f"{sys.executable} lacks a package ({what}) - 'scripts/run.py --doctor' shows which and how to get it"
     if isinstance(error, OSError):
         name = f"{error.filename}: " if error.filename else ""
         return f"{name}{error.strerror or error} - free space or check the permissions, then run again"

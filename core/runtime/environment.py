@@ -124,7 +124,7 @@ def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | N
 def install_locked(
     python: Path, reporter: Reporter, requirements: Path = REQUIREMENTS, log: Callable[[str], None] = _to_stderr
 ) -> None:
-    """Install the very files of a list into an environment, and torch, whatever build of it pip is told to take.
+    """Install exactly the files of a list into an environment, and torch in whichever build pip is configured to take.
 
     Nothing else is installed: what the packages need in turn is not looked up but listed. pip would rather take a build
     that its index announces with a listed hash than any other, so torch's build is chosen without looking at hashes
@@ -179,7 +179,7 @@ def _run_pip(python: Path, arguments: Sequence[str], progress: _PipProgress, log
             progress.read(line)
     if pip.returncode != 0:
         complaints = [line for line in last if line.startswith("ERROR")] or last[-1:]
-        remedy = "check the connection to the internet and the space on the disk, then try again"
+        remedy = "check the internet connection and the free disk space, then try again"
         raise InputError(f"the packages cannot be installed: {' '.join(complaints)}", where=python, remedy=remedy)
 
 

@@ -46,7 +46,9 @@ def find_python() -> str:
     chosen = os.environ.get("CVDGS_PYTHON")
     if chosen:
         if not os.access(chosen, os.X_OK):
-            raise InputError("is not a program that can be run", where=f"CVDGS_PYTHON={chosen}", remedy="name a Python")
+            raise InputError(
+                "is not a program that can be run", where=f"CVDGS_PYTHON={chosen}", remedy="name a Python interpreter"
+            )
         return chosen
     if _has_modules("torch", "warp"):
         return sys.executable
@@ -54,7 +56,7 @@ def find_python() -> str:
         if os.access(candidate, os.X_OK):
             return str(candidate)
     raise InputError(
-        "no Python with torch and Warp is found",
+        "no Python with torch and Warp found",
         remedy=f"run 'make venv' in {ROOT} (its README says what that needs), or set CVDGS_PYTHON to one that has them",
     )
 
@@ -84,8 +86,8 @@ def blender_command(arguments: list[str], worker: Path = BLENDER_WORKER, threads
     if _has_bpy(python):
         return [python, str(worker), *arguments]
     raise InputError(
-        "no Blender is found",
-        remedy="set CVDGS_BLENDER to a Blender program, or install the bpy wheel; run.py can do without: --no-blend",
+        "no Blender found",
+        remedy="set CVDGS_BLENDER to a Blender program, install the bpy wheel, or do without: run.py --no-blend",
     )
 
 
@@ -112,7 +114,7 @@ class Job:
         log: receives every line that the worker writes, stderr included.
         variables: environment variables of the worker, beside this process's.
         grace_seconds: that it has to stop after it was asked to.
-        behind: let other programs go first, because somebody works in one meanwhile.
+        low_priority: give way to other programs, because somebody is working in one meanwhile.
 
     Attributes:
         cancelled: whether `cancel` was called.
@@ -127,7 +129,7 @@ class Job:
         variables: Mapping[str, str] = MappingProxyType({}),
         grace_seconds: float = GRACE_SECONDS,
         *,
-        behind: bool = False,
+        low_priority: bool = False,
     ) -> None:
         environment = {**variables_of_interpreters(), **variables}
         environment |= {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8"}
@@ -146,7 +148,7 @@ class Job:
                 stderr=subprocess.PIPE,
                 env=environment,
                 start_new_session=True,  # Ctrl-C reaches us, and we decide
-                creationflags=BEHIND_FLAGS if behind else 0,
+                creationflags=LOW_PRIORITY_FLAGS if low_priority else 0,
                 text=True,
                 encoding="utf-8",
                 errors="replace",
@@ -155,8 +157,8 @@ class Job:
             raise InputError(
                 f"cannot be started ({error.strerror})", where=command[0], remedy="check the installation"
             ) from None
-        if behind:
-            put_behind(self._process.pid)
+        if low_priority:
+            lower_priority(self._process.pid)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         assert self._process.stderr is not None
@@ -189,7 +191,7 @@ class Job:
             self._write_log(line.rstrip())
 
     def _write_log(self, line: str) -> None:
-        """Log a line. Reading goes on where that fails (a full disk), or the worker would wait for ever to write."""
+        """Log a line. Where that fails (a full disk), reading continues, or the worker would wait for ever to write."""
         try:
             self._log(line)
         except OSError as error:
@@ -254,14 +256,18 @@ class Workers:
     Args:
         python: interpreter that has torch and Warp; None looks for one when it is needed (`find_python`).
         variables: environment variables of the workers, beside this process's.
-        behind: let other programs go before the workers, because somebody works in one meanwhile.
+        low_priority: workers give way to other programs, because somebody is working in one meanwhile.
     """
 
     def __init__(
-        self, python: str | None = None, variables: Mapping[str, str] = MappingProxyType({}), *, behind: bool = False
+        self,
+        python: str | None = None,
+        variables: Mapping[str, str] = MappingProxyType({}),
+        *,
+        low_priority: bool = False,
     ) -> None:
         self._python = python
-        self._behind = behind
+        self._low_priority = low_priority
         self._variables = dict(variables)
         self._lock = threading.Lock()
         self._current: Job | None = None
@@ -276,6 +282,11 @@ class Workers:
         """
         return self.start_command([self.require_python(), str(WORKER)], request, log)
 
+    def start_page(self, request: Event, log: Callable[[str], None] = lambda _: None) -> Job:
+        """As `start`, for a job that needs no more than Jinja2: by this very Python where that has it."""
+        python = sys.executable if _has_modules("jinja2") else self.require_python()
+        return self.start_command([python, str(WORKER)], request, log)
+
     def start_command(
         self, command: list[str], request: Event | None = None, log: Callable[[str], None] = lambda _: None
     ) -> Job:
@@ -283,7 +294,7 @@ class Workers:
         with self._lock:
             if self._cancelled:
                 raise Cancelled
-            self._current = Job(command, request, log, self._variables, behind=self._behind)
+            self._current = Job(command, request, log, self._variables, low_priority=self._low_priority)
             return self._current
 
     def require_python(self) -> str:
@@ -300,17 +311,17 @@ class Workers:
                 threading.Thread(target=self._current.cancel, name="cancel", daemon=True).start()
 
 
-_NICENESS = 5  # a third of what an equal would get: enough for smooth drawing, and no standstill beside others
+_NICENESS = 5  # a third of an equal share: enough for smooth drawing, and no standstill beside other programs
 
-BEHIND_FLAGS = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0)
-"""Creation flags of a process that goes behind others, on Windows; elsewhere none."""
+LOW_PRIORITY_FLAGS = getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0)
+"""Creation flags of a process of low priority on Windows; none elsewhere."""
 
 
-def put_behind(process: int) -> None:
-    """Let other programs go before a process that has just started, and before what it will start.
+def lower_priority(process: int) -> None:
+    """Let a process that has just started, and what it will start, give way to other programs.
 
-    Linux shares the processor between sessions first, and only within one by niceness; so both are told. What the
-    system does not know or allow is left as it is.
+    Linux shares the processor between sessions first and applies niceness only within one, so both are set. What the
+    system does not support or allow is left as it is.
     """
     with contextlib.suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, process, _NICENESS)
@@ -324,7 +335,7 @@ _CHECK_SECONDS = 0.5
 def follow_parent(when_gone: Callable[[], None], parent: int | None = None) -> None:
     """Watch from a thread, and call `when_gone` there once the process that started this one has ended.
 
-    Killed, it cannot say so itself; what goes on without it keeps the machine busy and writes where a new run does.
+    A killed process cannot say so itself; one that outlives it keeps the machine busy and writes where a new run does.
 
     Args:
         when_gone: is to end this process.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from .process import Event
@@ -15,7 +16,7 @@ STARTING = "start"
 LEAST_SHARE, _LEAST_SECONDS = 0.02, 2.0
 
 # Share of a run's time that each stage takes, measured on two cores with the embedded demo; only the estimate of the
-# time left depends on it, and that corrects itself as the run goes on.
+# time left depends on it, and that corrects itself during the run.
 STAGE_SHARES = {
     STARTING: 0.02,
     "capture": 0.01,
@@ -96,6 +97,30 @@ class RunProgress:
         """Of the run's time, in [0, 1]."""
         total = sum(self.shares.get(name, 0.0) for name in self.stages) or 1.0
         return sum(self.shares.get(name, 0.0) for name in stages if name in self.stages) / total
+
+
+class Clock:
+    """Times the stages of a piece of work.
+
+    Attributes:
+        seconds: of each stage, rounded to hundredths.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float | None] = {}
+        self._started = time.perf_counter()
+
+    @property
+    def total(self) -> float:
+        """Seconds since the clock was made."""
+        return round(time.perf_counter() - self._started, 2)
+
+    @contextmanager
+    def measure(self, stage: str) -> Iterator[None]:
+        """Time the block as `stage`, or as more of it."""
+        started = time.perf_counter()
+        yield
+        self.seconds[stage] = round((self.seconds.get(stage) or 0.0) + time.perf_counter() - started, 2)
 
 
 def format_seconds(seconds: float) -> str:

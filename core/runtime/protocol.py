@@ -7,6 +7,7 @@
     {"event": "error",    "kind": "input" | "defect", "message": "one line"}
     {"event": "result",   ...}       the last line of a job that succeeded
 
+Exit codes: 0 done, 2 unusable input, 130 cancelled, 1 a defect of ours (its traceback goes to stderr, so to the log).
 `Reporter` is what every long-running function of `core` takes; the base class is silent.
 """
 
@@ -16,12 +17,16 @@ import json
 import os
 import sys
 import time
-from collections.abc import Mapping
+import traceback
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
-from ..errors import one_line
+from ..errors import Cancelled, InputError, one_line
 from ..files.untrusted import parse_json
+from .devices import explain_fault
+
+EXIT_DONE, EXIT_DEFECT, EXIT_INPUT, EXIT_CANCELLED = 0, 1, 2, 130
 
 
 class Reporter:
@@ -44,7 +49,7 @@ class StageSpan(Reporter):
     """What a part of a stage reports, as the share of the stage that it is.
 
     Args:
-        inner: hears of the stage.
+        inner: receives the stage's progress.
         stage: the stage's name; the part may use another.
         start, end: the fractions of the stage between which the part lies.
         message: said instead of the part's own.
@@ -101,6 +106,28 @@ class JsonReporter(Reporter):
 
     def preview(self, file: Path) -> None:
         self.emit("preview", file=str(file))
+
+
+def do_and_report(work: Callable[[], Mapping[str, Any]], reporter: JsonReporter) -> int:
+    """Do `work` and emit its result or its error; returns the exit code.
+
+    Faults of the machine (memory, disk, driver) are explained in one line and count as unusable input.
+    """
+    try:
+        result = work()
+    except InputError as error:
+        reporter.emit("error", kind="input", message=str(error))
+        return EXIT_INPUT
+    except Cancelled:
+        return EXIT_CANCELLED
+    except Exception as error:
+        traceback.print_exc()
+        explanation = explain_fault(error)
+        message = explanation or f"{type(error).__name__}: {error}".splitlines()[0]
+        reporter.emit("error", kind="input" if explanation else "defect", message=message)
+        return EXIT_INPUT if explanation else EXIT_DEFECT
+    reporter.emit("result", **result)
+    return EXIT_DONE
 
 
 # What an event must have, and may have, by its kind. Of a result the kind of job decides.

@@ -1,4 +1,4 @@
-"""What this machine has to share out among tasks. Standard library only."""
+"""The resources of this machine that tasks share. Standard library only."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _memory_mb() -> int:
 
 
 def _graphics_cards() -> int:
-    """CUDA devices of this machine, as far as the driver's own program tells."""
+    """CUDA devices of this machine, as reported by the driver's own program."""
     program = shutil.which("nvidia-smi")
     if program is None:
         return 0

@@ -1,4 +1,4 @@
-"""A worker's job as its user meets it on a console: signals, progress, errors, exit codes. Standard library only."""
+"""A worker's job on the console: signals, progress, errors, exit codes. Standard library only."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from ..errors import Cancelled, InputError
 from ..runs.folder import RunFolder
 from .process import Event, Job
 from .progress import RunProgress, format_seconds
-
-EXIT_DONE, EXIT_DEFECT, EXIT_INPUT, EXIT_CANCELLED = 0, 1, 2, 130
+from .protocol import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
 
 # A worker that says nothing for so long may be stuck. It may also swap, or render a large picture, so this is said and
 # the user decides; compiling the kernels, the longest silence of a healthy run, takes about a minute.
@@ -109,7 +108,7 @@ def finish(job: Job, listen: Listener, patience_seconds: float | None = PATIENCE
     """Follow `job` to its end and return its result.
 
     Args:
-        listen: hears of its events but the last.
+        listen: receives its events but the last.
         patience_seconds: `listen` is warned once a stage when nothing is heard for so long; None waits without a word.
 
     Raises:
@@ -158,8 +157,10 @@ def finish(job: Job, listen: Listener, patience_seconds: float | None = PATIENCE
 
 def _silence(stage: str, seconds: float) -> Event:
     where = f" in '{stage}'" if stage else ""
-    message = f"nothing was heard of the worker for {format_seconds(seconds)}{where}; it may have much to do or be "
-    message += "stuck - cancel it and run again if it stays so: an earlier result is untouched until a run succeeds"
+    message = (
+        f"the worker has been silent for {format_seconds(seconds)}{where}; it may be busy or stuck - if this goes "
+    )
+    message += "on, cancel and run again: an earlier result stays untouched until a run succeeds"
     return {"event": "warning", "name": "silent-worker", "message": message}
 
 
@@ -248,7 +249,7 @@ class BarDisplay:
         summarise: what to say of a result.
     """
 
-    _QUIET_INTERVAL = 10.0  # seconds between lines when the stream is no terminal
+    _QUIET_INTERVAL = 10.0  # seconds between lines when the stream is not a terminal
 
     def __init__(self, stream: TextIO, program: str, progress: RunProgress, summarise: Callable[[Event], str]) -> None:
         self._stream = stream

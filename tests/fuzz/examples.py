@@ -242,7 +242,7 @@ def plan() -> bytes:
 
 METRICS = b"""file,output,size,ccpr_input,ccpr_enhanced,delta_e,note
 photos/a.png,a.png,20x20,0.6,0.9,4.0,
-photos/b.png,b.png,20x20,0.5,0.8,3.0,no colour is visible: left as it is
+photos/b.png,b.png,20x20,0.5,0.8,3.0,no visible colour: left unchanged
 """
 
 

@@ -17,10 +17,11 @@ PARTS = {"core", "cvdgs_addon", "operators", "scripts", "ui"}
 FILES = {"__init__.py", "blender_manifest.toml", "py.typed"}
 NEEDED = {
     *("core/__main__.py", "core/demo/showroom/transforms.json", "core/splats/raster/blend_cpu.h"),
+    *("core/batch/page.html", "core/files/templates/base.html", "core/photographs/sheet.html", "core/runs/report.html"),
     *("core/batch/page_style.css", "core/enhance/gan/weights/enhancer.safetensors"),
     *("core/enhance/gan/weights/enhancer.safetensors.sha256", "requirements.txt", "requirements-torch.txt"),
 }
-DATA = {".py", ".h", ".js", ".css", ".json", ".png", ".jpg", ".ply", ".md", ".safetensors", ".sha256"}
+DATA = {".py", ".h", ".js", ".css", ".html", ".json", ".png", ".jpg", ".ply", ".md", ".safetensors", ".sha256"}
 
 
 @pytest.fixture(scope="module")

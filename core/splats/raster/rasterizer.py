@@ -22,6 +22,18 @@ class Rasterizer:
 
     Raises:
         InputError: there is no such device.
+
+    Example:
+        >>> import numpy as np
+        >>> from cvdgs.core import Gaussians, ParameterSet, RasterCamera, Rasterizer, read_gaussians, write_gaussians
+        >>> arrays = {"means": [[0, 0, 3]], "log_scales": [[-2, -2, -2]], "quaternions": [[1, 0, 0, 0]]}
+        >>> arrays |= {"opacity_logits": [4], "sh": [[[1, 0, -1]]]}
+        >>> write_gaussians("red.ply", Gaussians(**{name: np.float32(value) for name, value in arrays.items()}))
+        >>> scene = read_gaussians("red.ply")  # or a .spz or .splat file
+        >>> camera = RasterCamera(64, 48, fx=60.0, fy=60.0, cx=32.0, cy=24.0, world_to_camera=np.eye(4))
+        >>> frame = Rasterizer().render(ParameterSet.from_gaussians(scene), camera)
+        >>> frame.color.numpy()[24, 32].round(1)  # in the middle; sRGB
+        array([0.7, 0.5, 0.2], dtype=float32)
     """
 
     def __init__(self, device: str = "cpu", threads: int | None = None) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.batch import page
+from cvdgs.core.batch.page_markup import write_batch_page
 from cvdgs.core.batch.previews import PREVIEWS_FOLDER
 from cvdgs.core.batch.task import Kind, Task
 from cvdgs.core.files.images import write_png
@@ -118,12 +119,12 @@ def test_original_and_enhanced_play_in_one_video_as_everybody_and_as_the_observe
 def test_the_figures_are_those_of_the_runs_report(made):
     for figure in ("36,453 Gaussians", "34.09 dB", "0.654", "0.548", "0.763", "4.3", "1.18", "0.86"):
         assert figure in made.text
-    assert "0.763" in made.text.split("Contrast that is left")[1].split("Structure")[0]
+    assert "0.763" in made.text.split("Contrast preserved")[1].split("Structure")[0]
 
 
 def test_what_is_not_there_is_said_to_be_missing(made):
     assert "Not complete: curtain" in made.text
-    assert "some of its pictures are missing" in made.text
+    assert "some of its frames are missing" in made.text
 
 
 def test_every_control_has_a_name_of_its_own_and_one_choice_is_made(made):
@@ -155,9 +156,9 @@ def test_made_again_only_changed_previews_are_made_again(batch, made):
     assert not set(previews.iterdir()) & set(before)
 
 
-def test_videos_that_would_make_the_page_too_large_lie_beside_it(batch, made, monkeypatch):
-    monkeypatch.setattr(page, "MOST_EMBEDDED_BYTES", 10)
-    linked = make(batch, SOFA, FAILED)
+def test_videos_that_would_make_the_page_too_large_lie_beside_it(batch, made):
+    write_batch_page(PageArguments("Autumn", (SOFA, FAILED), "small.html"), batch, most_embedded=10)
+    linked = Elements((batch / "small.html").read_text(encoding="utf-8"))
     (video,) = linked.all("video")
     assert (batch / video["src"]).read_bytes()[4:8] == b"ftyp"
     assert "1 video did not fit into this file" in linked.text

@@ -53,7 +53,7 @@ def test_an_item_is_trained_once_and_every_layer_rendered_in_chunks(tmp_path, ch
 
 def test_captures_layers_engines_and_cameras_multiply(tmp_path, chair):
     both = replace(chair, turntable=replace(SMALL, engines=("cycles", "eevee")))
-    both = replace(both, cameras=(CameraPath("low"), CameraPath("high", height=1.0)))
+    both = replace(both, cameras=(CameraPath(name="low"), CameraPath(name="high", height=1.0)))
     sofa = replace(both, name="sofa")
     folders = {task.arguments["folder"] for task in of_kind(planned(tmp_path, both, sofa), Kind.FRAMES)}
     assert len(folders) == 2 * 3 * 2 * 2
@@ -161,7 +161,7 @@ def test_a_damaged_plan_is_refused_in_one_line(tmp_path, text):
 
 @pytest.mark.parametrize("name", ["../escape", "a/b", "", ".hidden", "a b"])
 def test_a_task_whose_name_leads_out_of_its_folder_is_refused(name):
-    with pytest.raises(ValueError, match="no name of a task"):
+    with pytest.raises(ValueError, match="not a valid task name"):
         Task(name, Kind.VIDEO)
 
 

@@ -71,9 +71,9 @@ def test_an_empty_python_starts_it_and_is_told_what_a_worker_lacks(empty_python)
 def test_a_fresh_checkout_is_told_how_to_make_the_environment(empty_python, fresh_tree):
     process = ask_doctor(python=empty_python, tree=fresh_tree, CVDGS_PYTHON="")
     assert process.returncode == 2
-    assert "no Python with torch and Warp is found" in process.stdout
+    assert "no Python with torch and Warp found" in process.stdout
     assert f"-> run 'make venv' in {fresh_tree}" in process.stdout
-    assert "-> make the worker first" in process.stdout
+    assert "-> set up the worker first" in process.stdout
     assert process.stdout.splitlines()[-1].startswith("Missing: worker")
 
 
@@ -109,7 +109,7 @@ def test_blender_is_found_where_torch_is_not():
 
 @pytest.mark.parametrize(
     ("body", "words"),
-    [("echo hello", "does not answer like a Python"), ("echo broken >&2; exit 3", "fails (broken)")],
+    [("echo hello", "does not behave like a Python interpreter"), ("echo broken >&2; exit 3", "fails (broken)")],
     ids=["babbles", "fails"],
 )
 def test_a_program_that_is_no_python_is_one_line(empty_python, tmp_path, body, words):
@@ -129,7 +129,7 @@ def test_a_run_with_a_python_that_lacks_packages_points_to_the_doctor(empty_pyth
     process = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=100)
     assert process.returncode == 2, process.stderr
     message = process.stderr.splitlines()[-1]
-    assert f"{empty_python} lacks something" in message
+    assert f"{empty_python} lacks a package" in message
     assert "run.py --doctor" in message
     assert not list(tmp_path.rglob("out/*"))
 

@@ -13,12 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cvdgs.core.color.metrics import ccpr, naturalness
-from cvdgs.core.color.simulation import Observer, simulate
+from cvdgs.core.color.simulation import simulate
 from cvdgs.core.color.spaces import image_to_tensor, srgb_to_lab
 from cvdgs.core.enhance import ColorLut, LutEnhancer, make_enhancer
 from cvdgs.core.enhance.lut import CUBE_SIZE
 from cvdgs.core.enhance.pairs import PairSampling, sample_neighbours, sample_pairs
-from cvdgs.core.enhance.teacher import TeacherSettings, fit_luts
+from cvdgs.core.enhance.teacher import TeacherSettings, fit_lut
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 
@@ -26,10 +26,6 @@ from . import textiles
 
 LEAN = TeacherSettings(pairs=1500)  # a quarter of the pairs: the same result for images this small, sooner
 BRIEF = TeacherSettings(steps=60, pairs=1500, relaxations=0)  # enough to see the direction of a fit
-
-
-def fit_lut(images: list[np.ndarray], cvd: str, severity: float, model: str = "machado", **options) -> ColorLut:
-    return fit_luts(images, [Observer(cvd, severity, model)], **options)[0]
 
 
 @lru_cache

@@ -41,7 +41,16 @@ def blender(as_blender) -> Path:
 def render(out: Path, engine: str) -> list[dict]:
     """The events of two pictures on three cores."""
     arguments = FramesArguments(
-        "run", "original", engine, "frames", 1, 2, 8, 0.0, 0.25, 0.0, 0.0, 64, 48, {"deutan-1.0": "simulated"}
+        run="run",
+        layer="original",
+        engine=engine,
+        folder="frames",
+        first=1,
+        last=2,
+        frames=8,
+        width=64,
+        height_pixels=48,
+        simulated={"deutan-1.0": "simulated"},
     )
     events: list[dict] = []
     render_pictures(arguments, out, events.append, threads=3, model=simulation_model(out / "run"))

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from cvdgs.core.files.images import read_png, write_png
-from cvdgs.core.runs.report import finish_report, latest_seconds, without_non_finite
+from cvdgs.core.runs.report import latest_seconds, without_non_finite, write_report
+from cvdgs.core.runs.report_page import write_report_page
 
 LAYER = {
     "psnr_to_enhanced": 31.5,
@@ -62,6 +63,11 @@ def folder(tmp_path):
     return tmp_path
 
 
+def finish_report(folder, report):
+    write_report(folder, report)
+    write_report_page(folder)
+
+
 def test_numbers_that_could_not_be_computed_are_null_with_a_reason(folder):
     finish_report(folder, without_non_finite(report(reconstruction={"psnr": float("inf"), "ssim": 1.0})))
     read = json.loads((folder / "report.json").read_text())
@@ -76,7 +82,7 @@ def test_the_page_carries_its_pictures_and_asks_for_nothing_else(folder):
     finish_report(folder, without_non_finite(report()))
     page = (folder / "report.html").read_text()
     assert page.count("data:image/png;base64,") == 4
-    assert not re.search(r"(src|href)='(?!data:)", page)
+    assert not re.search(r"""(src|href)=["']?(?!["']?data:)""", page)
     assert "http" not in page
 
 
@@ -99,7 +105,7 @@ def test_the_page_says_what_was_decided_and_what_was_added_later(folder):
     finish_report(folder, without_non_finite(report(decision=decided, skipped_steps=3, resumed=added)))
     page = (folder / "report.html").read_text()
     assert "9 of &lt;40&gt;" in page
-    assert "3 steps were left out" in page
+    assert "3 steps skipped" in page
     assert "Added later: protan-1.0" in page
 
 

@@ -50,8 +50,8 @@ def script(environment: dict[str, str], *options: str) -> subprocess.CompletedPr
     ("version", "init", "what"),
     [
         (12080, 0, "the NVIDIA driver supports CUDA 12.8, and 13.0 is needed"),
-        (11040, 0, "no CUDA device is found"),
-        (13040, 100, "no CUDA device is found"),
+        (11040, 0, "no CUDA device found"),
+        (13040, 100, "no CUDA device found"),
     ],
     ids=["old", "very old", "no card"],
 )

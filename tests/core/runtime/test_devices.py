@@ -25,7 +25,7 @@ def test_a_device_that_is_asked_for_is_taken(asked):
 
 
 def test_cuda_where_there_is_none_is_refused_with_the_name_of_the_setting():
-    with pytest.raises(InputError, match="device: no CUDA device is found - use device cpu"):
+    with pytest.raises(InputError, match="device: no CUDA device found - use device cpu"):
         choose_device("cuda", has_cuda=False, where="device")
 
 
@@ -39,9 +39,9 @@ def test_an_unknown_device_is_refused_with_those_there_are():
     [
         ((12, 8), (13, 4), "supports CUDA 12.8, and 13.0 is needed"),
         ([12, 8], [13, 4], "supports CUDA 12.8, and 13.0 is needed"),
-        ((13, 0), (13, 4), "no CUDA device is found"),
-        (None, (13, 4), "no CUDA device is found"),
-        (None, None, "no CUDA device is found"),
+        ((13, 0), (13, 4), "no CUDA device found"),
+        (None, (13, 4), "no CUDA device found"),
+        (None, None, "no CUDA device found"),
     ],
 )
 def test_what_is_missing_is_said_of_the_driver_where_it_is_too_old(driver, toolkit, words):

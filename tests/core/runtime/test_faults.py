@@ -198,7 +198,7 @@ def test_the_next_run_says_what_it_did_about_one_that_was_killed_while_it_put_it
     said, _ = process.communicate(timeout=SOON)
     warnings = [json.loads(line) for line in said.splitlines() if '"warning"' in line]
     assert [warning["name"] for warning in warnings] == ["interrupted-run"]
-    assert "they are all there now" in warnings[0]["message"]
+    assert "they are now complete" in warnings[0]["message"]
 
 
 WALL_CLOCK = re.compile(r"\btime\.time(_ns)?\(|\bdatetime\.(now|utcnow)\(")

@@ -52,7 +52,7 @@ def unloadable(reason: str) -> RuntimeError:
 )
 def test_what_fails_for_want_of_memory_says_so(error):
     assert is_out_of_memory(error)
-    assert explain_fault(error).startswith("the memory is used up - ")
+    assert explain_fault(error).startswith("the machine is out of memory - ")
 
 
 @pytest.mark.parametrize(
@@ -71,7 +71,7 @@ def test_other_errors_are_not_taken_for_it(error):
 def test_an_environment_that_lacks_a_package_is_no_defect():
     with pytest.raises(ImportError) as caught:
         importlib.import_module("a_package_that_is_not_installed")
-    assert "'scripts/run.py --doctor' says what" in explain_fault(caught.value)
+    assert "'scripts/run.py --doctor' shows which" in explain_fault(caught.value)
 
 
 def test_a_module_of_ours_that_is_missing_is_a_defect():
@@ -93,9 +93,9 @@ def test_torchs_own_words_on_a_gpu_are_understood():
     ids=["torch", "warp"],
 )
 def test_a_full_graphics_card_is_told_from_a_full_machine(error):
-    assert explain_fault(error).startswith("the graphics card's memory is used up - ")
+    assert explain_fault(error).startswith("the graphics card is out of memory - ")
     assert "--device cpu" in explain_fault(error)
-    assert explain_fault(MemoryError()).startswith("the memory is used up - ")
+    assert explain_fault(MemoryError()).startswith("the machine is out of memory - ")
 
 
 @pytest.mark.parametrize(
@@ -126,5 +126,5 @@ def test_a_fault_of_the_disk_names_the_file():
 
 @pytest.mark.skipif(wp.is_cuda_available(), reason="needs a machine without CUDA")
 def test_cuda_where_there_is_none_is_refused_before_anything_is_read():
-    with pytest.raises(InputError, match="--device: no CUDA device is found - use --device cpu"):
+    with pytest.raises(InputError, match="--device: no CUDA device found - use --device cpu"):
         run(Settings("no capture", "out", device="cuda"), Path("out"), Reporter())

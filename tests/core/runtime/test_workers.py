@@ -81,18 +81,18 @@ def test_workers_get_their_variables(interpreter):
 
 
 @pytest.mark.skipif(not hasattr(os, "getpriority"), reason="this system has other priorities")
-@pytest.mark.parametrize("behind", [True, False])
-def test_workers_go_behind_a_program_that_somebody_works_in_if_asked(interpreter, behind):
+@pytest.mark.parametrize("low_priority", [True, False])
+def test_workers_get_a_low_priority_if_asked(interpreter, low_priority):
     body = """
     sys.stdin.readline()  # comes after the process was told
     group = open("/proc/self/autogroup").read() if os.path.exists("/proc/self/autogroup") else "nice 5"
     own = os.getpriority(os.PRIO_PROCESS, 0)
     print(json.dumps({"event": "result", "own": own, "group": int(group.split()[-1])}), flush=True)
     """
-    found = finish(Workers(interpreter(body), behind=behind).start({"job": "inspect"}), lambda _: None)
+    found = finish(Workers(interpreter(body), low_priority=low_priority).start({"job": "inspect"}), lambda _: None)
     ours = os.getpriority(os.PRIO_PROCESS, 0)
-    assert (found["own"] >= 5) == (behind or ours >= 5)
-    assert found["group"] == 5 or not behind
+    assert (found["own"] >= 5) == (low_priority or ours >= 5)
+    assert found["group"] == 5 or not low_priority
 
 
 def test_a_missing_interpreter_is_refused_before_a_folder_is_made(tmp_path, monkeypatch):

@@ -202,7 +202,7 @@ def test_the_script_complains_in_one_line_and_leaves_everything_as_it_is(tmp_pat
     (tmp_path / "b.ply").write_bytes(b"earlier")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     for arguments, said in (
-        ((tmp_path / "a.ply", tmp_path / "a.ply"), "is the input too"),
+        ((tmp_path / "a.ply", tmp_path / "a.ply"), "is also the input"),
         ((tmp_path / "a.ply", tmp_path / "b.ply"), "--drop-damaged"),
         ((tmp_path / "a.ply", tmp_path / "b.txt"), "not a format for Gaussians"),
         ((tmp_path / "a.ply",), "see --help"),
