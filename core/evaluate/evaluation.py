@@ -16,7 +16,14 @@ from ..color.srgb import simulate_bytes
 from ..consistency import Correspondences, SceneCorrespondences, relative_warping_error, view_pairs
 from ..consistency.correspondence import LONG_RANGE_STEP, SHORT_RANGE_STEP
 from ..files.images import read_png, write_png
-from ..runs.layout import ENHANCED_FOLDER, ORIGINAL, RENDERS_FOLDER, SIMULATED_FOLDER, SIMULATED_INPUT_FOLDER
+from ..runs.layout import (
+    AGAIN_FOLDER,
+    ENHANCED_FOLDER,
+    ORIGINAL,
+    RENDERS_FOLDER,
+    SIMULATED_FOLDER,
+    SIMULATED_INPUT_FOLDER,
+)
 from ..runtime.protocol import Reporter
 from ..settings import Layer, Settings
 from ..splats.gaussians import Gaussians
@@ -123,7 +130,8 @@ class Evaluation:
             if i in scored:
                 enhanced = read_png(enhanced_path(self.folder, layer, view))
                 scorer = Scorer(view.image, Observer(layer.cvd, layer.severity, self.simulation), self.scene.mask(i))
-                scores.append(score_layer(scorer, view.image, enhanced, rendered, unenhanced[i]))
+                again = self._again(layer, view)
+                scores.append(score_layer(scorer, view.image, enhanced, rendered, unenhanced[i], again))
             self._advance(layer.name)
         originals = [self.capture.views[i].image for i in matches.views]
         enhanced_views = [read_png(enhanced_path(self.folder, layer, self.capture.views[i])) for i in matches.views]
@@ -131,6 +139,13 @@ class Evaluation:
         consistency = matches.warping_errors(originals, enhanced_views, rendered_views)
         self._advance(f"{layer.name}: view consistency")
         return {**average(scores), "rwe": consistency}
+
+    def _again(self, layer: Layer, view: View) -> dict[str, NDArray[np.uint8]]:
+        """The second photograph of a view and the same enhanced, where there are any."""
+        path = enhanced_path(self.folder, layer, view, again=True)
+        if view.again is None or not path.is_file():
+            return {}
+        return {"again": view.again, "again_enhanced": read_png(path)}
 
     def _write_renders(self, layer: Layer, view: View, rendered: NDArray[np.uint8]) -> None:
         path = render_path(self.folder, layer, view)
@@ -145,9 +160,10 @@ class Evaluation:
         self.reporter.progress(STAGE, self._done / self._steps, message)
 
 
-def enhanced_path(folder: Path, layer: Layer, view: View) -> Path:
-    """Where a view's enhanced photograph is."""
-    return folder / ENHANCED_FOLDER / layer.name / f"{view.key}.png"
+def enhanced_path(folder: Path, layer: Layer, view: View, *, again: bool = False) -> Path:
+    """Where a view's enhanced photograph is, or its enhanced second photograph."""
+    place = folder / ENHANCED_FOLDER / layer.name
+    return (place / AGAIN_FOLDER if again else place) / f"{view.key}.png"
 
 
 def render_path(folder: Path, layer: Layer, view: View) -> Path:

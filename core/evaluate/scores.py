@@ -6,6 +6,7 @@ One scorer for the layers of a run, for photographs without cameras, and for the
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -108,7 +109,14 @@ class Scorer:
         return psnr(image_to_tensor(first), image_to_tensor(second), mask=self._mask)
 
 
-def score_layer(scorer: Scorer, original: Image, enhanced: Image, rendered: Image, unenhanced: Image) -> dict[str, Any]:
+def score_layer(
+    scorer: Scorer,
+    original: Image,
+    enhanced: Image,
+    rendered: Image,
+    unenhanced: Image,
+    again: Mapping[str, Image] | None = None,
+) -> dict[str, Any]:
     """A layer's entries of the report for one view, all pictures (H, W, 3); `average` combines those of several.
 
     Args:
@@ -117,8 +125,16 @@ def score_layer(scorer: Scorer, original: Image, enhanced: Image, rendered: Imag
         rendered: the reconstructed layer from the same camera.
         unenhanced: the reconstruction in its original colours: the control that separates what the enhancement gains
             from what the reconstruction loses.
+        again: a second photograph of the view (``again``) and the same enhanced (``again_enhanced``): how much of the
+            contrast is noise, which no reconstruction can have.
     """
-    versions = {"input": original, "enhanced": enhanced, "rendered": rendered, "unenhanced": unenhanced}
+    versions = {
+        "input": original,
+        "enhanced": enhanced,
+        "rendered": rendered,
+        "unenhanced": unenhanced,
+        **(again or {}),
+    }
     seen = {name: scorer.simulated(version) for name, version in versions.items()}
     natural = scorer.naturalness(enhanced)
     return {
@@ -131,13 +147,14 @@ def score_layer(scorer: Scorer, original: Image, enhanced: Image, rendered: Imag
 
 def average(views: list[dict[str, Any]]) -> dict[str, Any]:
     """The mean of each figure over the views in which it is finite; NaN where it is in none."""
-    merged = {key: _mean([view[key] for view in views]) for key in views[0]}
+    merged = _mean(views)
     merged["ccpr"]["tau"] = int(CCPR_THRESHOLD)
     return merged
 
 
 def _mean(values: list[Any]) -> Any:
     if isinstance(values[0], dict):
-        return {key: _mean([value[key] for value in values]) for key in values[0]}
+        keys = dict.fromkeys(key for value in values for key in value)
+        return {key: _mean([value[key] for value in values if key in value]) for key in keys}
     finite = [value for value in values if np.isfinite(value)]
     return float(np.mean(finite)) if finite else float("nan")

@@ -181,6 +181,8 @@ class Stages:
             done += fit_cost
             for view in self.capture.views:
                 write_png(enhanced_path(self.folder, layer, view), to_bytes(enhancer(view.image)))
+                if view.again is not None:
+                    write_png(enhanced_path(self.folder, layer, view, again=True), to_bytes(enhancer(view.again)))
                 done += 1
                 self.reporter.progress("enhance", done / total, f"{layer.name}: {view.key}")
 

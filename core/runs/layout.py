@@ -6,6 +6,7 @@ ORIGINAL = "original"  # the layer of the photographs' own colours
 
 CAPTURE_FOLDER = "capture"  # the photographs and cameras that the run used
 ENHANCED_FOLDER = "enhanced"
+AGAIN_FOLDER = "again"  # in a layer's folder of enhanced photographs: the second photographs
 RENDERS_FOLDER = "renders"
 STILLS_FOLDER = "stills"
 TURNTABLE_FOLDER = "turntable"

@@ -20,6 +20,8 @@ SCORED_PICTURES = {
     "rendered": "scene, enhanced colours",
 }
 """What the metrics of a layer are computed on: key in the report, and what tables call it."""
+SECOND_PHOTOGRAPHS = {"again": "second photographs", "again_enhanced": "second photographs, enhanced"}
+"""Likewise, in captures that have them. They differ from the first ones by noise alone: a bound for any scene."""
 
 _TEXT, _NUMBER, _WHOLE = (str,), (int, float, type(None)), (int,)
 _FIGURES = dict.fromkeys(SCORED_PICTURES, _NUMBER)

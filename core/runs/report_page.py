@@ -9,7 +9,7 @@ from typing import Any
 from ..files.pages import write_page
 from ..files.untrusted import read_json
 from .layout import REPORT_FILE, REPORT_PAGE, evenly_spread, picture_name
-from .report import SCORED_PICTURES
+from .report import SCORED_PICTURES, SECOND_PHOTOGRAPHS
 
 _TURNTABLE_FRAMES = 4  # that the page shows
 # Distinguishable for all kinds of colour vision by lightness (Okabe-Ito, ordered from dark to light).
@@ -32,7 +32,7 @@ def write_report_page(folder: Path) -> None:
         folder=folder,
         report=report,
         title=f"cvdgs: {Path(report['settings']['capture']).name or 'capture'}",
-        kinds=SCORED_PICTURES,
+        kinds=SCORED_PICTURES | SECOND_PHOTOGRAPHS,
         colors=_STAGE_COLORS,
         curve=_curve(report["curve"]),
         turntable_frames=[(number, picture_name(number)) for number in evenly_spread(count, _TURNTABLE_FRAMES)],
