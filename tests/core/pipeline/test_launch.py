@@ -101,7 +101,7 @@ def test_a_resumed_run_adds_to_the_files_and_to_the_log(run, earlier):
     report = json.loads((earlier / "report.json").read_text())
     assert report["seconds"]["total"] is None  # the first run's own
     assert report["resumed"][0]["seconds"]["total"] > 0
-    assert "does not have the new layers" in result.err
+    assert "lacks the new layers" in result.err
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,7 @@ def test_a_worker_that_says_nothing_is_told_once_a_stage():
     warnings = [event["message"] for event in heard if event["event"] == "warning"]
     places = [message for message in warnings if " in '" in message]  # before its first word it is in no stage yet
     assert [place.partition(" in '")[2].partition("'")[0] for place in places] == ["geometry", "layers"]
-    assert all("cancel it and run again" in message for message in warnings)
+    assert all("cancel and run again" in message for message in warnings)
 
 
 @POSIX
