@@ -19,8 +19,8 @@ from ..core.runtime.process import WORKER, Workers, find_python
 from ..core.runtime.supervisor import Listener, finish
 from .activity import ACTIVITY
 from .background import BackgroundJob, State
+from .folders import user_folder
 from .messages import show_information, show_problem
-from .package import user_folder
 from .preferences import get_cache, get_preferences, shrink_cache
 
 MAKE_JOB, CHECK_JOB = "environment", "check"

@@ -14,9 +14,10 @@ from ..core.errors import InputError
 from ..core.runs.layout import ORIGINAL, layer_cube_file
 from ..core.splats.gaussians import SH_C0, Gaussians
 from ..core.splats.io.files import write_gaussians
-from .scene.harmonics_nodes import coefficient_attribute, coefficient_count
-from .scene.selection import inside_crop_box, within_budget
+from .scene.color_nodes import coefficient_attribute, coefficient_count
 from .scene.splat_attributes import Attribute, Frame, color_attribute
+from .scene.splat_nodes import Input
+from .scene.splats import get_input
 from .shown import require_object_mode, run_of, shown_layer
 
 # A logit beyond this is as good as 0 or 1, and finite.
@@ -264,3 +265,18 @@ def _quaternions(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
     matrix[:, 3, 3] = trace
     xyzw = np.linalg.eigh(matrix)[1][:, :, -1]
     return np.roll(xyzw, 1, axis=1)
+
+
+def inside_crop_box(splats: bpy.types.Object, positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(V,) which of the (V, 3) positions the crop box leaves: those in the cube of side two around it."""
+    box = get_input(splats, Input.CROP_BOX)
+    if not get_input(splats, Input.CROP) or not isinstance(box, bpy.types.Object):
+        return np.ones(len(positions), np.bool_)
+    to_box = np.array(box.matrix_world.inverted_safe() @ splats.matrix_world, np.float64)
+    return (np.abs(positions @ to_box[:3, :3].T + to_box[:3, 3]) <= 1.0).all(axis=1)
+
+
+def within_budget(splats: bpy.types.Object, ranks: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """(V,) which of the (V,) places by importance (see `Attribute.RANK`) are among those that the viewport draws."""
+    budget = get_input(splats, Input.BUDGET)
+    return ranks < budget if isinstance(budget, int) and budget > 0 else np.ones(len(ranks), np.bool_)

@@ -18,7 +18,7 @@ from ..core.runs.folder import RunFolder
 from ..core.runs.layout import CAMERAS_FILE, CAPTURE_FOLDER, IMAGES_FOLDER, POINTS_FILE
 from ..core.runtime.process import Workers
 from ..core.runtime.supervisor import Listener, Log, all_or_nothing, finish
-from .activity import ACTIVITY, redraw_panels
+from .activity import ACTIVITY, redraw_panels, scene_by_uid
 from .background import BackgroundJob, State
 from .environment import make_workers
 from .folders import folder_beside, normalised_folder
@@ -26,7 +26,6 @@ from .making import remember_for_undo
 from .messages import show_information, show_problem
 from .scene.capture_folder import is_normalised
 from .scene.import_capture import CaptureObjects, ImportOptions, import_capture
-from .scene.lookup import scene_by_uid
 
 JOB = "import"
 

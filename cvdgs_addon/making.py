@@ -15,7 +15,7 @@ from ..core.runs.layout import CAPTURE_FOLDER
 from ..core.runtime.process import Workers
 from ..core.runtime.supervisor import Listener
 from ..core.settings import Layer, Settings
-from .activity import ACTIVITY, redraw_panels
+from .activity import ACTIVITY, redraw_panels, scene_by_uid
 from .background import BackgroundJob, State
 from .environment import make_workers
 from .folders import folder_beside, normalised_folder
@@ -30,7 +30,6 @@ from .quality import (
     quality_called,
 )
 from .results import is_finished_run, read_report, show_run
-from .scene.lookup import scene_by_uid
 
 JOB = "run"
 PREVIEW = "run preview"

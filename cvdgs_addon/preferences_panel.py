@@ -7,8 +7,8 @@ import bpy
 from ..core.errors import InputError
 from . import environment
 from .activity import ACTIVITY
+from .folders import PACKAGE
 from .messages import lines_of
-from .package import PACKAGE
 from .preferences import Preferences, get_cache, known_machine
 from .registration import register_classes, unregister_classes
 

@@ -15,7 +15,7 @@ from ..core.errors import InputError
 from ..core.files.untrusted import is_file, read_json
 from ..core.runs.layout import REPORT_FILE
 from ..core.runtime.progress import format_seconds
-from .graphics import has_graphics_card, views_3d
+from .scene.camera_view import has_graphics_card, views_3d
 from .scene.convert import load_run
 from .scene.finished_run import RUN_PROPERTY, FinishedRun, read_run
 from .scene.splat_attributes import Attribute, color_attribute

@@ -7,7 +7,7 @@ import bpy
 from ..core.demo import SHOWROOM
 from ..cvdgs_addon.activity import ACTIVITY
 from ..cvdgs_addon.inspection import JOB, inspect_now, start_inspection
-from .reporting import reports_errors
+from .base import reports_errors
 
 
 class CVDGS_OT_inspect_capture(bpy.types.Operator):

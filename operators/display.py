@@ -5,15 +5,13 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.compositor.apply import simulation_lifted
-from ..cvdgs_addon.graphics import has_graphics_card
 from ..cvdgs_addon.scene import display
-from ..cvdgs_addon.scene.camera_view import leave_slow_views, view_in_color
+from ..cvdgs_addon.scene.camera_view import has_graphics_card, leave_slow_views, view_in_color
 from ..cvdgs_addon.scene.native_splats import has_native_splats, why_not_native
 from ..cvdgs_addon.scene.render_settings import Display, Engine
 from ..cvdgs_addon.scene.splats import show_layer
 from ..cvdgs_addon.shown import shown_layer, shown_splats
-from .needs import NeedsGaussians
-from .reporting import reports_errors
+from .base import NeedsGaussians, reports_errors
 
 
 class CVDGS_OT_show_layer(NeedsGaussians, bpy.types.Operator):

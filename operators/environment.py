@@ -8,7 +8,7 @@ from ..core.errors import InputError
 from ..cvdgs_addon import environment
 from ..cvdgs_addon.activity import ACTIVITY
 from ..cvdgs_addon.preferences import get_cache
-from .reporting import reports_errors
+from .base import reports_errors
 
 
 class CVDGS_OT_make_environment(bpy.types.Operator):

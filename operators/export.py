@@ -18,8 +18,7 @@ from ..cvdgs_addon.export import (
     read_gaussians,
 )
 from ..cvdgs_addon.shown import run_of, shown_layer, shown_splats
-from .needs import NeedsGaussians, NeedsRun
-from .reporting import reports_errors
+from .base import NeedsGaussians, NeedsRun, reports_errors
 
 
 class CVDGS_OT_export_gaussians(NeedsGaussians, bpy.types.Operator, ExportHelper):

@@ -10,7 +10,7 @@ from ..cvdgs_addon.importing import JOB, ImportRequest, import_now, ready_folder
 from ..cvdgs_addon.scene.cameras import is_capture_camera, use_camera
 from ..cvdgs_addon.scene.import_capture import ImportOptions, capture_of, place_again
 from ..cvdgs_addon.scene.placement import Placing, Up, is_capture
-from .reporting import reports_errors
+from .base import reports_errors
 
 _UP_ITEMS = (
     ("AUTO", "Automatic", "The mean of the cameras' up directions, unless +Z is near it already"),

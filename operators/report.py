@@ -9,8 +9,7 @@ import bpy
 from ..core.errors import InputError
 from ..core.runs.layout import REPORT_PAGE
 from ..cvdgs_addon.shown import shown_run
-from .needs import NeedsRun
-from .reporting import reports_errors
+from .base import NeedsRun, reports_errors
 
 
 class CVDGS_OT_open_report(NeedsRun, bpy.types.Operator):

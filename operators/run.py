@@ -8,7 +8,7 @@ from ..cvdgs_addon import making
 from ..cvdgs_addon.activity import ACTIVITY
 from ..cvdgs_addon.folders import normalised_folder
 from ..cvdgs_addon.shown import shown_run
-from .reporting import reports_errors
+from .base import reports_errors
 
 
 class CVDGS_OT_make_cvd_friendly(bpy.types.Operator):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from ..cvdgs_addon.compositor.asset import library_folder, save_asset
-from .reporting import reports_errors
+from ..cvdgs_addon.compositor.simulation_group import library_folder, save_asset
+from .base import reports_errors
 
 
 class CVDGS_OT_simulate(bpy.types.Operator):

@@ -17,8 +17,7 @@ from ..cvdgs_addon.scene.turntable import (
     turntable_of,
 )
 from ..cvdgs_addon.shown import shown_splats
-from .needs import NeedsGaussians
-from .reporting import reports_errors
+from .base import NeedsGaussians, reports_errors
 
 
 class CVDGS_OT_add_turntable(NeedsGaussians, bpy.types.Operator):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon import viewer
-from .reporting import reports_errors
+from .base import reports_errors
 
 _PRESET_ITEMS = tuple((preset.name, preset.label, preset.description) for preset in viewer.PRESETS)
 

@@ -9,8 +9,8 @@ from ..core.runtime.progress import format_seconds
 from ..cvdgs_addon import making
 from ..cvdgs_addon.background import BackgroundJob, State
 from ..cvdgs_addon.environment import worker_python
+from ..cvdgs_addon.folders import PACKAGE
 from ..cvdgs_addon.messages import sentence
-from ..cvdgs_addon.package import PACKAGE
 from ..cvdgs_addon.pictures import PICTURES
 from ..cvdgs_addon.quality import QUALITIES, Quality, in_words
 from ..cvdgs_addon.results import is_finished_run, splats_of

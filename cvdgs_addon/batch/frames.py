@@ -22,8 +22,7 @@ from ..scene.render_settings import Display, Engine
 from ..scene.splats import MODIFIER_NAME, show_layer
 from ..scene.stills import render_picture, turned_to
 from ..scene.turntable import Turntable, add_turntable, picture_settings
-from .observers import Observer
-from .pixels import read_picture, remove_texts, write_picture
+from .pixels import Observer, read_picture, remove_texts, write_picture
 
 STAGE = "frames"
 

@@ -30,9 +30,9 @@ def main() -> NoReturn:
 
 
 def _perform(request: dict[str, Any], reporter: Any) -> dict[str, Any]:
-    from cvdgs.cvdgs_addon.processors import as_if_on
+    from cvdgs.cvdgs_addon.worker_process import limit_cpu_affinity
 
-    with as_if_on(int(request.get("threads") or 0)):
+    with limit_cpu_affinity(int(request.get("threads") or 0)):
         from cvdgs.cvdgs_addon.batch import jobs  # and with them Blender
 
     return jobs.perform(request, reporter)

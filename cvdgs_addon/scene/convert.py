@@ -17,7 +17,6 @@ from ...core.runs.layout import BLEND_FILE, ORIGINAL, STILLS_FOLDER
 from ...core.runtime.protocol import Reporter
 from .cameras import use_camera
 from .capture_folder import CaptureView
-from .disk import is_full
 from .display import BACKGROUND_PROPERTY
 from .finished_run import PARTIAL_FOLDER, RUN_PROPERTY, FinishedRun, read_run
 from .import_capture import add_cameras
@@ -37,7 +36,7 @@ from .splats import (
     set_input,
     show_layer,
 )
-from .stills import render_still, turned_to
+from .stills import is_full, render_still, turned_to
 
 STAGE = "blender"
 

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .color_nodes import add_decoding_nodes
-from .modifier_inputs import set_modifier_input
-from .nodes import NodeWriter, add_input, new_group
+from .nodes import NodeWriter, add_input, new_group, set_modifier_input
 from .splat_attributes import Attribute
 from .splat_material import POINT_NAME, build_point_material
 

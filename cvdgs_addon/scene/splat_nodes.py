@@ -6,7 +6,7 @@ Two hulls, chosen by the input ``Camera Facing``:
   Gaussian's elliptical projection (EWA splatting, Zwicker et al. 2001, as in 3D Gaussian Splatting, Kerbl et al. 2023),
   the low-pass `DILATION` included, and discs are met in the order of their centres' depths: exactly what the
   rasteriser draws. For renders through the active camera, whichever that is, on every frame, and with ``Camera View``
-  for a viewport that looks through it. Many instances of one disc, or one mesh of all of them (see `disc_nodes`).
+  for a viewport that looks through it. Many instances of one disc, or one mesh of all of them (see `drawing_nodes`).
 * **ellipsoid**: an icosphere around the Gaussian, evaluated along the ray by the material. Right for any ray
   (viewport, reflections, orthographic and panoramic cameras), but met in the order of hull entries, and the
   low-pass becomes an isotropic growth.
@@ -25,9 +25,8 @@ from enum import StrEnum
 import bpy
 
 from ...core.runs.layout import ORIGINAL
-from .color_nodes import add_decoding_nodes
-from .disc_nodes import MESH_LIMIT, disc_hull, few_enough, one_mesh
-from .harmonics_nodes import view_dependent_part
+from .color_nodes import add_decoding_nodes, view_dependent_part
+from .drawing_nodes import MESH_LIMIT, as_points, disc_hull, few_enough, inside_box, one_mesh, within_budget
 from .nodes import NodeWriter, Sockets, Value, add_input, new_group
 from .projection_nodes import (
     ALPHA_MIN,
@@ -37,7 +36,6 @@ from .projection_nodes import (
     add_frame_nodes,
     add_hull_nodes,
 )
-from .selection_nodes import as_points, inside_box, within_budget
 from .splat_attributes import Attribute, color_attribute
 
 GROUP_NAME = "CVD Gaussians"

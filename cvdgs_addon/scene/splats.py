@@ -13,14 +13,8 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.runs.layout import ORIGINAL
 from ...core.splats.gaussians import SH_C0, Gaussians
-from .harmonics_nodes import coefficient_attribute, coefficient_count
-from .modifier_inputs import (
-    InputValue,
-    get_modifier_input,
-    modifier_input_path,
-    modifier_input_property,
-    set_modifier_input,
-)
+from .color_nodes import coefficient_attribute, coefficient_count
+from .nodes import InputValue, get_modifier_input, modifier_input_path, modifier_input_property, set_modifier_input
 from .splat_attributes import Attribute, Frame, color_attribute
 from .splat_material import (
     DISC_NAME,

@@ -7,9 +7,9 @@ import pytest
 
 from cvdgs.cvdgs_addon.compositor.apply import simulation_node
 from cvdgs.cvdgs_addon.compositor.scene_tree import scene_tree
-from cvdgs.cvdgs_addon.graphics import views_3d
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import display, splats
+from cvdgs.cvdgs_addon.scene.camera_view import views_3d
 from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 from cvdgs.cvdgs_addon.scene.turntable import turntable_of

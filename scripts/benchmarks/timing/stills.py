@@ -1,6 +1,6 @@
 """Stills of a run in Blender: how close they are to our rasteriser, and how long they take.
 
-Discs are timed as instances and as one mesh (see ``disc_nodes``). Command: ``benchmark.py display``.
+Discs are timed as instances and as one mesh (see ``drawing_nodes``). Command: ``benchmark.py display``.
 """
 
 from __future__ import annotations
