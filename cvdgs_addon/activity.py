@@ -135,18 +135,8 @@ def _call(hook: Hook, job: BackgroundJob) -> None:
     try:
         hook(job)
     except Exception as error:  # Blender's timers only print
-        show_problem(job.title, f"{type(error).__name__}: {error} - this is a defect of ours")
+        show_problem(job.title, f"{type(error).__name__}: {error} - this is a bug in the add-on")
         raise
-
-
-def register() -> None:
-    """Let the jobs end with the file or with Blender."""
-    ACTIVITY.register()
-
-
-def unregister() -> None:
-    """End all jobs and leave nothing behind in Blender."""
-    ACTIVITY.unregister()
 
 
 def scene_by_uid(session_uid: int) -> bpy.types.Scene | None:

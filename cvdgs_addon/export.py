@@ -69,7 +69,7 @@ def read_gaussians(
     if as_in_viewport:
         kept &= within_budget(splats, _values(mesh, Attribute.RANK, "value", (), np.int32))
     if not kept.any():
-        raise InputError("no Gaussians are left", where=splats.name, remedy="undo what deleted them, or move the box")
+        raise InputError("no Gaussians are left", where=splats.name, remedy="undo their deletion, or move the crop box")
     shape = _frame_map(positions, frame, _values(mesh, Attribute.SCALE, "vector", (3,)))
     scales = _values(mesh, Attribute.SCALE, "vector", (3,))[kept].astype(np.float64)
     quaternions = _values(mesh, Attribute.ROTATION, "value", (4,))[kept]
@@ -132,7 +132,7 @@ def find_cube(folder: str, layer: str) -> Path:
     """
     source = Path(folder, layer_cube_file(layer))
     if not source.is_file():
-        remedy = "choose a layer that this run made, or load the run from where it is now"
+        remedy = "choose a layer of this run, or load the run from its current folder"
         raise InputError("there is no such LUT", where=source, remedy=remedy)
     return source
 
@@ -155,7 +155,7 @@ def _title(splats: bpy.types.Object) -> str:
 
 
 def _cannot_write(path: str, error: OSError) -> InputError:
-    return InputError(f"cannot be written ({error.strerror or error})", where=path, remedy="choose another place")
+    return InputError(f"cannot be written ({error.strerror or error})", where=path, remedy="choose another folder")
 
 
 def _positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:

@@ -67,7 +67,7 @@ def run_settings(scene: bpy.types.Scene) -> Settings:
     """
     properties = scene.cvdgs
     if not properties.capture.folder:
-        raise InputError("no capture is chosen", where="Capture", remedy="pick a folder of photographs")
+        raise InputError("no capture is chosen", where="Capture", remedy="choose a folder of photographs")
     layer = viewer_layer(scene)
     check_simulation(layer.cvd, layer.severity, properties.viewer.simulation)
     adds = adds_to_run(scene)
@@ -177,7 +177,7 @@ def _has_layer(folder: str, layer: Layer) -> bool:
 def _refuse_repetition(folder: str, layer: Layer) -> None:
     if _has_layer(folder, layer):
         remedy = "load the run, choose another viewer, or tick Start Over"
-        raise InputError(f"the run has the layer {layer.name} already", where=folder, remedy=remedy)
+        raise InputError(f"the run already has the layer {layer.name}", where=folder, remedy=remedy)
 
 
 def _reference_seconds(scene: bpy.types.Scene, quality: Quality) -> dict[str, float]:
@@ -206,7 +206,7 @@ def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: 
     shrink_cache()
     scene = scene_by_uid(scene_uid)
     if scene is None:
-        show_information(job.title, f"The scene is gone; the result is in {settings.out}")
+        show_information(job.title, f"The scene no longer exists; the result is in {settings.out}")
         return
     try:
         show_run(settings.out, scene, anew=not settings.resume)
@@ -216,7 +216,7 @@ def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: 
     remember_for_undo(job.title)
     redraw_panels()
     took = in_words(seconds).removeprefix("about ")
-    message = f"{settings.layers[0].name} is ready after {took} - See it with View in Colour, under Display"
+    message = f"{settings.layers[0].name} is ready after {took} - see it with View in Colour, under Display"
     show_information(job.title, message)
 
 

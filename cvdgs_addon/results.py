@@ -105,12 +105,10 @@ def figures_of(report: dict[str, Any]) -> dict[str, list[tuple[str, str]]]:
         layer = _part(_part(report, "layers"), name)
         contrast, natural, consistency = (_part(layer, part) for part in ("ccpr", "naturalness", "rwe"))
         tables[name] = [
-            ("Contrast, photographs", _shown(contrast.get("input"), "{:.0%}")),
-            ("Contrast, enhanced photos", _shown(contrast.get("enhanced"), "{:.0%}")),
-            ("Contrast, scene", _shown(contrast.get("unenhanced"), "{:.0%}")),
-            ("Contrast, enhanced scene", _shown(contrast.get("rendered"), "{:.0%}")),
-            ("Change of colours, ΔE00", _shown(natural.get("delta_e"), "{:.1f}")),
-            ("Drift of views (photos: 1)", _shown(consistency.get("ratio"), "{:.2f}")),
+            ("Contrast left in the photographs", _change(contrast.get("input"), contrast.get("enhanced"))),
+            ("Contrast left in the scene", _change(contrast.get("unenhanced"), contrast.get("rendered"))),
+            ("Colour change, ΔE00", _shown(natural.get("delta_e"), "{:.1f}")),
+            ("Colour drift between views (photos = 1, lower is better)", _shown(consistency.get("ratio"), "{:.2f}")),
         ]
     return {heading: [row for row in rows if row[1]] for heading, rows in tables.items()}
 
@@ -123,6 +121,12 @@ def _part(report: dict[str, Any], name: str) -> dict[str, Any]:
 
 def _shown(value: Any, template: str) -> str:
     return template.format(value) if isinstance(value, int | float) and abs(value) < _MOST_SHOWN else ""
+
+
+def _change(before: Any, after: Any) -> str:
+    """Two shares as percentages, e.g. "55 → 76 %"."""
+    shown = " → ".join(filter(None, (_shown(value, "{:.0%}").removesuffix("%") for value in (before, after))))
+    return f"{shown} %" if shown else ""
 
 
 def _duration(value: Any) -> str:

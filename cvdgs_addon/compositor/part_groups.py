@@ -30,7 +30,7 @@ ACHROMAT, VIENOT, BRETTEL = "Achromat", "Viénot", "Brettel"  # weights, beside 
 def machado_group(cvd: str) -> bpy.types.NodeTree:
     """Severity to the rows of Machado's matrix for one type, interpolated between the published severities."""
     tree = new_group("CompositorNodeTree", f"CVD Machado {cvd}")
-    add_input(tree, SEVERITY, "NodeSocketFloat", "0 is normal vision, 1 the lack of a kind of cones")
+    add_input(tree, SEVERITY, "NodeSocketFloat", "0 is normal vision, 1 is dichromacy")
     _add_outputs(tree, *ROWS)
     write = NodeWriter(tree)
     (severity, *_) = write.node("NodeGroupInput").outputs

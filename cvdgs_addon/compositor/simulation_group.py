@@ -33,7 +33,7 @@ from .part_groups import (
 )
 
 GROUP_NAME = "CVD simulation"
-DESCRIPTION = "How a picture is seen with a colour vision deficiency (Machado 2009, Viénot 1999, Brettel 1997)"
+DESCRIPTION = "What a picture looks like with a colour vision deficiency (Machado 2009, Viénot 1999, Brettel 1997)"
 
 TYPE_NAMES = {"protan": "Protan", "deutan": "Deutan", "tritan": "Tritan", "achromat": "Achromat"}
 MODEL_NAMES = {"machado": "Machado", "vienot": "Viénot", "brettel": "Brettel"}
@@ -121,16 +121,16 @@ def _names(socket: Socket) -> Mapping[str, str]:
 
 def _declare_sockets(tree: bpy.types.NodeTree) -> None:
     tree.interface.new_socket(Socket.IMAGE, in_out="OUTPUT", socket_type="NodeSocketColor")
-    add_input(tree, Socket.IMAGE, "NodeSocketColor", "The picture as it is")
-    _declare_choice(tree, Socket.TYPE, "What kind of cones is missing or shifted")
-    add_input(tree, Socket.SEVERITY, "NodeSocketFloat", "0 is normal vision, 1 the lack of a kind of cones",
+    add_input(tree, Socket.IMAGE, "NodeSocketColor", "The original picture")
+    _declare_choice(tree, Socket.TYPE, "Which type of cones is missing or shifted")
+    add_input(tree, Socket.SEVERITY, "NodeSocketFloat", "0 is normal vision, 1 is dichromacy",
               subtype="FACTOR", min_value=0.0, max_value=1.0, default_value=1.0)  # fmt: skip
-    _declare_choice(tree, Socket.MODEL, "Published model; Viénot describes no tritan vision and takes Brettel's")
+    _declare_choice(tree, Socket.MODEL, "Published model; Viénot's has no tritan, so Brettel's is used there")
     add_input(tree, Socket.DISPLAY_REFERRED, "NodeSocketBool",
-              "The picture holds sRGB values as they go to the screen (view transform Raw); off: scene-linear light",
+              "The picture holds display-referred sRGB values (view transform Raw); off: scene-linear light",
               default_value=False)  # fmt: skip
     add_input(tree, Socket.WIPE, "NodeSocketFloat",
-              "Share of the picture's width, from the left, that stays as it is",
+              "Fraction of the picture's width, from the left, that stays unchanged",
               subtype="FACTOR", min_value=0.0, max_value=1.0, default_value=0.0)  # fmt: skip
 
 

@@ -67,7 +67,7 @@ def show_form(splats: bpy.types.Object, form: Form) -> None:
         InputError: this Blender has no native splats.
     """
     if form is Form.NATIVE and not has_native_splats():
-        raise InputError(why_not_native(), where=splats.name, remedy="choose instances, which look the same")
+        raise InputError(why_not_native(), where=splats.name, remedy="choose Instances, which look the same")
     existing = native_splats_of(splats)
     if existing is not None:
         bpy.data.pointclouds.remove(existing.data)

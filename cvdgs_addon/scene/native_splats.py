@@ -26,7 +26,7 @@ def has_native_splats() -> bool:
 
 def why_not_native() -> str:
     """What to tell where it does not."""
-    return f"Blender {bpy.app.version_string} draws no splats by itself; Blender 5.3 does"
+    return f"Blender {bpy.app.version_string} has no splats of its own; Blender 5.3 does"
 
 
 def native_splats_of(splats: bpy.types.Object) -> bpy.types.Object | None:

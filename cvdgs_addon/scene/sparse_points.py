@@ -62,7 +62,7 @@ def _build_group() -> bpy.types.NodeTree:
     tree.is_modifier = True
     tree.description = "Draws the sparse points of a capture in the colours of its photographs"
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    add_input(tree, "Geometry", "NodeSocketGeometry", "Points with a colour")
+    add_input(tree, "Geometry", "NodeSocketGeometry", "Points with colours")
     add_input(tree, _POINT_SIZE, "NodeSocketFloat", "Radius of a point", subtype="DISTANCE", min_value=0.0)
     add_input(tree, _SCENE_LINEAR, "NodeSocketBool", "Convert the colours to scene-linear light; off: photo colours",
               default_value=False)  # fmt: skip

@@ -138,11 +138,11 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
     add_input(tree, Input.LAYER, "NodeSocketString", "Colour attribute to blend to, for example color_deutan-1.0",
               default_value=color_attribute(ORIGINAL))  # fmt: skip
     add_input(tree, Input.CAMERA_FACING, "NodeSocketBool",
-              "Render discs that face the active camera, exactly as trained; off: ellipsoids, right for any ray, as in "
-              "the viewport",
+              "Render discs that face the active camera, exactly as trained; off: ellipsoids, correct for any ray, as "
+              "in the viewport",
               default_value=True)  # fmt: skip
     add_input(tree, Input.CAMERA_VIEW, "NodeSocketBool",
-              "The viewport looks through the active camera, too, and draws the same discs: several times faster in "
+              "Draw the same discs in the viewport, which must look through the active camera: several times faster in "
               "Cycles, wrong from anywhere else", default_value=False)  # fmt: skip
     add_input(tree, Input.SCENE_LINEAR, "NodeSocketBool",
               "Convert the colours to scene-linear light, for a scene with lamps and a Standard view transform; "
@@ -150,25 +150,25 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
     add_input(tree, Input.DILATION, "NodeSocketFloat", "Low-pass of the rasteriser, in square pixels",
               min_value=0.0, max_value=10.0, default_value=DILATION)  # fmt: skip
     add_input(tree, Input.MESH_LIMIT, "NodeSocketInt",
-              "Up to how many discs are drawn as one mesh, which Cycles renders faster but needs more memory for; more "
-              "are instances. 0: always instances",
+              "The most discs to draw as one mesh, which Cycles renders faster but with more memory; a larger number "
+              "is drawn as instances. 0: always instances",
               min_value=0, default_value=MESH_LIMIT)  # fmt: skip
     add_input(tree, Input.AS_POINTS, "NodeSocketBool",
-              "Draw points instead of Gaussians: fast, for placing and cropping", default_value=False)  # fmt: skip
+              "Draw points instead of Gaussians: fast, for positioning and cropping", default_value=False)  # fmt: skip
     add_input(tree, Input.POINT_SIZE, "NodeSocketFloat", "Radius of points in standard deviations of their Gaussians",
               min_value=0.0, default_value=1.0)  # fmt: skip
     add_input(tree, Input.BUDGET, "NodeSocketInt",
-              "How many Gaussians the viewport draws, the largest and most opaque ones; 0: all",
+              "The most Gaussians to draw in the viewport, the largest and most opaque first; 0: all",
               min_value=0, default_value=0)  # fmt: skip
-    add_input(tree, Input.BUDGET_IN_RENDERS, "NodeSocketBool", "Keep to the budget in renders too",
+    add_input(tree, Input.BUDGET_IN_RENDERS, "NodeSocketBool", "Apply the budget to renders too",
               default_value=False)  # fmt: skip
     add_input(tree, Input.CROP, "NodeSocketBool", "Draw only what is inside the crop box", default_value=False)
     add_input(tree, Input.CROP_BOX, "NodeSocketObject",
-              "An Empty shown as a cube, which may be moved, turned and scaled")  # fmt: skip
+              "An Empty shown as a cube that can be moved, rotated and scaled")  # fmt: skip
     for name in (Input.WIDTH, Input.HEIGHT):
         add_input(tree, name, "NodeSocketFloat", "Size of the render in pixels, driven by the scene",
                   min_value=1.0, default_value=1000.0, hide_in_modifier=True)  # fmt: skip
-    add_input(tree, Input.MOTION_BLUR, "NodeSocketBool", "Whether renders have it, driven by the scene",
+    add_input(tree, Input.MOTION_BLUR, "NodeSocketBool", "Whether renders have motion blur, driven by the scene",
               default_value=False, hide_in_modifier=True)  # fmt: skip
 
 

@@ -29,7 +29,7 @@ def test_without_gaussians_the_operators_say_what_is_missing(addon):
     for name in ("show_layer", "show_form", "add_crop_box", "remove_crop_box", "set_up_render"):
         operator = getattr(bpy.ops.cvdgs, name)
         assert not operator.poll()
-        with pytest.raises(RuntimeError, match="First make a run"):
+        with pytest.raises(RuntimeError, match="Start a run"):
             operator()
 
 
@@ -132,4 +132,4 @@ def test_the_panel_shows_layers_form_and_what_was_changed(shown):
 
 
 def test_without_gaussians_the_panel_says_what_to_do_first(addon):
-    assert any("First" in text for text in drawn(CVDGS_PT_display).texts)
+    assert any("first" in text for text in drawn(CVDGS_PT_display).texts)

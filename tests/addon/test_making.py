@@ -138,7 +138,7 @@ def test_a_layer_that_is_there_is_not_made_twice(capture, worker, run_folder):
     worker(finishing(run_folder))
     press()
     finished(making.JOB)
-    with pytest.raises(RuntimeError, match=r"has the layer deutan-1\.0 already.*Start Over"):
+    with pytest.raises(RuntimeError, match=r"already has the layer deutan-1\.0.*Start Over"):
         bpy.ops.cvdgs.make_cvd_friendly()
     capture.cvdgs.run.start_over = True
     assert not making.run_settings(capture).resume
@@ -182,7 +182,7 @@ def test_without_a_worker_the_remedy_is_named(capture, monkeypatch, tmp_path):
 
 def test_without_a_capture_the_button_says_what_is_missing(addon):
     assert not bpy.ops.cvdgs.make_cvd_friendly.poll()
-    with pytest.raises(RuntimeError, match="Pick a folder of photographs"):
+    with pytest.raises(RuntimeError, match="Choose a folder of photographs"):
         bpy.ops.cvdgs.make_cvd_friendly()
 
 
