@@ -22,13 +22,7 @@ from .folders import folder_beside, normalised_folder
 from .messages import show_information, show_problem
 from .pictures import PICTURES
 from .preferences import get_preferences, machine_speed, shrink_cache
-from .quality import (
-    TIME_MODEL,
-    Quality,
-    in_words,
-    learned_speed,
-    quality_called,
-)
+from .quality import TIME_MODEL, Quality, in_words, learned_speed, quality_called
 from .results import is_finished_run, read_report, show_run
 
 JOB = "run"

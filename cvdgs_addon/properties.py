@@ -166,9 +166,7 @@ class RunProperties(bpy.types.PropertyGroup):
     )
     scene_file: bpy.props.BoolProperty(
         **setting(
-            "blend",
-            description="Also write scene.blend and a still of each layer to the output folder",
-            default=False,
+            "blend", description="Also write scene.blend and a still of each layer to the output folder", default=False
         )
     )
 
@@ -270,12 +268,7 @@ class TurntableProperties(bpy.types.PropertyGroup):
         default="CYCLES",
     )
     width: bpy.props.IntProperty(
-        name="Width",
-        description="Width of the images",
-        subtype="PIXEL",
-        min=4,
-        soft_max=4096,
-        default=Turntable.width,
+        name="Width", description="Width of the images", subtype="PIXEL", min=4, soft_max=4096, default=Turntable.width
     )
     height_pixels: bpy.props.IntProperty(
         name="Height",

@@ -18,8 +18,8 @@ from ..core.runtime.progress import format_seconds
 from .scene.camera_view import has_graphics_card, views_3d
 from .scene.convert import load_run
 from .scene.finished_run import RUN_PROPERTY, FinishedRun, read_run
-from .scene.splat_attributes import Attribute, color_attribute
-from .scene.splats import is_splats, layer_names, point_positions, show_layer
+from .scene.splat_attributes import color_attribute, is_gaussian, opaque, point_positions, write_attribute
+from .scene.splats import is_splats, layer_names, show_layer
 from .shown import require_object_mode, run_of
 
 _MOST_SHOWN = 1e15  # no figure of a run is larger
@@ -140,7 +140,7 @@ def _newest_layer(folder: str) -> str:
 
 def _can_take_layers(splats: bpy.types.Object, run: FinishedRun) -> bool:
     require_object_mode(splats)
-    return int(_is_gaussian(splats.data).sum()) == len(run.gaussians)
+    return int(is_gaussian(splats.data).sum()) == len(run.gaussians)
 
 
 def _renew(scene: bpy.types.Scene, folder: str, run: FinishedRun) -> None:
@@ -155,14 +155,6 @@ def _renew(scene: bpy.types.Scene, folder: str, run: FinishedRun) -> None:
             del splats[RUN_PROPERTY]  # its files are gone
 
 
-def _is_gaussian(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:
-    """(V,) which vertices are Gaussians, and not points of the frame."""
-    numbers = np.ones(len(mesh.vertices), np.int32)
-    if Attribute.FRAME in mesh.attributes:
-        mesh.attributes[Attribute.FRAME].data.foreach_get("value", numbers)
-    return numbers == 0
-
-
 def _show_materials() -> None:
     """Solid shading shows grey blobs: let open 3D views show materials, where a graphics card draws them."""
     if not has_graphics_card():
@@ -175,8 +167,6 @@ def _show_materials() -> None:
 def _set_layer(splats: bpy.types.Object, layer: str, colors: NDArray[np.float32]) -> None:
     mesh = splats.data
     rgba = np.zeros((len(mesh.vertices), 4), np.float32)
-    rgba[_is_gaussian(mesh)] = np.concatenate([colors, np.ones((len(colors), 1), np.float32)], axis=1)
-    name = color_attribute(layer)
-    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, "FLOAT_COLOR", "POINT")
-    attribute.data.foreach_set("color", rgba.ravel())
+    rgba[is_gaussian(mesh)] = opaque(colors)
+    write_attribute(mesh, color_attribute(layer), "FLOAT_COLOR", rgba)
     mesh.update()

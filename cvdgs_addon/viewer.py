@@ -8,13 +8,7 @@ import bpy
 import numpy as np
 
 from ..core.errors import InputError
-from .arrangement import (
-    CAP_COUNT,
-    Suggestion,
-    cap_colors,
-    score_arrangement,
-    suggest,
-)
+from .arrangement import CAP_COUNT, Suggestion, cap_colors, score_arrangement, suggest
 from .pictures import PICTURES
 
 

@@ -89,9 +89,4 @@ class CVDGS_OT_open_report(NeedsRun, bpy.types.Operator):
         bpy.ops.wm.url_open(url=page.as_uri())
 
 
-CLASSES: tuple[type, ...] = (
-    CVDGS_OT_make_cvd_friendly,
-    CVDGS_OT_cancel_job,
-    CVDGS_OT_load_run,
-    CVDGS_OT_open_report,
-)
+CLASSES: tuple[type, ...] = (CVDGS_OT_make_cvd_friendly, CVDGS_OT_cancel_job, CVDGS_OT_load_run, CVDGS_OT_open_report)

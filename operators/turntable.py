@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from pathlib import Path
 
 import bpy
 
 from ..core.errors import InputError
 from ..cvdgs_addon.scene.render_settings import Engine
-from ..cvdgs_addon.scene.turntable import (
-    Turntable,
-    add_turntable,
-    remove_turntable,
-    render_turntable,
-    turntable_of,
-)
+from ..cvdgs_addon.scene.turntable import Turntable, add_turntable, remove_turntable, render_turntable, turntable_of
 from ..cvdgs_addon.shown import shown_splats
 from .base import Action, NeedsGaussians
 
@@ -72,16 +67,9 @@ class CVDGS_OT_remove_turntable(_NeedsTurntable, bpy.types.Operator):
 
 def _chosen(context: bpy.types.Context) -> Turntable:
     chosen = context.scene.cvdgs.turntable
-    return Turntable(
-        frames=chosen.frames,
-        radius=chosen.radius,
-        height=chosen.height,
-        focal_length=chosen.focal_length,
-        arc=math.degrees(chosen.arc),
-        width=chosen.width,
-        height_pixels=chosen.height_pixels,
-        engine=Engine[chosen.engine] if chosen.engine != "SCENE" else None,
-    )
+    values = {field.name: getattr(chosen, field.name) for field in fields(Turntable)}
+    engine = Engine[chosen.engine] if chosen.engine != "SCENE" else None
+    return Turntable(**{**values, "arc": math.degrees(chosen.arc), "engine": engine})
 
 
 def _folder(context: bpy.types.Context) -> Path:

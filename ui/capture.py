@@ -84,7 +84,4 @@ class CVDGS_PT_import_capture(SidePanel, bpy.types.Panel):
         row.operator("cvdgs.look_through", text="Next Camera", icon="TRIA_RIGHT").step = 1
 
 
-CLASSES: tuple[type, ...] = (
-    CVDGS_PT_capture,
-    CVDGS_PT_import_capture,
-)
+CLASSES: tuple[type, ...] = (CVDGS_PT_capture, CVDGS_PT_import_capture)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -79,16 +80,8 @@ def render_frames(
 
 def turntable_of(arguments: FramesArguments) -> Turntable:
     """The turn that `arguments` describe."""
-    return Turntable(
-        frames=arguments.frames,
-        radius=arguments.radius,
-        height=arguments.height,
-        focal_length=arguments.focal_length,
-        arc=arguments.arc,
-        width=arguments.width,
-        height_pixels=arguments.height_pixels,
-        engine=Engine[arguments.engine.upper()],
-    )
+    values = {field.name: getattr(arguments, field.name) for field in fields(Turntable)}
+    return Turntable(**{**values, "engine": Engine[arguments.engine.upper()]})
 
 
 def half_made(arguments: FramesArguments, out: Path) -> list[Path]:

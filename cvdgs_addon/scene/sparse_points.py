@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from .color_nodes import add_decoding_nodes
 from .nodes import NodeWriter, add_input, new_group, set_modifier_input
-from .splat_attributes import Attribute
+from .splat_attributes import Attribute, opaque, write_attribute
 from .splat_material import POINT_NAME, build_point_material
 
 GROUP_NAME = "CVD Sparse Points"
@@ -32,8 +32,7 @@ def add_sparse_points(
     mesh = bpy.data.meshes.new(MODIFIER_NAME)
     mesh.vertices.add(len(positions))
     mesh.vertices.foreach_set("co", np.ascontiguousarray(positions, np.float32).ravel())
-    rgba = np.concatenate([colors, np.ones((len(colors), 1), np.float32)], axis=1)
-    mesh.attributes.new(_COLOR, "FLOAT_COLOR", "POINT").data.foreach_set("color", rgba.astype(np.float32).ravel())
+    write_attribute(mesh, _COLOR, "FLOAT_COLOR", opaque(colors))
     mesh.update()
     points = bpy.data.objects.new(MODIFIER_NAME, mesh)
     points.visible_shadow = False  # they shine

@@ -28,14 +28,7 @@ from ...core.runs.layout import ORIGINAL
 from .color_nodes import add_decoding_nodes, view_dependent_part
 from .drawing_nodes import MESH_LIMIT, as_points, disc_hull, few_enough, inside_box, one_mesh, within_budget
 from .nodes import NodeWriter, Sockets, Value, add_input, new_group
-from .projection_nodes import (
-    ALPHA_MIN,
-    Camera,
-    Splat,
-    add_camera_nodes,
-    add_frame_nodes,
-    add_hull_nodes,
-)
+from .projection_nodes import ALPHA_MIN, Camera, Splat, add_camera_nodes, add_frame_nodes, add_hull_nodes
 from .splat_attributes import Attribute, color_attribute
 
 GROUP_NAME = "CVD Gaussians"
@@ -217,11 +210,7 @@ def _add_color_nodes(
     layer = write.attribute("FLOAT_COLOR", inputs[Input.LAYER])
     # The original's attribute is only the constant part of its colour.
     is_other = write.output(
-        "FunctionNodeCompare",
-        inputs[Input.LAYER],
-        color_attribute(ORIGINAL),
-        data_type="STRING",
-        operation="NOT_EQUAL",
+        "FunctionNodeCompare", inputs[Input.LAYER], color_attribute(ORIGINAL), data_type="STRING", operation="NOT_EQUAL"
     )
     is_layer = write.both(layer.outputs["Exists"], is_other)
     enhanced = write.switch("RGBA", is_layer, original, layer.outputs["Attribute"])

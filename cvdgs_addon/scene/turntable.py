@@ -20,7 +20,8 @@ from .native_splats import native_splats_of
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import Engine, engine_settings, png_settings
 from .sparse_points import is_sparse_points
-from .splats import core_bounds, is_splats, point_positions
+from .splat_attributes import point_positions
+from .splats import core_bounds, is_splats
 
 _RENDER = "cvdgs_turntable_render"
 _IS_RIG = "cvdgs_turntable"  # custom property of the Empty
