@@ -14,6 +14,7 @@ from ..core.runtime.process import ROOT
 
 PACKAGE = __package__.rpartition(".")[0]
 """``bl_ext.<repository>.cvdgs`` as an extension, ``cvdgs`` under the bpy wheel."""
+_KERNELS, _THUMBNAILS = "kernels", "thumbnails"
 
 
 def user_folder() -> Path:
@@ -22,9 +23,6 @@ def user_folder() -> Path:
         return Path(bpy.utils.extension_path_user(PACKAGE))
     except ValueError:  # not installed as an extension
         return Path(bpy.utils.user_resource("DATAFILES", path=PACKAGE))
-
-
-_KERNELS, _THUMBNAILS = "kernels", "thumbnails"
 
 
 class Cache:

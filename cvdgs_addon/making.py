@@ -77,9 +77,10 @@ def run_settings(scene: bpy.types.Scene) -> Settings:
         "blend": properties.run.scene_file,
         "resume": adds,
     }
-    if adds:
-        _refuse_repetition(settings["out"], layer)
-    else:
+    if adds and has_layer(scene):
+        remedy = "load the run, choose another viewer, or tick Start Over"
+        raise InputError(f"the run already has the layer {layer.name}", where=output_folder(scene), remedy=remedy)
+    if not adds:
         quality = quality_called(properties.run.quality)
         refine_poses = properties.run.refine_poses
         settings |= {"iterations": quality.iterations, "max_size": quality.max_size, "refine_poses": refine_poses}
@@ -138,11 +139,6 @@ def load_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
     return splats
 
 
-def current_run() -> BackgroundJob | None:
-    """The run that goes on, or the last one."""
-    return ACTIVITY.job(JOB)
-
-
 class _PreviewLoader:
     """Loads every new picture of a run, for the panel."""
 
@@ -161,17 +157,7 @@ def _run(settings: Settings, workers: Workers, listen: Listener) -> dict[str, An
 
 def has_layer(scene: bpy.types.Scene) -> bool:
     """Whether the run that is there has the viewer's layer already."""
-    return _has_layer(output_folder(scene), viewer_layer(scene))
-
-
-def _has_layer(folder: str, layer: Layer) -> bool:
-    return layer.name in read_report(folder).get("layers", {})
-
-
-def _refuse_repetition(folder: str, layer: Layer) -> None:
-    if _has_layer(folder, layer):
-        remedy = "load the run, choose another viewer, or tick Start Over"
-        raise InputError(f"the run already has the layer {layer.name}", where=folder, remedy=remedy)
+    return viewer_layer(scene).name in read_report(output_folder(scene)).get("layers", {})
 
 
 def _reference_seconds(scene: bpy.types.Scene, quality: Quality) -> dict[str, float]:

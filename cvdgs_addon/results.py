@@ -54,7 +54,7 @@ def show_run(folder: str, scene: bpy.types.Scene, *, anew: bool = False) -> bpy.
         new = [layer for layer in run.layers if layer not in layer_names(splats)]
         for layer in new:
             _set_layer(splats, layer, run.layers[layer])
-    newest = _newest_layer(folder)
+    newest = next(reversed(read_report(folder).get("layers", {})), "")
     if newest in layer_names(splats):
         show_layer(splats, newest)
     scene.cvdgs.display.target = splats
@@ -131,11 +131,6 @@ def _change(before: Any, after: Any) -> str:
 
 def _duration(value: Any) -> str:
     return format_seconds(value) if _shown(value, "{}") else ""
-
-
-def _newest_layer(folder: str) -> str:
-    """The layer that the run made last, or ""."""
-    return next(reversed(read_report(folder).get("layers", {})), "")
 
 
 def _can_take_layers(splats: bpy.types.Object, run: FinishedRun) -> bool:

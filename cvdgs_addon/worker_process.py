@@ -25,6 +25,7 @@ from ..core.runtime.protocol import JsonReporter, Reporter, claim_stdout
 from ..core.runtime.supervisor import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
 
 _THREADS_OF_THIS_PROCESS = Path("/proc/self/task")
+Request = TypeVar("Request")
 
 
 @contextmanager
@@ -48,9 +49,6 @@ def limit_cpu_affinity(processors: int) -> Iterator[None]:
         for thread in _THREADS_OF_THIS_PROCESS.iterdir():
             with suppress(ProcessLookupError):  # it has ended by now
                 os.sched_setaffinity(int(thread.name), allowed)
-
-
-Request = TypeVar("Request")
 
 
 def serve(

@@ -27,7 +27,7 @@ class GaussiansPanel(SidePanel):
     def draw(self, context: bpy.types.Context) -> None:
         splats = shown_splats(context)
         if splats is None:
-            say_missing(self.layout, context, NOTHING_TO_SHOW)  # type: ignore[attr-defined]
+            say(self.layout, context, NOTHING_TO_SHOW, "INFO")  # type: ignore[attr-defined]
         else:
             self.draw_for(context, splats)
 
@@ -60,11 +60,6 @@ def say(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon:
     column.scale_y = 0.85
     for number, line in enumerate(lines_of(text, characters)):
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")
-
-
-def say_missing(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
-    """Say what has to be done before this sub-panel can be used."""
-    say(layout, context, text, "INFO")
 
 
 def draw_changes(layout: bpy.types.UILayout, context: bpy.types.Context, name: str, changes: list[str]) -> None:

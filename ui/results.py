@@ -6,7 +6,7 @@ import bpy
 
 from ..cvdgs_addon.results import figures_of, read_report
 from ..cvdgs_addon.shown import RUN_UNKNOWN, run_of, shown_layer
-from .layout import GaussiansPanel, say, say_missing
+from .layout import GaussiansPanel, say
 
 _LONGEST_NAME = 34  # characters beside a value; longer ones are wrapped
 
@@ -22,11 +22,11 @@ class CVDGS_PT_report(GaussiansPanel, bpy.types.Panel):
         layout = self.layout
         folder = run_of(splats)
         if not folder:
-            say_missing(layout, context, RUN_UNKNOWN)
+            say(layout, context, RUN_UNKNOWN, "INFO")
             return
         report = read_report(folder)
         if not report:
-            say_missing(layout, context, f"There is no report in {folder} - load the run again from its current folder")
+            say(layout, context, f"There is no report in {folder} - load the run again from its current folder", "INFO")
             return
         for heading, rows in figures_of(report).items():
             box = layout.box()

@@ -7,6 +7,7 @@ import bpy
 from ..core.errors import InputError
 from ..core.runtime.progress import format_seconds
 from ..cvdgs_addon import making
+from ..cvdgs_addon.activity import ACTIVITY
 from ..cvdgs_addon.background import BackgroundJob
 from ..cvdgs_addon.environment import worker_python
 from ..cvdgs_addon.folders import PACKAGE
@@ -14,7 +15,7 @@ from ..cvdgs_addon.messages import sentence
 from ..cvdgs_addon.pictures import PICTURES
 from ..cvdgs_addon.quality import QUALITIES, Quality, in_words
 from ..cvdgs_addon.results import is_finished_run, splats_of
-from .layout import SidePanel, complain, say, say_end, say_missing, split_column
+from .layout import SidePanel, complain, say, say_end, split_column
 
 _PREVIEW_SCALE = 11.4
 _STAGES = {
@@ -37,7 +38,7 @@ class CVDGS_PT_run(SidePanel, bpy.types.Panel):
     bl_label = "Make CVD-friendly"
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, job = self.layout, making.current_run()
+        layout, job = self.layout, ACTIVITY.job(making.JOB)
         if job is not None and job.is_running:
             draw_progress(layout, context, job, making.JOB)
             _draw_preview(layout)
@@ -46,9 +47,9 @@ class CVDGS_PT_run(SidePanel, bpy.types.Panel):
             return
         capture = context.scene.cvdgs.capture
         if not capture.folder:
-            say_missing(layout, context, "Choose a folder of photographs under Capture first")
+            say(layout, context, "Choose a folder of photographs under Capture first", "INFO")
         elif capture.problem:
-            say_missing(layout, context, "The capture cannot be used; see Capture above")
+            say(layout, context, "The capture cannot be used; see Capture above", "INFO")
         else:
             _draw_choices(layout, context)
         say_end(layout, context, job)

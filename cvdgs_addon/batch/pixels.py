@@ -19,7 +19,7 @@ from ...core.settings import Layer
 
 Pixels = NDArray[np.uint8]
 
-_LEVELS = 255.0
+_LEVELS = 255
 _FORMATS = {".png": "PNG", ".bmp": "BMP", ".jpg": "JPEG"}  # Blender's names
 _JPEG_QUALITY = 88
 _SIGNATURE_BYTES = 8  # of a PNG file, before its first chunk
@@ -102,9 +102,6 @@ def _chunks(content: bytes) -> Iterator[bytes]:
         end = start + _FRAMING_BYTES + int.from_bytes(content[start : start + 4], "big")
         yield content[start:end]
         start = end
-
-
-_LEVELS = 255
 
 
 def downscale(picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:

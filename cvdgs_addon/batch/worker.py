@@ -6,8 +6,6 @@
     {"job": "frames", "out": "DIR", "arguments": {...}, "threads": N, "model": "machado"}       N 0: all processors
     {"job": "video" | "sheet", "out": "DIR", "arguments": {...}}
     {"job": "previews", "out": "DIR", "arguments": {"previews": [...], "width": PIXELS}}
-    {"job": "time-import", "out": "DIR", "arguments": {"file": "NAME", "rounds": N}}    for ``benchmark.py files``
-    {"job": "time-stills", "out": "RUN", "arguments": {...}}                      for ``benchmark.py display``
     {"job": "try-eevee"}                                 renders one small picture; ends in one way or another
 
 The arguments are those of ``core/rendering/requests.py``. Events and exit codes: see `worker_process`.

@@ -43,6 +43,8 @@ _REC709 = "Linear Rec.709"  # name in Blender's OpenColorIO configuration
 _OPAQUE = 1e-6  # the colour of a pixel with less alpha is emission, not premultiplied
 
 Channels = tuple[Value, ...]
+FILE_NAME = "CVD simulation.blend"
+_TAGS = ("CVD", "colour blindness", "accessibility")
 
 
 class Socket(StrEnum):
@@ -126,9 +128,12 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
     add_input(tree, Socket.SEVERITY, "NodeSocketFloat", "0 is normal vision, 1 is dichromacy",
               subtype="FACTOR", min_value=0.0, max_value=1.0, default_value=1.0)  # fmt: skip
     _declare_choice(tree, Socket.MODEL, "Published model; Viénot's has no tritan, so Brettel's is used there")
-    add_input(tree, Socket.DISPLAY_REFERRED, "NodeSocketBool",
-              "The picture holds display-referred sRGB values (view transform Raw); off: scene-linear light",
-              default_value=False)  # fmt: skip
+    add_input(
+        tree,
+        Socket.DISPLAY_REFERRED,
+        "NodeSocketBool",
+        "The picture holds display-referred sRGB values (view transform Raw); off: scene-linear light",
+    )
     add_input(tree, Socket.WIPE, "NodeSocketFloat",
               "Fraction of the picture's width, from the left, that stays unchanged",
               subtype="FACTOR", min_value=0.0, max_value=1.0, default_value=0.0)  # fmt: skip
@@ -221,10 +226,6 @@ def _wiped(write: NodeWriter, image: Value, simulated: Value, wipe: Value) -> Va
     coordinates = write.output("CompositorNodeImageCoordinates", image, name="Normalized")
     is_right = write.math("GREATER_THAN", write.separate(coordinates)[0], wipe)
     return write.mix("RGBA", is_right, image, simulated)
-
-
-FILE_NAME = "CVD simulation.blend"
-_TAGS = ("CVD", "colour blindness", "accessibility")
 
 
 def save_asset(folder: str | Path) -> Path:

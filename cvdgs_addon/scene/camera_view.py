@@ -18,6 +18,9 @@ from .splats import is_splats, set_input
 from .turntable import turntable_of
 
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader")
+_SHARE = 0.96  # of the free place that the frame takes
+_ZOOM_STEP = 50.0  # Blender: the frame's share of the view's width is (sqrt(2) + zoom / 50)^2 / 4
+_PIXEL = "2"  # of the 3D view, in pixels of the screen: a quarter of the work
 
 
 def has_graphics_card() -> bool:
@@ -33,10 +36,6 @@ def views_3d() -> Iterator[bpy.types.SpaceView3D]:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":
                 yield area.spaces.active
-
-
-_SHARE = 0.96  # of the free place that the frame takes
-_ZOOM_STEP = 50.0  # Blender: the frame's share of the view's width is (sqrt(2) + zoom / 50)^2 / 4
 
 
 def fit_camera_frame(area: bpy.types.Area, scene: bpy.types.Scene) -> None:
@@ -73,9 +72,6 @@ def _free_place(area: bpy.types.Area, view: bpy.types.Region) -> tuple[float, fl
         else:
             low = max(low, y + region.height)
     return left, right, low, high
-
-
-_PIXEL = "2"  # of the 3D view, in pixels of the screen: a quarter of the work
 
 
 def view_in_color(

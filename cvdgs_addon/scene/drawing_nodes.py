@@ -15,6 +15,13 @@ import bpy
 from .nodes import NodeWriter, Value
 from .splat_attributes import Attribute
 
+DISC_CORNERS = 8  # fewer cost more in rays through transparent corners than they save in triangles
+# With so many, a small picture was measured to take 14 seconds of the processor as a mesh, building it included, and 21
+# as instances; the mesh took six per cent more memory at the peak. More were not measured.
+MESH_LIMIT = 300_000
+# Matches what the material does not read: attributes of instances would become those of every corner.
+_NOT_SHOWN = ("color_*", "sh_*", Attribute.SCALE, Attribute.ROTATION, Attribute.FRAME, Attribute.RANK)
+
 
 def within_budget(write: NodeWriter, rank: Value, budget: Value, is_limited: Value) -> bpy.types.NodeSocket:
     """Boolean: `rank` (0 is the most important Gaussian) is below `budget`, where that is not 0 and `is_limited`."""
@@ -42,15 +49,6 @@ def as_points(
     radius = write.math("MULTIPLY", size, write.math("POWER", volume, 1.0 / 3.0))
     cloud = write.output("GeometryNodeMeshToPoints", points, drawn, None, radius)
     return write.output("GeometryNodeSetMaterial", cloud, True, material)
-
-
-DISC_CORNERS = 8  # fewer cost more in rays through transparent corners than they save in triangles
-# With so many, a small picture was measured to take 14 seconds of the processor as a mesh, building it included, and 21
-# as instances; the mesh took six per cent more memory at the peak. More were not measured.
-MESH_LIMIT = 300_000
-
-# Matches what the material does not read: attributes of instances would become those of every corner.
-_NOT_SHOWN = ("color_*", "sh_*", Attribute.SCALE, Attribute.ROTATION, Attribute.FRAME, Attribute.RANK)
 
 
 def disc_hull(write: NodeWriter, material: Value) -> bpy.types.NodeSocket:

@@ -28,6 +28,7 @@ _DECLARED = {
     "OBJECT": "NodeSocketObject",
     "GEOMETRY": "NodeSocketGeometry",
 }
+InputValue: TypeAlias = float | bool | str | bpy.types.Object | None
 
 
 class NodeWriter:
@@ -190,9 +191,6 @@ def add_input(
     for key, value in properties.items():
         setattr(socket, key, value)
     return socket
-
-
-InputValue: TypeAlias = float | bool | str | bpy.types.Object | None
 
 
 def get_modifier_input(modifier: bpy.types.NodesModifier, name: str) -> InputValue:

@@ -63,8 +63,7 @@ def _build_group() -> bpy.types.NodeTree:
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     add_input(tree, "Geometry", "NodeSocketGeometry", "Points with colours")
     add_input(tree, _POINT_SIZE, "NodeSocketFloat", "Radius of a point", subtype="DISTANCE", min_value=0.0)
-    add_input(tree, _SCENE_LINEAR, "NodeSocketBool", "Convert the colours to scene-linear light; off: photo colours",
-              default_value=False)  # fmt: skip
+    add_input(tree, _SCENE_LINEAR, "NodeSocketBool", "Convert the colours to scene-linear light; off: photo colours")
     write = NodeWriter(tree)
     inputs = {socket.name: socket for socket in write.node("NodeGroupInput").outputs}
     cloud = write.output("GeometryNodeMeshToPoints", inputs["Geometry"], None, None, inputs[_POINT_SIZE])

@@ -136,10 +136,10 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
               default_value=True)  # fmt: skip
     add_input(tree, Input.CAMERA_VIEW, "NodeSocketBool",
               "Draw the same discs in the viewport, which must look through the active camera: several times faster in "
-              "Cycles, wrong from anywhere else", default_value=False)  # fmt: skip
+              "Cycles, wrong from anywhere else")  # fmt: skip
     add_input(tree, Input.SCENE_LINEAR, "NodeSocketBool",
               "Convert the colours to scene-linear light, for a scene with lamps and a Standard view transform; "
-              "off: photo colours, for the Raw view transform", default_value=False)  # fmt: skip
+              "off: photo colours, for the Raw view transform")  # fmt: skip
     add_input(tree, Input.DILATION, "NodeSocketFloat", "Low-pass of the rasteriser, in square pixels",
               min_value=0.0, max_value=10.0, default_value=DILATION)  # fmt: skip
     add_input(tree, Input.MESH_LIMIT, "NodeSocketInt",
@@ -147,22 +147,20 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
               "is drawn as instances. 0: always instances",
               min_value=0, default_value=MESH_LIMIT)  # fmt: skip
     add_input(tree, Input.AS_POINTS, "NodeSocketBool",
-              "Draw points instead of Gaussians: fast, for positioning and cropping", default_value=False)  # fmt: skip
+              "Draw points instead of Gaussians: fast, for positioning and cropping")  # fmt: skip
     add_input(tree, Input.POINT_SIZE, "NodeSocketFloat", "Radius of points in standard deviations of their Gaussians",
               min_value=0.0, default_value=1.0)  # fmt: skip
     add_input(tree, Input.BUDGET, "NodeSocketInt",
               "The most Gaussians to draw in the viewport, the largest and most opaque first; 0: all",
-              min_value=0, default_value=0)  # fmt: skip
-    add_input(tree, Input.BUDGET_IN_RENDERS, "NodeSocketBool", "Apply the budget to renders too",
-              default_value=False)  # fmt: skip
-    add_input(tree, Input.CROP, "NodeSocketBool", "Draw only what is inside the crop box", default_value=False)
+              min_value=0)  # fmt: skip
+    add_input(tree, Input.BUDGET_IN_RENDERS, "NodeSocketBool", "Apply the budget to renders too")  # fmt: skip
+    add_input(tree, Input.CROP, "NodeSocketBool", "Draw only what is inside the crop box")
     add_input(tree, Input.CROP_BOX, "NodeSocketObject",
               "An Empty shown as a cube that can be moved, rotated and scaled")  # fmt: skip
     for name in (Input.WIDTH, Input.HEIGHT):
         add_input(tree, name, "NodeSocketFloat", "Size of the render in pixels, driven by the scene",
                   min_value=1.0, default_value=1000.0, hide_in_modifier=True)  # fmt: skip
-    add_input(tree, Input.MOTION_BLUR, "NodeSocketBool", "Whether renders have motion blur, driven by the scene",
-              default_value=False, hide_in_modifier=True)  # fmt: skip
+    add_input(tree, Input.MOTION_BLUR, "NodeSocketBool", "Motion blur, driven by the scene", hide_in_modifier=True)
 
 
 _CHOICE = (Input.BUDGET, Input.BUDGET_IN_RENDERS, Input.CROP, Input.CROP_BOX)

@@ -14,6 +14,8 @@ from ...core.files.untrusted import replacing
 from .cameras import use_camera
 from .render_settings import set_png
 
+_LEAST_FREE = 4 << 20  # bytes; with less, there is no room for a picture or a scene
+
 
 def render_still(scene: bpy.types.Scene, camera: bpy.types.Object, path: Path) -> None:
     """Render `scene` through a capture's camera, at its own size, into the PNG file `path`.
@@ -58,9 +60,6 @@ def turned_to(camera: bpy.types.Object, *roots: bpy.types.Object) -> Iterator[No
         for root in roots:
             root.parent = None
         bpy.data.objects.remove(turn)
-
-
-_LEAST_FREE = 4 << 20  # bytes; with less, there is no room for a picture or a scene
 
 
 def is_full(folder: Path) -> bool:

@@ -57,7 +57,7 @@ def test_a_run_ends_with_its_layer_in_the_scene(capture, worker, run_folder, tmp
 def test_blender_goes_on_while_the_worker_runs(capture, worker):
     worker(SLEEPING)
     press()
-    job = making.current_run()
+    job = ACTIVITY.job(making.JOB)
     until(lambda: job.progress.message == "loading")
     for _ in range(50):
         ACTIVITY.look()
@@ -68,7 +68,7 @@ def test_blender_goes_on_while_the_worker_runs(capture, worker):
 def test_a_cancelled_run_ends_soon_and_leaves_nothing(capture, worker, tmp_path):
     worker(SLEEPING)
     press()
-    job = making.current_run()
+    job = ACTIVITY.job(making.JOB)
     until(lambda: job.progress.message == "loading")
     assert bpy.ops.cvdgs.cancel_job() == {"FINISHED"}
     assert job.is_running  # the window does not wait for the end
@@ -100,7 +100,7 @@ def test_closing_ends_the_worker(capture, worker, tmp_path, event):
     worker(f'open({str(process)!r}, "w").write(str(os.getpid())); emit("status", stage="start", message="loading")\n'
            "time.sleep(60)")  # fmt: skip
     press()
-    job = making.current_run()
+    job = ACTIVITY.job(making.JOB)
     until(lambda: job.progress.message == "loading")
     if event == "file":
         bpy.ops.wm.read_homefile(use_empty=True)

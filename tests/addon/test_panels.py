@@ -11,6 +11,7 @@ import pytest
 
 from cvdgs.core.errors import InputError
 from cvdgs.cvdgs_addon import inspection, making, messages, viewer
+from cvdgs.cvdgs_addon.activity import ACTIVITY
 from cvdgs.cvdgs_addon.pictures import PICTURES
 from cvdgs.cvdgs_addon.preferences_panel import draw_preferences
 from cvdgs.cvdgs_addon.results import show_run
@@ -162,7 +163,7 @@ def test_a_run_shows_its_progress_and_a_way_out(addon, worker, tmp_path):
     scene = bpy.context.scene
     scene.cvdgs.capture.folder = str(tmp_path)
     making.start_run(scene)
-    job = making.current_run()
+    job = ACTIVITY.job(making.JOB)
     until(lambda: job.progress.stage == "geometry")
     until(lambda: making.PREVIEW in PICTURES)
     shown = drawn(CVDGS_PT_run)

@@ -1,4 +1,4 @@
-"""How long a still of a run takes, and a file of Gaussians into a scene: for ``benchmark.py``."""
+"""What Blender does for these benchmarks (see `blender_worker`): times stills of a run, and imports of a file."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from typing import Any
 
 import bpy
 
-from ...core.runtime.protocol import Reporter
-from ...core.splats.io.files import read_gaussians
-from ..scene.cameras import use_camera
-from ..scene.convert import LoadedRun, load_run
-from ..scene.display import set_up_render
-from ..scene.finished_run import read_run
-from ..scene.render_settings import Display, Engine, set_png
-from ..scene.splat_nodes import Input
-from ..scene.splats import MODIFIER_NAME, add_gaussians, set_input
-from ..scene.stills import render_picture, turned_to
+from ....core.runtime.protocol import Reporter
+from ....core.splats.io.files import read_gaussians
+from ....cvdgs_addon.scene.cameras import use_camera
+from ....cvdgs_addon.scene.convert import LoadedRun, load_run
+from ....cvdgs_addon.scene.display import set_up_render
+from ....cvdgs_addon.scene.finished_run import read_run
+from ....cvdgs_addon.scene.render_settings import Display, Engine, set_png
+from ....cvdgs_addon.scene.splat_nodes import Input
+from ....cvdgs_addon.scene.splats import MODIFIER_NAME, add_gaussians, set_input
+from ....cvdgs_addon.scene.stills import render_picture, turned_to
 
 STAGE = "stills"
+IMPORT_STAGE = "import"
 
 
 def time_stills(arguments: Mapping[str, Any], run_folder: Path, *, reporter: Reporter) -> dict[str, Any]:
@@ -93,9 +94,6 @@ def _render(scene: bpy.types.Scene) -> tuple[float, float]:
         return time.monotonic() - started, time.process_time() - processor_started
 
 
-IMPORT_STAGE = "import"
-
-
 def time_import(arguments: Mapping[str, Any], folder: Path, *, reporter: Reporter) -> dict[str, Any]:
     """Import a file several times into an empty scene; replaces the file that is open.
 
@@ -125,3 +123,9 @@ def time_import(arguments: Mapping[str, Any], folder: Path, *, reporter: Reporte
         seconds = [after - before for before, after in pairwise(marks)]
         found.append(dict(zip(("read", "add", "evaluate"), seconds, strict=True)))
     return {"rounds": found}
+
+
+def perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
+    """Do what `request` asks for; returns the fields of the result."""
+    work = {"time-stills": time_stills, "time-import": time_import}[request["job"]]
+    return work(request["arguments"], Path(request["out"]), reporter=reporter)
