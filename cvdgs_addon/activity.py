@@ -135,15 +135,10 @@ def _call(hook: Hook, job: BackgroundJob) -> None:
     try:
         hook(job)
     except Exception as error:  # Blender's timers only print
-        show_problem(job.title, f"{type(error).__name__}: {error} - this is a defect of ours")
+        show_problem(job.title, f"{type(error).__name__}: {error} - this is a bug in the add-on")
         raise
 
 
-def register() -> None:
-    """Let the jobs end with the file or with Blender."""
-    ACTIVITY.register()
-
-
-def unregister() -> None:
-    """End all jobs and leave nothing behind in Blender."""
-    ACTIVITY.unregister()
+def scene_by_uid(session_uid: int) -> bpy.types.Scene | None:
+    """The scene with this `bpy.types.ID.session_uid`, whatever it is called by now; None where it is gone."""
+    return next((scene for scene in bpy.data.scenes if scene.session_uid == session_uid), None)

@@ -20,8 +20,8 @@ from ..core.color import srgb
 from ..core.color.matrices import RGB_TO_XYZ
 
 NO_DIAGNOSIS = (
-    "This is no diagnosis: screens and room light differ, and only a specialist can test colour vision. "
-    "It suggests settings for this scene."
+    "This is not a diagnosis: screens and room light vary, and only a specialist can test colour vision. "
+    "It only suggests settings for this scene."
 )
 
 CAP_COUNT = 15
@@ -130,14 +130,14 @@ def score_arrangement(caps: Sequence[int]) -> ArrangementScore:
 def suggest(score: ArrangementScore) -> Suggestion:
     """The viewer's type and severity, as far as an arrangement tells."""
     if score.confusion <= _LARGEST_NORMAL_CONFUSION:
-        return Suggestion("The caps are in order, or nearly: this test shows no deficiency")
+        return Suggestion("The caps are in order or nearly so. This test shows no deficiency.")
     if score.selectivity >= _LEAST_SELECTIVITY:
         for axis in _AXES:
             if any(axis.low <= angle < axis.high for angle in (score.angle, score.angle - 180.0)):
                 severity = round(float(np.interp(score.confusion, axis.confusion, axis.severity)), 1)
-                message = f"The mistakes lie along one axis, as with {axis.cvd} eyes of severity {severity:g}"
+                message = f"The mistakes lie along one axis, as for {axis.cvd} vision of severity {severity:g}."
                 return Suggestion(message, axis.cvd, severity)
-    return Suggestion("There are mistakes, but along no axis that tells a type: try again in better light")
+    return Suggestion("This order fits no type. Try again in better light.")
 
 
 def cap_colors() -> NDArray[np.float64]:

@@ -96,7 +96,7 @@ class BackgroundJob:
             end = _End(State.CANCELLED)
         except Exception as error:
             traceback.print_exc(file=sys.stderr)
-            end = _End(State.FAILED, problem=f"{type(error).__name__}: {error} - this is a defect of ours")
+            end = _End(State.FAILED, problem=f"{type(error).__name__}: {error} - this is a bug in the add-on")
         self._heard.put(end)
 
     @property

@@ -19,12 +19,12 @@ from ..core.runtime.process import WORKER, Workers, find_python
 from ..core.runtime.supervisor import Listener, finish
 from .activity import ACTIVITY
 from .background import BackgroundJob, State
+from .folders import user_folder
 from .messages import show_information, show_problem
-from .package import user_folder
 from .preferences import get_cache, get_preferences, shrink_cache
 
 MAKE_JOB, CHECK_JOB = "environment", "check"
-DOWNLOAD_SIZE = "400 MB to download and 2 GB on the disk (several times that where torch brings CUDA libraries)"
+DOWNLOAD_SIZE = "400 MB to download and 2 GB on disk (several times that if torch comes with CUDA libraries)"
 
 _FOLDER = "environment"
 _SET_UP = "open the add-on's preferences and set up the worker"
@@ -46,7 +46,8 @@ def worker_python() -> str:
     chosen = bpy.path.abspath(get_preferences().python)
     if chosen:
         if not os.path.isfile(chosen) or not os.access(chosen, os.X_OK):
-            raise InputError("is not a program that can be run", where=chosen, remedy="correct it in the preferences")
+            remedy = "correct Worker Python in the preferences"
+            raise InputError("is not an executable program", where=chosen, remedy=remedy)
         return chosen
     if is_complete(environment_folder()):
         return str(python_in(environment_folder()))
@@ -111,9 +112,9 @@ def find_base_python() -> str:
             return candidate
     version = ".".join(map(str, OLDEST_PYTHON))
     raise InputError(
-        f"no Python {version} or later that can make environments is found",
+        f"no Python {version} or later that can create environments was found",
         where=chosen,
-        remedy="install one from python.org (Debian: python3-venv), and name it under Made From",
+        remedy="install one from python.org (Debian: python3-venv), and choose it as Base Python for Setup",
     )
 
 
@@ -136,7 +137,7 @@ def _take_over_environment(job: BackgroundJob) -> None:
     if job.state is State.FAILED:
         show_problem(job.title, job.problem)
     elif job.state is State.DONE:
-        show_information(job.title, "The worker is set up; it is being checked now")
+        show_information(job.title, "The worker is set up and is now being checked")
         start_check()
 
 

@@ -14,9 +14,10 @@ from ..core.errors import InputError
 from ..core.runs.layout import ORIGINAL, layer_cube_file
 from ..core.splats.gaussians import SH_C0, Gaussians
 from ..core.splats.io.files import write_gaussians
-from .scene.harmonics_nodes import coefficient_attribute, coefficient_count
-from .scene.selection import inside_crop_box, within_budget
-from .scene.splat_attributes import Attribute, Frame, color_attribute
+from .scene.color_nodes import coefficient_attribute, coefficient_count
+from .scene.splat_attributes import Attribute, Frame, color_attribute, read_attribute, vertex_positions
+from .scene.splat_nodes import Input
+from .scene.splats import get_input
 from .shown import require_object_mode, run_of, shown_layer
 
 # A logit beyond this is as good as 0 or 1, and finite.
@@ -41,12 +42,7 @@ class ExportedGaussians:
 
 
 def read_gaussians(
-    splats: bpy.types.Object,
-    layer: str,
-    enhanced: float,
-    *,
-    in_scene_axes: bool = False,
-    as_in_viewport: bool = False,
+    splats: bpy.types.Object, layer: str, enhanced: float, *, in_scene_axes: bool = False, as_in_viewport: bool = False
 ) -> ExportedGaussians:
     """The Gaussians of an object as they are now: deleted and cropped ones are gone, applied transforms count.
 
@@ -62,23 +58,23 @@ def read_gaussians(
     """
     require_object_mode(splats)
     mesh = splats.data
-    frame = _values(mesh, Attribute.FRAME, "value", (), np.int32)
-    positions = _positions(mesh)
+    frame = read_attribute(mesh, Attribute.FRAME)
+    positions = vertex_positions(mesh)
     kept = (frame == 0) & inside_crop_box(splats, positions)
     if as_in_viewport:
-        kept &= within_budget(splats, _values(mesh, Attribute.RANK, "value", (), np.int32))
+        kept &= within_budget(splats, read_attribute(mesh, Attribute.RANK))
     if not kept.any():
-        raise InputError("no Gaussians are left", where=splats.name, remedy="undo what deleted them, or move the box")
-    shape = _frame_map(positions, frame, _values(mesh, Attribute.SCALE, "vector", (3,)))
-    scales = _values(mesh, Attribute.SCALE, "vector", (3,))[kept].astype(np.float64)
-    quaternions = _values(mesh, Attribute.ROTATION, "value", (4,))[kept]
+        raise InputError("no Gaussians are left", where=splats.name, remedy="undo their deletion, or move the crop box")
+    shape = _frame_map(positions, frame, read_attribute(mesh, Attribute.SCALE))
+    scales = read_attribute(mesh, Attribute.SCALE)[kept].astype(np.float64)
+    quaternions = read_attribute(mesh, Attribute.ROTATION)[kept]
     means = positions[kept].astype(np.float64)
     if in_scene_axes:
         matrix = np.array(splats.matrix_world, np.float64)
         means, shape = means @ matrix[:3, :3].T + matrix[:3, 3], matrix[:3, :3] @ shape
     if not np.allclose(shape, np.eye(3), atol=_TURN_TOLERANCE):
         scales, quaternions = _deformed(scales, quaternions, shape)
-    opacities = np.clip(_values(mesh, Attribute.OPACITY, "value", ())[kept].astype(np.float64), 1e-9, 1.0 - 1e-9)
+    opacities = np.clip(read_attribute(mesh, Attribute.OPACITY)[kept].astype(np.float64), 1e-9, 1.0 - 1e-9)
     sh, lost = _harmonics(splats, layer, enhanced, kept, turned=_turns(shape))
     gaussians = Gaussians(
         means.astype(np.float32),
@@ -131,7 +127,7 @@ def find_cube(folder: str, layer: str) -> Path:
     """
     source = Path(folder, layer_cube_file(layer))
     if not source.is_file():
-        remedy = "choose a layer that this run made, or load the run from where it is now"
+        remedy = "choose a layer of this run, or load the run from its current folder"
         raise InputError("there is no such LUT", where=source, remedy=remedy)
     return source
 
@@ -154,27 +150,7 @@ def _title(splats: bpy.types.Object) -> str:
 
 
 def _cannot_write(path: str, error: OSError) -> InputError:
-    return InputError(f"cannot be written ({error.strerror or error})", where=path, remedy="choose another place")
-
-
-def _positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
-    positions = np.empty(len(mesh.vertices) * 3, np.float32)
-    mesh.vertices.foreach_get("co", positions)
-    return positions.reshape(-1, 3)
-
-
-def _values(mesh: bpy.types.Mesh, name: str, field: str, shape: tuple[int, ...], dtype: type = np.float32) -> NDArray:
-    """(V, *shape) values of an attribute.
-
-    Raises:
-        InputError: somebody has removed it.
-    """
-    attribute = mesh.attributes.get(name)
-    if attribute is None:
-        raise InputError(f"it has no attribute '{name}' any more", where=mesh.name, remedy="load the run again")
-    values: NDArray = np.empty((len(mesh.vertices), *shape), dtype)
-    attribute.data.foreach_get(field, values.reshape(-1))
-    return values
+    return InputError(f"cannot be written ({error.strerror or error})", where=path, remedy="choose another folder")
 
 
 def _frame_map(
@@ -221,7 +197,7 @@ def _harmonics(
         return constant.astype(np.float32), degree > 0 and turned and original_shows
     share = 1.0 if layer == ORIGINAL else 1.0 - enhanced
     names = [coefficient_attribute(index) for index in range(1, coefficient_count(degree) + 1)]
-    rest = np.stack([_values(mesh, name, "vector", (3,))[kept] for name in names], axis=1)
+    rest = np.stack([read_attribute(mesh, name)[kept] for name in names], axis=1)
     return np.concatenate([constant, share * rest], axis=1).astype(np.float32), False
 
 
@@ -229,7 +205,7 @@ def _colors(mesh: bpy.types.Mesh, layer: str) -> NDArray[np.float32]:
     """(V, 3) display-referred sRGB of a layer."""
     if color_attribute(layer) not in mesh.attributes:
         raise InputError(f"no colour layer '{layer}'", where=mesh.name, remedy="choose another")
-    return _values(mesh, color_attribute(layer), "color", (4,))[:, :3]
+    return read_attribute(mesh, color_attribute(layer))[:, :3]
 
 
 def _degree(mesh: bpy.types.Mesh) -> int:
@@ -264,3 +240,18 @@ def _quaternions(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
     matrix[:, 3, 3] = trace
     xyzw = np.linalg.eigh(matrix)[1][:, :, -1]
     return np.roll(xyzw, 1, axis=1)
+
+
+def inside_crop_box(splats: bpy.types.Object, positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(V,) which of the (V, 3) positions the crop box leaves: those in the cube of side two around it."""
+    box = get_input(splats, Input.CROP_BOX)
+    if not get_input(splats, Input.CROP) or not isinstance(box, bpy.types.Object):
+        return np.ones(len(positions), np.bool_)
+    to_box = np.array(box.matrix_world.inverted_safe() @ splats.matrix_world, np.float64)
+    return (np.abs(positions @ to_box[:3, :3].T + to_box[:3, 3]) <= 1.0).all(axis=1)
+
+
+def within_budget(splats: bpy.types.Object, ranks: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """(V,) which of the (V,) places by importance (see `Attribute.RANK`) are among those that the viewport draws."""
+    budget = get_input(splats, Input.BUDGET)
+    return ranks < budget if isinstance(budget, int) and budget > 0 else np.ones(len(ranks), np.bool_)

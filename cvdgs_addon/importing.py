@@ -18,7 +18,7 @@ from ..core.runs.folder import RunFolder
 from ..core.runs.layout import CAMERAS_FILE, CAPTURE_FOLDER, IMAGES_FOLDER, POINTS_FILE
 from ..core.runtime.process import Workers
 from ..core.runtime.supervisor import Listener, Log, all_or_nothing, finish
-from .activity import ACTIVITY, redraw_panels
+from .activity import ACTIVITY, redraw_panels, scene_by_uid
 from .background import BackgroundJob, State
 from .environment import make_workers
 from .folders import folder_beside, normalised_folder
@@ -26,7 +26,6 @@ from .making import remember_for_undo
 from .messages import show_information, show_problem
 from .scene.capture_folder import is_normalised
 from .scene.import_capture import CaptureObjects, ImportOptions, import_capture
-from .scene.lookup import scene_by_uid
 
 JOB = "import"
 
@@ -79,7 +78,7 @@ def start_import(scene: bpy.types.Scene, request: ImportRequest) -> None:
 def _normalise(folder: str, sfm: bool, workers: Workers, listen: Listener) -> Path:
     """Let a worker write the capture beside itself; returns where."""
     if not Path(folder).is_dir():
-        raise InputError("no such folder", where=folder, remedy="pick a folder of photographs")
+        raise InputError("no such folder", where=folder, remedy="choose a folder of photographs")
     workers.require_python()  # before a folder is made
     out = folder_beside(folder, "Undistorted")
     staged = RunFolder(out, lambda path: [path / name for name in _OWN_NAMES], last=CAMERAS_FILE)
@@ -97,7 +96,7 @@ def _take_over(scene_uid: int, request: ImportRequest, job: BackgroundJob) -> No
         return
     scene = scene_by_uid(scene_uid)
     if scene is None:
-        show_information(job.title, f"The scene is gone; the photographs are in {job.result}")
+        show_information(job.title, f"The scene no longer exists; the photographs are in {job.result}")
         return
     try:
         added = import_capture(job.result, scene, request.options)
@@ -106,4 +105,4 @@ def _take_over(scene_uid: int, request: ImportRequest, job: BackgroundJob) -> No
         return
     remember_for_undo(job.title)
     redraw_panels()
-    show_information(job.title, f"{len(added.cameras)} cameras are in the scene")
+    show_information(job.title, f"Added {len(added.cameras)} cameras to the scene")

@@ -10,12 +10,11 @@ import bpy
 
 from ..core.runtime.process import Workers
 from ..core.runtime.supervisor import Listener, finish
-from .activity import ACTIVITY
+from .activity import ACTIVITY, scene_by_uid
 from .background import BackgroundJob, State
 from .environment import make_workers
 from .pictures import PICTURES
 from .preferences import get_cache
-from .scene.lookup import scene_by_uid
 
 JOB = "inspect"
 _THUMBNAILS = 4

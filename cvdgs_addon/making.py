@@ -15,22 +15,15 @@ from ..core.runs.layout import CAPTURE_FOLDER
 from ..core.runtime.process import Workers
 from ..core.runtime.supervisor import Listener
 from ..core.settings import Layer, Settings
-from .activity import ACTIVITY, redraw_panels
+from .activity import ACTIVITY, redraw_panels, scene_by_uid
 from .background import BackgroundJob, State
 from .environment import make_workers
 from .folders import folder_beside, normalised_folder
 from .messages import show_information, show_problem
 from .pictures import PICTURES
 from .preferences import get_preferences, machine_speed, shrink_cache
-from .quality import (
-    TIME_MODEL,
-    Quality,
-    in_words,
-    learned_speed,
-    quality_called,
-)
+from .quality import TIME_MODEL, Quality, in_words, learned_speed, quality_called
 from .results import is_finished_run, read_report, show_run
-from .scene.lookup import scene_by_uid
 
 JOB = "run"
 PREVIEW = "run preview"
@@ -68,7 +61,7 @@ def run_settings(scene: bpy.types.Scene) -> Settings:
     """
     properties = scene.cvdgs
     if not properties.capture.folder:
-        raise InputError("no capture is chosen", where="Capture", remedy="pick a folder of photographs")
+        raise InputError("no capture is chosen", where="Capture", remedy="choose a folder of photographs")
     layer = viewer_layer(scene)
     check_simulation(layer.cvd, layer.severity, properties.viewer.simulation)
     adds = adds_to_run(scene)
@@ -84,9 +77,10 @@ def run_settings(scene: bpy.types.Scene) -> Settings:
         "blend": properties.run.scene_file,
         "resume": adds,
     }
-    if adds:
-        _refuse_repetition(settings["out"], layer)
-    else:
+    if adds and has_layer(scene):
+        remedy = "load the run, choose another viewer, or tick Start Over"
+        raise InputError(f"the run already has the layer {layer.name}", where=output_folder(scene), remedy=remedy)
+    if not adds:
         quality = quality_called(properties.run.quality)
         refine_poses = properties.run.refine_poses
         settings |= {"iterations": quality.iterations, "max_size": quality.max_size, "refine_poses": refine_poses}
@@ -145,11 +139,6 @@ def load_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
     return splats
 
 
-def current_run() -> BackgroundJob | None:
-    """The run that goes on, or the last one."""
-    return ACTIVITY.job(JOB)
-
-
 class _PreviewLoader:
     """Loads every new picture of a run, for the panel."""
 
@@ -168,17 +157,7 @@ def _run(settings: Settings, workers: Workers, listen: Listener) -> dict[str, An
 
 def has_layer(scene: bpy.types.Scene) -> bool:
     """Whether the run that is there has the viewer's layer already."""
-    return _has_layer(output_folder(scene), viewer_layer(scene))
-
-
-def _has_layer(folder: str, layer: Layer) -> bool:
-    return layer.name in read_report(folder).get("layers", {})
-
-
-def _refuse_repetition(folder: str, layer: Layer) -> None:
-    if _has_layer(folder, layer):
-        remedy = "load the run, choose another viewer, or tick Start Over"
-        raise InputError(f"the run has the layer {layer.name} already", where=folder, remedy=remedy)
+    return viewer_layer(scene).name in read_report(output_folder(scene)).get("layers", {})
 
 
 def _reference_seconds(scene: bpy.types.Scene, quality: Quality) -> dict[str, float]:
@@ -207,7 +186,7 @@ def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: 
     shrink_cache()
     scene = scene_by_uid(scene_uid)
     if scene is None:
-        show_information(job.title, f"The scene is gone; the result is in {settings.out}")
+        show_information(job.title, f"The scene no longer exists; the result is in {settings.out}")
         return
     try:
         show_run(settings.out, scene, anew=not settings.resume)
@@ -217,7 +196,7 @@ def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: 
     remember_for_undo(job.title)
     redraw_panels()
     took = in_words(seconds).removeprefix("about ")
-    message = f"{settings.layers[0].name} is ready after {took} - See it with View in Colour, under Display"
+    message = f"{settings.layers[0].name} is ready after {took} - see it with View in Colour, under Display"
     show_information(job.title, message)
 
 

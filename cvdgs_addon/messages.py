@@ -8,22 +8,21 @@ import textwrap
 
 import bpy
 
+from ..core.settings import OPTIONS, flag
+
 WIDTH = 70  # characters a line; popups and panels do not wrap
 
 
 # The worker speaks of the command line's options; this is what they are called in the panels.
-_OPTIONS = {
+_OPTIONS = {flag(name): option.label for name, option in OPTIONS.items() if option.label} | {
     "--sfm": "Estimate Cameras",
     "--out": "Output",
     "--cvd": "Type",
     "--severity": "Severity",
-    "--simulation": "Model",
-    "--strength": "Strength",
     "--enhancer": "Enhancer",
     "--device": "Device (preferences)",
     "--max-size": "Quality",
     "--iterations": "Quality",
-    "--refine-poses": "Correct Cameras",
     "--resume": "adding a layer",
     "--no-blend": "no Scene File and Stills",
 }

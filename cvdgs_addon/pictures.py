@@ -82,13 +82,3 @@ def _crop(picture: bpy.types.ImagePreview) -> None:
 
 
 PICTURES = Pictures()
-
-
-def register() -> None:
-    """Be ready for pictures."""
-    PICTURES.register()
-
-
-def unregister() -> None:
-    """Free all pictures."""
-    PICTURES.unregister()

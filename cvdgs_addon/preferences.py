@@ -9,8 +9,7 @@ from typing import Any
 
 import bpy
 
-from .cache import Cache
-from .package import PACKAGE, user_folder
+from .folders import PACKAGE, Cache, user_folder
 from .quality import likely_speed
 
 _MEGABYTE = 1 << 20

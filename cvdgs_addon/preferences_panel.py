@@ -7,10 +7,9 @@ import bpy
 from ..core.errors import InputError
 from . import environment
 from .activity import ACTIVITY
+from .folders import PACKAGE
 from .messages import lines_of
-from .package import PACKAGE
 from .preferences import Preferences, get_cache, known_machine
-from .registration import register_classes, unregister_classes
 
 _WIDTH = 90  # characters; the preferences' window is wide
 _VERSIONS = ("python", "torch", "warp-lang", "numpy")
@@ -22,20 +21,20 @@ class CVDGS_Preferences(bpy.types.AddonPreferences):
     bl_idname = PACKAGE
 
     python: bpy.props.StringProperty(
-        name="Python",
-        description="An interpreter of your own that has torch and Warp; empty: the one made here, or one found",
+        name="Worker Python",
+        description="A Python of your own with torch and Warp; empty: the one set up here, or one that is found",
         subtype="FILE_PATH",
     )
     base_python: bpy.props.StringProperty(
-        name="Made From",
-        description="The Python 3.11 or later from which the environment is made; empty: the first that is found",
+        name="Base Python for Setup",
+        description="The Python 3.11 or later that Set Up Worker starts from; empty: the first that is found",
         subtype="FILE_PATH",
     )
     device: bpy.props.EnumProperty(
         name="Device",
-        description="Where the worker computes",
+        description="The device that the worker computes on",
         items=(
-            ("auto", "Automatic", "The best that is known to work"),
+            ("auto", "Automatic", "The best device that is known to work"),
             ("cpu", "Processor", "Works everywhere"),
             ("cuda", "NVIDIA GPU", "Not measured yet"),
         ),
@@ -48,16 +47,18 @@ class CVDGS_Preferences(bpy.types.AddonPreferences):
     )
     cache_limit: bpy.props.IntProperty(
         name="Cache Size",
-        description="Beyond this, what was used longest ago is deleted, in MB",
+        description="Size in MB above which the files used longest ago are deleted",
         min=50,
         soft_max=10_000,
         default=Preferences.cache_limit,
     )
     machine: bpy.props.StringProperty(
-        name="Machine", description="What the last check of the worker found, as JSON", options={"HIDDEN"}
+        name="Machine", description="Result of the last worker check, as JSON", options={"HIDDEN"}
     )
     speed: bpy.props.FloatProperty(
-        name="Speed", description="Of this machine relative to the reference one; 0: not measured", options={"HIDDEN"}
+        name="Speed",
+        description="Speed of this machine relative to the reference machine; 0: not measured",
+        options={"HIDDEN"},
     )
 
     def draw(self, _context: bpy.types.Context) -> None:
@@ -74,12 +75,12 @@ def draw_preferences(preferences: bpy.types.AddonPreferences, layout: bpy.types.
     column.prop(preferences, "cache")
     column.prop(preferences, "cache_limit")
     row = column.row()
-    row.label(text=f"{get_cache().size() / 1e6:.0f} MB are in use")
+    row.label(text=f"{get_cache().size() / 1e6:.0f} MB in use")
     row.operator("cvdgs.clear_cache")
 
 
 def _draw_worker(preferences: bpy.types.AddonPreferences, box: bpy.types.UILayout) -> None:
-    box.label(text="Worker: the Python that does the heavy work", icon="CONSOLE")
+    box.label(text="Worker: the Python that does the heavy computation", icon="CONSOLE")
     for name, sentence in ((environment.MAKE_JOB, "Setting up …"), (environment.CHECK_JOB, "Checking …")):
         job = ACTIVITY.running(name)
         if job is not None:
@@ -90,9 +91,10 @@ def _draw_worker(preferences: bpy.types.AddonPreferences, box: bpy.types.UILayou
     try:
         _draw_found(box, environment.worker_python())
     except InputError as error:
-        box.label(text=error.what.capitalize() if not error.where else f"{error.where} {error.what}", icon="ERROR")
-    if not bpy.app.online_access:
-        box.label(text="Setting up the worker needs online access: System > Network > Allow Online Access", icon="INFO")
+        missing = "Choose Worker Python below, or Set Up Worker"
+        box.label(text=f"{error.where} {error.what}" if error.where else missing, icon="ERROR")
+        if not bpy.app.online_access:
+            box.label(text="Set Up Worker needs online access: System > Network > Allow Online Access", icon="INFO")
     for name in (environment.MAKE_JOB, environment.CHECK_JOB):
         job = ACTIVITY.job(name)
         if job is not None and job.problem:
@@ -120,13 +122,3 @@ def _draw_found(box: bpy.types.UILayout, python: str) -> None:
 
 
 CLASSES: tuple[type, ...] = (CVDGS_Preferences,)
-
-
-def register() -> None:
-    """Register the preferences."""
-    register_classes(CLASSES)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    unregister_classes(CLASSES)

@@ -1,25 +1,102 @@
-"""Classes known to Blender: all of a list, or none."""
+"""Everything that Blender is told of: classes, ``scene.cvdgs``, pictures, jobs, and what follows an opened file."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import bpy
 
+from .. import operators, ui
+from . import preferences_panel, properties
+from .activity import ACTIVITY
+from .inspection import catch_up
+from .pictures import PICTURES
+from .scene.camera_view import leave_slow_views
+from .scene.turntable import restore_interrupted
 
-def register_classes(classes: Sequence[type]) -> None:
-    """Register `classes` in order; when one is refused, the others are taken back."""
-    done: list[type] = []
+_FILE_EVENTS = ("load_post", "undo_post", "redo_post")
+
+
+class _Part(Protocol):
+    def register(self) -> None: ...
+
+    def unregister(self) -> None: ...
+
+
+def register_all(parts: Sequence[_Part]) -> None:
+    """Register `parts` in order; when one fails, those before it are taken back."""
+    done: list[_Part] = []
     try:
-        for cls in classes:
-            bpy.utils.register_class(cls)
-            done.append(cls)
+        for part in parts:
+            part.register()
+            done.append(part)
     except Exception:
-        unregister_classes(done)
+        unregister_all(done)
         raise
 
 
-def unregister_classes(classes: Sequence[type]) -> None:
-    """Undo `register_classes`."""
-    for cls in reversed(classes):
-        bpy.utils.unregister_class(cls)
+def unregister_all(parts: Sequence[_Part]) -> None:
+    """Undo `register_all`."""
+    for part in reversed(parts):
+        part.unregister()
+
+
+class _Class:
+    """A class that Blender shows or stores."""
+
+    def __init__(self, cls: type) -> None:
+        self._cls = cls
+
+    def register(self) -> None:
+        bpy.utils.register_class(self._cls)
+
+    def unregister(self) -> None:
+        bpy.utils.unregister_class(self._cls)
+
+
+class _SceneProperty:
+    """Every scene's ``cvdgs``."""
+
+    def register(self) -> None:
+        bpy.types.Scene.cvdgs = bpy.props.PointerProperty(type=properties.SceneProperties)
+
+    def unregister(self) -> None:
+        del bpy.types.Scene.cvdgs
+
+
+class _OpenedFiles:
+    """Files that are opened or changed by undo: what was under way when they were written is put right again."""
+
+    def register(self) -> None:
+        for event in _FILE_EVENTS:
+            getattr(bpy.app.handlers, event).append(_put_right)
+
+    def unregister(self) -> None:
+        for event in _FILE_EVENTS:
+            handlers = getattr(bpy.app.handlers, event)
+            if _put_right in handlers:
+                handlers.remove(_put_right)
+
+
+@bpy.app.handlers.persistent
+def _put_right(*_: object) -> None:
+    for scene in bpy.data.scenes:
+        restore_interrupted(scene)
+    if not bpy.app.background:  # nobody looks, and nobody would hear the worker's answer
+        for window in bpy.context.window_manager.windows:
+            leave_slow_views(window.scene)
+            catch_up(window.scene)
+
+
+PARTS: tuple[_Part, ...] = (
+    *map(_Class, preferences_panel.CLASSES),
+    PICTURES,
+    *map(_Class, properties.CLASSES),
+    _SceneProperty(),
+    ACTIVITY,
+    _OpenedFiles(),
+    *map(_Class, operators.CLASSES),
+    *map(_Class, ui.CLASSES),
+)
+"""In the order in which they need each other."""

@@ -15,11 +15,11 @@ from ..core.errors import InputError
 from ..core.files.untrusted import is_file, read_json
 from ..core.runs.layout import REPORT_FILE
 from ..core.runtime.progress import format_seconds
-from .graphics import has_graphics_card, views_3d
+from .scene.camera_view import has_graphics_card, views_3d
 from .scene.convert import load_run
 from .scene.finished_run import RUN_PROPERTY, FinishedRun, read_run
-from .scene.splat_attributes import Attribute, color_attribute
-from .scene.splats import is_splats, layer_names, point_positions, show_layer
+from .scene.splat_attributes import color_attribute, is_gaussian, opaque, point_positions, write_attribute
+from .scene.splats import is_splats, layer_names, show_layer
 from .shown import require_object_mode, run_of
 
 _MOST_SHOWN = 1e15  # no figure of a run is larger
@@ -54,7 +54,7 @@ def show_run(folder: str, scene: bpy.types.Scene, *, anew: bool = False) -> bpy.
         new = [layer for layer in run.layers if layer not in layer_names(splats)]
         for layer in new:
             _set_layer(splats, layer, run.layers[layer])
-    newest = _newest_layer(folder)
+    newest = next(reversed(read_report(folder).get("layers", {})), "")
     if newest in layer_names(splats):
         show_layer(splats, newest)
     scene.cvdgs.display.target = splats
@@ -105,12 +105,10 @@ def figures_of(report: dict[str, Any]) -> dict[str, list[tuple[str, str]]]:
         layer = _part(_part(report, "layers"), name)
         contrast, natural, consistency = (_part(layer, part) for part in ("ccpr", "naturalness", "rwe"))
         tables[name] = [
-            ("Contrast, photographs", _shown(contrast.get("input"), "{:.0%}")),
-            ("Contrast, enhanced photos", _shown(contrast.get("enhanced"), "{:.0%}")),
-            ("Contrast, scene", _shown(contrast.get("unenhanced"), "{:.0%}")),
-            ("Contrast, enhanced scene", _shown(contrast.get("rendered"), "{:.0%}")),
-            ("Change of colours, ΔE00", _shown(natural.get("delta_e"), "{:.1f}")),
-            ("Drift of views (photos: 1)", _shown(consistency.get("ratio"), "{:.2f}")),
+            ("Contrast left in the photographs", _change(contrast.get("input"), contrast.get("enhanced"))),
+            ("Contrast left in the scene", _change(contrast.get("unenhanced"), contrast.get("rendered"))),
+            ("Colour change, ΔE00", _shown(natural.get("delta_e"), "{:.1f}")),
+            ("Colour drift between views (photos = 1, lower is better)", _shown(consistency.get("ratio"), "{:.2f}")),
         ]
     return {heading: [row for row in rows if row[1]] for heading, rows in tables.items()}
 
@@ -125,18 +123,19 @@ def _shown(value: Any, template: str) -> str:
     return template.format(value) if isinstance(value, int | float) and abs(value) < _MOST_SHOWN else ""
 
 
+def _change(before: Any, after: Any) -> str:
+    """Two shares as percentages, e.g. "55 → 76 %"."""
+    shown = " → ".join(filter(None, (_shown(value, "{:.0%}").removesuffix("%") for value in (before, after))))
+    return f"{shown} %" if shown else ""
+
+
 def _duration(value: Any) -> str:
     return format_seconds(value) if _shown(value, "{}") else ""
 
 
-def _newest_layer(folder: str) -> str:
-    """The layer that the run made last, or ""."""
-    return next(reversed(read_report(folder).get("layers", {})), "")
-
-
 def _can_take_layers(splats: bpy.types.Object, run: FinishedRun) -> bool:
     require_object_mode(splats)
-    return int(_is_gaussian(splats.data).sum()) == len(run.gaussians)
+    return int(is_gaussian(splats.data).sum()) == len(run.gaussians)
 
 
 def _renew(scene: bpy.types.Scene, folder: str, run: FinishedRun) -> None:
@@ -151,14 +150,6 @@ def _renew(scene: bpy.types.Scene, folder: str, run: FinishedRun) -> None:
             del splats[RUN_PROPERTY]  # its files are gone
 
 
-def _is_gaussian(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:
-    """(V,) which vertices are Gaussians, and not points of the frame."""
-    numbers = np.ones(len(mesh.vertices), np.int32)
-    if Attribute.FRAME in mesh.attributes:
-        mesh.attributes[Attribute.FRAME].data.foreach_get("value", numbers)
-    return numbers == 0
-
-
 def _show_materials() -> None:
     """Solid shading shows grey blobs: let open 3D views show materials, where a graphics card draws them."""
     if not has_graphics_card():
@@ -171,8 +162,6 @@ def _show_materials() -> None:
 def _set_layer(splats: bpy.types.Object, layer: str, colors: NDArray[np.float32]) -> None:
     mesh = splats.data
     rgba = np.zeros((len(mesh.vertices), 4), np.float32)
-    rgba[_is_gaussian(mesh)] = np.concatenate([colors, np.ones((len(colors), 1), np.float32)], axis=1)
-    name = color_attribute(layer)
-    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, "FLOAT_COLOR", "POINT")
-    attribute.data.foreach_set("color", rgba.ravel())
+    rgba[is_gaussian(mesh)] = opaque(colors)
+    write_attribute(mesh, color_attribute(layer), "FLOAT_COLOR", rgba)
     mesh.update()

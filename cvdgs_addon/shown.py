@@ -12,8 +12,8 @@ from .scene.splat_attributes import color_attribute
 from .scene.splat_nodes import Input
 from .scene.splats import get_input, is_splats
 
-NOTHING_TO_SHOW = "First make a run, or load a finished one"
-RUN_UNKNOWN = "It is not known which run these Gaussians came from - load the run again"
+NOTHING_TO_SHOW = "Start a run or load a finished one first"
+RUN_UNKNOWN = "The run that these Gaussians came from is unknown - load the run again"
 
 
 def shown_splats(context: bpy.types.Context) -> bpy.types.Object | None:

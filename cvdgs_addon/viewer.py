@@ -8,13 +8,7 @@ import bpy
 import numpy as np
 
 from ..core.errors import InputError
-from .arrangement import (
-    CAP_COUNT,
-    Suggestion,
-    cap_colors,
-    score_arrangement,
-    suggest,
-)
+from .arrangement import CAP_COUNT, Suggestion, cap_colors, score_arrangement, suggest
 from .pictures import PICTURES
 
 
@@ -41,7 +35,7 @@ PRESETS = (
     Preset("PROTANOMALY", "Protanomaly", "Weak red: 1 % of men", "protan", 0.6),
     Preset("PROTANOPIA", "Protanopia", "No L cones: 1 % of men", "protan", 1.0),
     Preset("TRITANOPIA", "Tritanopia", "No S cones: rare", "tritan", 1.0),
-    Preset("ACHROMATOPSIA", "Achromatopsia", "No cones that work: very rare", "achromat", 1.0),
+    Preset("ACHROMATOPSIA", "Achromatopsia", "No working cones: very rare", "achromat", 1.0),
 )
 
 
@@ -82,7 +76,7 @@ def place_cap(scene: bpy.types.Scene, cap: int) -> None:
     """
     arranged = arranged_caps(scene)
     if cap in arranged:
-        raise InputError(f"cap {cap} is in the row already", remedy="take it out first")
+        raise InputError(f"cap {cap} is already in the row", remedy="take it out first")
     _set_row(scene, [*arranged, cap])
 
 
@@ -105,7 +99,7 @@ def use_suggestion(scene: bpy.types.Scene) -> None:
     """
     suggestion = current_suggestion(scene)
     if suggestion is None or suggestion.cvd is None:
-        raise InputError("the arrangement suggests nothing", remedy="put all caps in a row")
+        raise InputError("this order suggests no type", remedy="place every cap in the row")
     viewer = scene.cvdgs.viewer
     viewer.cvd, viewer.severity, viewer.test_is_open = suggestion.cvd, suggestion.severity, False
 

@@ -14,7 +14,9 @@ import socket
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from ..core.errors import InputError
@@ -22,7 +24,31 @@ from ..core.runtime.process import follow_parent
 from ..core.runtime.protocol import JsonReporter, Reporter, claim_stdout
 from ..core.runtime.supervisor import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
 
+_THREADS_OF_THIS_PROCESS = Path("/proc/self/task")
 Request = TypeVar("Request")
+
+
+@contextmanager
+def limit_cpu_affinity(processors: int) -> Iterator[None]:
+    """Let libraries that are loaded meanwhile find so many processors; 0 leaves them all.
+
+    Blender's task scheduler (TBB) starts a thread for each processor that the process may use when it is loaded, and
+    one that finds nothing to do while Cycles renders with fewer threads asks for work without end: a render with one
+    thread kept both cores of a machine busy. ``blender -t`` would say how many, but the bpy module has no arguments.
+    Where the system cannot restrict a process (Windows, macOS) nothing happens.
+    """
+    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+    if not 0 < processors < len(allowed):
+        yield
+        return
+    os.sched_setaffinity(0, set(sorted(allowed)[:processors]))
+    try:
+        yield
+    finally:
+        # Threads that were started meanwhile have taken over the restriction.
+        for thread in _THREADS_OF_THIS_PROCESS.iterdir():
+            with suppress(ProcessLookupError):  # it has ended by now
+                os.sched_setaffinity(int(thread.name), allowed)
 
 
 def serve(

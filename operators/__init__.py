@@ -1,30 +1,9 @@
-"""Operators: one thin file a panel section. What they do is a function of `cvdgs_addon`."""
+"""Operators: one thin file a section of the panel. What they do is a function of `cvdgs_addon`."""
 
 from __future__ import annotations
 
-from ..cvdgs_addon.registration import register_classes, unregister_classes
-from . import (
-    capture,
-    display,
-    environment,
-    export,
-    import_capture,
-    report,
-    run,
-    simulate,
-    turntable,
-    viewer,
+from . import capture, display, environment, export, run, turntable, viewer
+
+CLASSES: tuple[type, ...] = tuple(
+    cls for module in (capture, viewer, run, display, turntable, export, environment) for cls in module.CLASSES
 )
-
-_MODULES = (capture, import_capture, viewer, run, display, simulate, turntable, report, export, environment)
-CLASSES: tuple[type, ...] = tuple(cls for module in _MODULES for cls in module.CLASSES)
-
-
-def register() -> None:
-    """Register all operators."""
-    register_classes(CLASSES)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    unregister_classes(CLASSES)

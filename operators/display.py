@@ -5,15 +5,13 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.compositor.apply import simulation_lifted
-from ..cvdgs_addon.graphics import has_graphics_card
 from ..cvdgs_addon.scene import display
-from ..cvdgs_addon.scene.camera_view import leave_slow_views, view_in_color
+from ..cvdgs_addon.scene.camera_view import has_graphics_card, leave_slow_views, view_in_color
 from ..cvdgs_addon.scene.native_splats import has_native_splats, why_not_native
 from ..cvdgs_addon.scene.render_settings import Display, Engine
 from ..cvdgs_addon.scene.splats import show_layer
 from ..cvdgs_addon.shown import shown_layer, shown_splats
-from .needs import NeedsGaussians
-from .reporting import reports_errors
+from .base import Action, NeedsGaussians
 
 
 class CVDGS_OT_show_layer(NeedsGaussians, bpy.types.Operator):
@@ -21,15 +19,12 @@ class CVDGS_OT_show_layer(NeedsGaussians, bpy.types.Operator):
 
     bl_idname = "cvdgs.show_layer"
     bl_label = "Show Colour Layer"
-    bl_options = {"REGISTER", "UNDO"}
 
     layer: bpy.props.StringProperty(name="Layer", description="Name of the layer, for example deutan-1.0")
 
-    @reports_errors
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         splats = shown_splats(context)
         show_layer(splats, self.layer, shown_layer(splats)[1])
-        return {"FINISHED"}
 
 
 class CVDGS_OT_show_form(NeedsGaussians, bpy.types.Operator):
@@ -37,14 +32,13 @@ class CVDGS_OT_show_form(NeedsGaussians, bpy.types.Operator):
 
     bl_idname = "cvdgs.show_form"
     bl_label = "Draw Gaussians As"
-    bl_options = {"REGISTER", "UNDO"}
 
     form: bpy.props.EnumProperty(
         name="Form",
         items=(
-            ("INSTANCES", "Instances", "Every Gaussian as trained, in all engines"),
-            ("POINTS", "Points", "Opaque points: fast, for placing and cropping"),
-            ("NATIVE", "Native", "Blender's own splats, from Blender 5.3 on: a copy of what is shown now"),
+            ("INSTANCES", "Instances", "Every Gaussian as trained, in every engine"),
+            ("POINTS", "Points", "Opaque points: fast, for positioning and cropping"),
+            ("NATIVE", "Native", "A copy of what is shown now as Blender's own splats (Blender 5.3 and later)"),
         ),
     )
 
@@ -53,21 +47,17 @@ class CVDGS_OT_show_form(NeedsGaussians, bpy.types.Operator):
         text = cls.bl_rna.properties["form"].enum_items[properties.form].description
         return f"{text}. {why_not_native()}" if properties.form == "NATIVE" and not has_native_splats() else text
 
-    @reports_errors
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         display.show_form(shown_splats(context), display.Form(self.form))
-        return {"FINISHED"}
 
 
 class CVDGS_OT_add_crop_box(NeedsGaussians, bpy.types.Operator):
-    """Show only what is inside a box, which can be moved, turned and scaled"""
+    """Show only what is inside a box that can be moved, rotated and scaled"""
 
     bl_idname = "cvdgs.add_crop_box"
     bl_label = "Add Crop Box"
-    bl_options = {"REGISTER", "UNDO"}
 
-    @reports_errors
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         splats = shown_splats(context)
         box = display.crop_box_of(splats) or display.add_crop_box(splats)
         if context.mode == "OBJECT" and box.name in context.view_layer.objects:
@@ -75,84 +65,71 @@ class CVDGS_OT_add_crop_box(NeedsGaussians, bpy.types.Operator):
                 selected.select_set(False)
             box.select_set(True)
             context.view_layer.objects.active = box
-        return {"FINISHED"}
 
 
 class CVDGS_OT_remove_crop_box(NeedsGaussians, bpy.types.Operator):
-    """Show all Gaussians again and delete the crop box"""
+    """Delete the crop box and show all Gaussians again"""
 
     bl_idname = "cvdgs.remove_crop_box"
     bl_label = "Remove Crop Box"
-    bl_options = {"REGISTER", "UNDO"}
 
-    @reports_errors
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         display.remove_crop_box(shown_splats(context))
-        return {"FINISHED"}
 
 
 class CVDGS_OT_view_in_color(NeedsGaussians, bpy.types.Operator):
-    """Look through a photograph's camera, or the turntable's, in Rendered shading; Restore undoes render settings"""
+    """Look through a camera of the capture or the turntable in Rendered shading; Restore puts the settings back"""
 
     bl_idname = "cvdgs.view_in_color"
     bl_label = "View in Colour"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if context.area is None or context.area.type != "VIEW_3D":
-            cls.poll_message_set("Needs a 3D view")
-            return False
-        return super().poll(context)
+    def missing(cls, context: bpy.types.Context) -> str:
+        is_view = context.area is not None and context.area.type == "VIEW_3D"
+        return super().missing(context) if is_view else "Only available in a 3D view"
 
-    @reports_errors
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         scene, chosen = context.scene, context.scene.cvdgs.display
         engine, colors = Engine[chosen.engine], Display[chosen.colors]
         with simulation_lifted(scene):
             coarse = not has_graphics_card()
             told = view_in_color(scene, context.area, shown_splats(context), engine, colors, coarse=coarse)
-        self.report({"INFO"}, f"Through {scene.camera.name}" + (f"; changed: {'; '.join(told)}" if told else ""))
-        return {"FINISHED"}
+        self.report(
+            {"INFO"}, f"Looking through {scene.camera.name}" + (f"; changed: {'; '.join(told)}" if told else "")
+        )
 
 
 class CVDGS_OT_set_up_render(NeedsGaussians, bpy.types.Operator):
-    """Set engine, view transform and background as Gaussians need them; what they were is remembered"""
+    """Set engine, view transform and background to what Gaussians need; Restore puts the old settings back"""
 
     bl_idname = "cvdgs.set_up_render"
     bl_label = "Set Up Render"
-    bl_options = {"REGISTER", "UNDO"}
 
-    @reports_errors
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         chosen = context.scene.cvdgs.display
         with simulation_lifted(context.scene):
             told = display.set_up_render(context.scene, Engine[chosen.engine], Display[chosen.colors])
-        self.report({"INFO"}, f"Changed: {'; '.join(told)}" if told else "The settings suit Gaussians already")
-        return {"FINISHED"}
+        self.report({"INFO"}, f"Changed: {'; '.join(told)}" if told else "The settings already suit Gaussians")
 
 
-class CVDGS_OT_restore_render(bpy.types.Operator):
-    """Put the render settings back that were set up for Gaussians"""
+class CVDGS_OT_restore_render(Action, bpy.types.Operator):
+    """Put back the render settings that were changed for Gaussians"""
 
     bl_idname = "cvdgs.restore_render"
     bl_label = "Restore Settings"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not any(display.render_changes(context.scene)):
-            cls.poll_message_set("Nothing was set up")
-            return False
-        return True
+    def missing(cls, context: bpy.types.Context) -> str:
+        return "" if any(display.render_changes(context.scene)) else "No settings have been changed"
 
-    @reports_errors
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         with simulation_lifted(context.scene):
             told = display.restore_render(context.scene)
         leave_slow_views(context.scene)
-        self.report({"INFO"}, f"Restored: {'; '.join(told)}" if told else "All of it was changed in the meantime")
-        return {"FINISHED"}
+        self.report(
+            {"INFO"},
+            f"Restored: {'; '.join(told)}" if told else "Nothing to restore: every setting has been changed since",
+        )
 
 
 CLASSES: tuple[type, ...] = (

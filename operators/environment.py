@@ -8,95 +8,80 @@ from ..core.errors import InputError
 from ..cvdgs_addon import environment
 from ..cvdgs_addon.activity import ACTIVITY
 from ..cvdgs_addon.preferences import get_cache
-from .reporting import reports_errors
+from .base import Action
 
 
-class CVDGS_OT_make_environment(bpy.types.Operator):
-    """Download what the worker needs into the extension's own folder; goes away with the extension"""
+class CVDGS_OT_make_environment(Action, bpy.types.Operator):
+    """Download the worker's Python packages into the extension's own folder; removed with the extension"""
 
     bl_idname = "cvdgs.make_environment"
     bl_label = "Set Up Worker"
+    bl_options = set()
 
     @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
+    def missing(cls, _context: bpy.types.Context) -> str:
         if ACTIVITY.running(environment.MAKE_JOB):
-            cls.poll_message_set("The worker is being set up")
-            return False
-        if not bpy.app.online_access:
-            cls.poll_message_set("Allow Online Access in Preferences > System > Network first")
-            return False
-        return True
+            return "The worker is already being set up"
+        return "" if bpy.app.online_access else "Allow Online Access in Preferences > System > Network first"
 
-    @reports_errors
-    def execute(self, _context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> None:
         if not bpy.app.online_access:
             remedy = "allow it under Preferences > System > Network"
             raise InputError("online access is not allowed", remedy=remedy)
         environment.start_making(environment.find_base_python())
-        return {"FINISHED"}
 
-    @reports_errors
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def on_click(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str] | None:
         environment.find_base_python()  # refuses before it asks
         folder = environment.environment_folder()
-        message = f"{environment.DOWNLOAD_SIZE}, by pip, from the index of Python packages, into {folder}"
+        message = f"{environment.DOWNLOAD_SIZE}, with pip from the Python package index, into {folder}"
         return context.window_manager.invoke_confirm(
             self, event, title="Set Up Worker", message=message, confirm_text="Download", icon="INTERNET"
         )
 
 
-class CVDGS_OT_remove_environment(bpy.types.Operator):
-    """Delete the environment that was made, to free its space or to make it again"""
+class CVDGS_OT_remove_environment(Action, bpy.types.Operator):
+    """Delete the worker's Python environment, to free disk space or to set it up again"""
 
     bl_idname = "cvdgs.remove_environment"
     bl_label = "Remove Worker"
+    bl_options = set()
 
     @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        if not environment.environment_folder().exists():
-            cls.poll_message_set("No environment was made")
-            return False
-        return True
+    def missing(cls, _context: bpy.types.Context) -> str:
+        return "" if environment.environment_folder().exists() else "No worker has been set up here"
 
-    @reports_errors
-    def execute(self, _context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> None:
         environment.remove_environment()
-        return {"FINISHED"}
 
-    @reports_errors
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def on_click(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str] | None:
         return context.window_manager.invoke_confirm(self, event)
 
 
-class CVDGS_OT_check_environment(bpy.types.Operator):
-    """Find out the worker's versions and device, compile its kernels, and measure its speed for the time estimates"""
+class CVDGS_OT_check_environment(Action, bpy.types.Operator):
+    """Show the worker's versions and device, compile its kernels, and measure its speed for time estimates"""
 
     bl_idname = "cvdgs.check_environment"
     bl_label = "Check Worker"
+    bl_options = set()
 
     @classmethod
-    def poll(cls, _context: bpy.types.Context) -> bool:
-        if ACTIVITY.running(environment.CHECK_JOB):
-            cls.poll_message_set("The worker is being checked")
-            return False
-        return True
+    def missing(cls, _context: bpy.types.Context) -> str:
+        return "The worker is already being checked" if ACTIVITY.running(environment.CHECK_JOB) else ""
 
-    @reports_errors
-    def execute(self, _context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> None:
         environment.worker_python()
         environment.start_check()
-        return {"FINISHED"}
 
 
-class CVDGS_OT_clear_cache(bpy.types.Operator):
-    """Delete thumbnails and compiled kernels; they are made again when they are needed"""
+class CVDGS_OT_clear_cache(Action, bpy.types.Operator):
+    """Delete thumbnails and compiled kernels; they are made again when needed"""
 
     bl_idname = "cvdgs.clear_cache"
     bl_label = "Clear Cache"
+    bl_options = set()
 
-    def execute(self, _context: bpy.types.Context) -> set[str]:
+    def act(self, _context: bpy.types.Context) -> None:
         get_cache().clear()
-        return {"FINISHED"}
 
 
 CLASSES: tuple[type, ...] = (

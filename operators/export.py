@@ -18,12 +18,13 @@ from ..cvdgs_addon.export import (
     read_gaussians,
 )
 from ..cvdgs_addon.shown import run_of, shown_layer, shown_splats
-from .needs import NeedsGaussians, NeedsRun
-from .reporting import reports_errors
+from .base import NeedsGaussians, NeedsRun
+
+NO_LUT = "The original colours have no LUT; choose a layer under Display"
 
 
 class CVDGS_OT_export_gaussians(NeedsGaussians, bpy.types.Operator, ExportHelper):
-    """Write the Gaussians as they are shown now - layer, slider and deletions included - for other splat programs"""
+    """Export the Gaussians as shown, with layer, slider and deletions, as a splat file for other programs"""
 
     bl_idname = "cvdgs.export_gaussians"
     bl_label = "Export Gaussians"
@@ -35,35 +36,30 @@ class CVDGS_OT_export_gaussians(NeedsGaussians, bpy.types.Operator, ExportHelper
     filter_glob: bpy.props.StringProperty(default="*.ply;*.spz;*.splat", options={"HIDDEN"})
     axes: bpy.props.EnumProperty(
         name="Axes",
-        description="Where the Gaussians stand in the file",
+        description="The coordinates of the exported Gaussians",
         items=(
-            ("CAPTURE", "Of the Capture", "As reconstructed: fits the capture's cameras"),
-            ("SCENE", "Of the Scene", "As they stand in Blender, objects' transforms included"),
+            ("CAPTURE", "Capture", "As reconstructed: matches the capture's cameras"),
+            ("SCENE", "Scene", "As placed in Blender, including the object's transform"),
         ),
     )
 
-    @reports_errors
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def on_click(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str] | None:
         _propose(self, context, proposed_name(shown_splats(context)))
         return ExportHelper.invoke(self, context, event)
 
-    @reports_errors
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         splats = shown_splats(context)
         layer, enhanced = shown_layer(splats)
         exported = read_gaussians(splats, layer, enhanced, in_scene_axes=self.axes == "SCENE")
         export_gaussians(self.filepath, exported)
         if exported.lost_view_dependence:
-            self.report(
-                {"WARNING"}, "Written without the parts of the colours that depend on the view: they were turned"
-            )
+            self.report({"WARNING"}, "Exported without view-dependent colours, because the Gaussians were rotated")
         else:
-            self.report({"INFO"}, f"{len(exported.gaussians):,} Gaussians written to {self.filepath}")
-        return {"FINISHED"}
+            self.report({"INFO"}, f"Exported {len(exported.gaussians):,} Gaussians to {self.filepath}")
 
 
 class CVDGS_OT_export_cube(NeedsRun, bpy.types.Operator, ExportHelper):
-    """Write the layer's colour mapping as a LUT for grading and compositing programs (for display-referred sRGB)"""
+    """Export the layer's colour mapping as a LUT for grading and compositing (display-referred sRGB)"""
 
     bl_idname = "cvdgs.export_cube"
     bl_label = "Export LUT"
@@ -74,13 +70,9 @@ class CVDGS_OT_export_cube(NeedsRun, bpy.types.Operator, ExportHelper):
     filter_glob: bpy.props.StringProperty(default="*.cube", options={"HIDDEN"})
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        if shown_layer(shown_splats(context))[0] == ORIGINAL:
-            cls.poll_message_set("The original colours need no LUT; choose a layer under Display")
-            return False
-        return True
+    def missing(cls, context: bpy.types.Context) -> str:
+        is_original = not super().missing(context) and shown_layer(shown_splats(context))[0] == ORIGINAL
+        return NO_LUT if is_original else super().missing(context)
 
     def check(self, _context: bpy.types.Context) -> bool:
         """Add the ending; ExportHelper would take the severity's decimals for one."""
@@ -89,20 +81,17 @@ class CVDGS_OT_export_cube(NeedsRun, bpy.types.Operator, ExportHelper):
         chosen.filepath = bpy.path.ensure_ext(before, self.filename_ext)
         return chosen.filepath != before
 
-    @reports_errors
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def on_click(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str] | None:
         splats = shown_splats(context)
         find_cube(run_of(splats), shown_layer(splats)[0])  # refuses before it asks
         _propose(self, context, proposed_cube_name(splats))
         return ExportHelper.invoke(self, context, event)
 
-    @reports_errors
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         splats = shown_splats(context)
         layer, _ = shown_layer(splats)
         export_cube(run_of(splats), layer, self.filepath)
-        self.report({"INFO"}, f"LUT of {layer} written to {self.filepath}")
-        return {"FINISHED"}
+        self.report({"INFO"}, f"Exported the LUT of {layer} to {self.filepath}")
 
 
 def _propose(operator: bpy.types.Operator, context: bpy.types.Context, name: str) -> None:

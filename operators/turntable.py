@@ -3,98 +3,73 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from pathlib import Path
 
 import bpy
 
 from ..core.errors import InputError
 from ..cvdgs_addon.scene.render_settings import Engine
-from ..cvdgs_addon.scene.turntable import (
-    Turntable,
-    add_turntable,
-    remove_turntable,
-    render_turntable,
-    turntable_of,
-)
+from ..cvdgs_addon.scene.turntable import Turntable, add_turntable, remove_turntable, render_turntable, turntable_of
 from ..cvdgs_addon.shown import shown_splats
-from .needs import NeedsGaussians
-from .reporting import reports_errors
+from .base import Action, NeedsGaussians
 
 
 class CVDGS_OT_add_turntable(NeedsGaussians, bpy.types.Operator):
-    """Put a camera on its way around the Gaussians, once around or to and fro in the chosen number of frames"""
+    """Add a camera that orbits the Gaussians, or swings to and fro, in the chosen number of frames"""
 
     bl_idname = "cvdgs.add_turntable"
     bl_label = "Add Turntable"
-    bl_options = {"REGISTER", "UNDO"}
 
-    @reports_errors
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         add_turntable(context.scene, shown_splats(context), _chosen(context))
-        return {"FINISHED"}
 
 
-class _OnTurntable:
-    """What needs a turntable in the scene."""
+class _NeedsTurntable(Action):
+    """An operator on the turntable of the scene, while Blender does not render."""
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def missing(cls, context: bpy.types.Context) -> str:
         if turntable_of(context.scene) is None:
-            cls.poll_message_set("First add a turntable")  # type: ignore[attr-defined]
-            return False
-        if bpy.app.is_job_running("RENDER"):
-            cls.poll_message_set("Blender renders; wait, or press Esc in its window")  # type: ignore[attr-defined]
-            return False
-        return True
+            return "Add a turntable first"
+        return (
+            "Blender is rendering; wait, or press Esc in the render window" if bpy.app.is_job_running("RENDER") else ""
+        )
 
 
-class CVDGS_OT_render_turntable(_OnTurntable, bpy.types.Operator):
-    """Render the turn into numbered pictures; the scene's render settings are as before afterwards"""
+class CVDGS_OT_render_turntable(_NeedsTurntable, bpy.types.Operator):
+    """Render one turn as numbered images; the scene's render settings are restored afterwards"""
 
     bl_idname = "cvdgs.render_turntable"
     bl_label = "Render Turntable"
     bl_options = {"REGISTER"}
 
-    @reports_errors
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         folder = _folder(context)
         render_turntable(context.scene, _chosen(context), folder, wait=True)
-        self.report({"INFO"}, f"The pictures are in {folder}")
-        return {"FINISHED"}
+        self.report({"INFO"}, f"Images written to {folder}")
 
-    @reports_errors
-    def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+    def on_click(self, context: bpy.types.Context, _event: bpy.types.Event) -> None:
         folder = _folder(context)
         render_turntable(context.scene, _chosen(context), folder, wait=False)
-        self.report({"INFO"}, f"Rendering into {folder}; Esc in the render window ends it")
-        return {"FINISHED"}
+        self.report({"INFO"}, f"Rendering to {folder}; press Esc in the render window to stop")
 
 
-class CVDGS_OT_remove_turntable(_OnTurntable, bpy.types.Operator):
-    """Delete the turntable's camera; pictures stay"""
+class CVDGS_OT_remove_turntable(_NeedsTurntable, bpy.types.Operator):
+    """Delete the turntable's camera; rendered images are kept"""
 
     bl_idname = "cvdgs.remove_turntable"
     bl_label = "Remove Turntable"
-    bl_options = {"REGISTER", "UNDO"}
 
-    @reports_errors
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> None:
         remove_turntable(context.scene)
-        return {"FINISHED"}
 
 
 def _chosen(context: bpy.types.Context) -> Turntable:
     chosen = context.scene.cvdgs.turntable
-    return Turntable(
-        frames=chosen.frames,
-        radius=chosen.radius,
-        height=chosen.height,
-        focal_length=chosen.focal_length,
-        arc=math.degrees(chosen.arc),
-        width=chosen.width,
-        height_pixels=chosen.height_pixels,
-        engine=Engine[chosen.engine] if chosen.engine != "SCENE" else None,
-    )
+    values = {field.name: getattr(chosen, field.name) for field in fields(Turntable)}
+    engine = Engine[chosen.engine] if chosen.engine != "SCENE" else None
+    return Turntable(**{**values, "arc": math.degrees(chosen.arc), "engine": engine})
 
 
 def _folder(context: bpy.types.Context) -> Path:
@@ -106,9 +81,9 @@ def _folder(context: bpy.types.Context) -> Path:
     folder = context.scene.cvdgs.turntable.folder
     if not folder or (folder.startswith("//") and not bpy.data.filepath):
         raise InputError(
-            "the folder lies beside the .blend, which is not saved yet",
+            "the folder is relative to the .blend file, which has not been saved",
             where="Turntable",
-            remedy="save the file, or choose a folder",
+            remedy="save the file, or choose another folder",
         )
     return Path(bpy.path.abspath(folder))
 

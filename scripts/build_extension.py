@@ -59,15 +59,21 @@ def build(out: Path, tool: Path) -> Path:
 
 
 def _copy(patterns: Sequence[str], folder: Path) -> None:
-    """Copy what the manifest takes (``!/NAME``), without compiled files.
+    """Copy what the manifest names (``!/NAME``) without compiled files and the folders it excludes (``/PATH/``).
 
     Blender's tool takes everything in a folder that is taken, whatever else the patterns leave out.
     """
+    excluded = {bootstrap.ROOT / pattern.strip("/") for pattern in patterns if not pattern.startswith("!")}
+
+    def ignored(place: str, names: list[str]) -> set[str]:
+        left_out = {name for name in names if Path(place, name) in excluded}
+        return left_out | shutil.ignore_patterns("__pycache__", "*.pyc")(place, names)
+
     folder.mkdir()
     for name in (pattern.removeprefix("!/").rstrip("/") for pattern in patterns if pattern.startswith("!/")):
         source = bootstrap.ROOT / name
         if source.is_dir():
-            shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__", "*.pyc"))
+            shutil.copytree(source, folder / name, ignore=ignored)
         else:
             shutil.copy(source, folder / name)
 

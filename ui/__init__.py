@@ -1,29 +1,22 @@
-"""The N-panel, tab "CVD": one file a sub-panel, in the order of the work."""
+"""The N-panel, tab "CVD": its sub-panels, in the order of the work."""
 
 from __future__ import annotations
 
-from ..cvdgs_addon.registration import register_classes, unregister_classes
-from . import (
-    capture,
-    display,
-    export,
-    import_capture,
-    report,
-    run,
-    simulate,
-    turntable,
-    viewer,
+from .capture import CLASSES as CAPTURE
+from .display import CVDGS_PT_display
+from .results import CLASSES as RESULTS
+from .run import CVDGS_PT_run
+from .turntable import CVDGS_PT_turntable
+from .viewer import CVDGS_MT_viewer_presets, CVDGS_PT_simulate, CVDGS_PT_viewer
+
+CLASSES: tuple[type, ...] = (
+    *CAPTURE,
+    CVDGS_MT_viewer_presets,
+    CVDGS_PT_viewer,
+    CVDGS_PT_run,
+    CVDGS_PT_display,
+    CVDGS_PT_simulate,
+    CVDGS_PT_turntable,
+    *RESULTS,
 )
-
-_MODULES = (capture, import_capture, viewer, run, display, simulate, turntable, report, export)
-CLASSES: tuple[type, ...] = tuple(cls for module in _MODULES for cls in module.CLASSES)
-
-
-def register() -> None:
-    """Register all panels; those that come first stand on top."""
-    register_classes(CLASSES)
-
-
-def unregister() -> None:
-    """Undo `register`."""
-    unregister_classes(CLASSES)
+"""Those that come first stand on top."""

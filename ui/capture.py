@@ -1,4 +1,4 @@
-"""Sub-panel "Capture": pick a folder, see what it holds."""
+"""Sub-panel "Capture": choose a folder, see what it holds, and bring it into the scene."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ import bpy
 
 from ..cvdgs_addon.activity import ACTIVITY
 from ..cvdgs_addon.folders import normalised_folder
-from ..cvdgs_addon.inspection import JOB, thumbnails_of
+from ..cvdgs_addon.importing import JOB as IMPORT_JOB
+from ..cvdgs_addon.inspection import JOB as INSPECTION_JOB
+from ..cvdgs_addon.inspection import thumbnails_of
 from ..cvdgs_addon.messages import sentence
 from ..cvdgs_addon.pictures import PICTURES
-from .layout import SidePanel, complain, say
+from .layout import SidePanel, complain, say, say_end
+from .run import draw_progress
 
-_FORMATS = {"colmap": "COLMAP", "transforms": "transforms.json", "sfm": "photographs, cameras to be estimated"}
+_FORMATS = {"colmap": "COLMAP", "transforms": "transforms.json", "sfm": "photographs only; cameras will be estimated"}
 _THUMBNAILS_A_ROW = 2
 
 
@@ -27,11 +30,11 @@ class CVDGS_PT_capture(SidePanel, bpy.types.Panel):
         row.prop(capture, "folder", text="")
         row.operator("cvdgs.inspect_capture", text="", icon="FILE_REFRESH")
         if not capture.folder:
-            say(layout, context, "Pick a folder of photographs with cameras: COLMAP or transforms.json", "INFO")
+            say(layout, context, "Choose a folder of photographs with cameras (COLMAP or transforms.json)", "INFO")
             layout.operator("cvdgs.use_demo", icon="PACKAGE")
             return
-        if ACTIVITY.running(JOB):
-            say(layout, context, "Looking at the folder …", "TIME")
+        if ACTIVITY.running(INSPECTION_JOB):
+            say(layout, context, "Reading the folder …", "TIME")
         elif capture.problem:
             # The folder's name stands above, and is long.
             complain(layout, context, sentence(capture.problem.removeprefix(f"{normalised_folder(capture.folder)}: ")))
@@ -40,12 +43,12 @@ class CVDGS_PT_capture(SidePanel, bpy.types.Panel):
         elif capture.inspected:
             _draw_summary(layout, context, capture)
         else:
-            say(layout, context, "Not looked at yet: press the arrows beside the folder", "INFO")
+            say(layout, context, "Not read yet: press the button beside the folder", "INFO")
 
 
 def _draw_summary(layout: bpy.types.UILayout, context: bpy.types.Context, capture: bpy.types.PropertyGroup) -> None:
     column = layout.column(align=True)
-    column.label(text=f"{capture.views} views, {capture.sizes} pixels", icon="CHECKMARK")
+    column.label(text=f"{capture.views} photographs, {capture.sizes} pixels", icon="CHECKMARK")
     column.label(text=_FORMATS.get(capture.format, capture.format), icon="OUTLINER_OB_CAMERA")
     if capture.points:
         column.label(text=f"{capture.points:,} sparse points", icon="OUTLINER_OB_POINTCLOUD")
@@ -58,4 +61,27 @@ def _draw_summary(layout: bpy.types.UILayout, context: bpy.types.Context, captur
         say(layout, context, warning, "ERROR")
 
 
-CLASSES: tuple[type, ...] = (CVDGS_PT_capture,)
+class CVDGS_PT_import_capture(SidePanel, bpy.types.Panel):
+    """The capture's cameras as Blender's."""
+
+    bl_idname = "CVDGS_PT_import_capture"
+    bl_parent_id = "CVDGS_PT_capture"
+    bl_label = "In the Scene"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, job = self.layout, ACTIVITY.job(IMPORT_JOB)
+        if job is not None and job.is_running:
+            draw_progress(layout, context, job, IMPORT_JOB)
+            return
+        layout.operator("cvdgs.import_capture", icon="OUTLINER_OB_CAMERA")
+        say_end(layout, context, job)
+        column = layout.column()
+        column.enabled = bpy.ops.cvdgs.place_capture.poll()  # a menu does not ask
+        column.operator_menu_enum("cvdgs.place_capture", "up", text="Up Axis", icon="ORIENTATION_GLOBAL")
+        row = layout.row(align=True)
+        row.operator("cvdgs.look_through", text="Previous Camera", icon="TRIA_LEFT").step = -1
+        row.operator("cvdgs.look_through", text="Next Camera", icon="TRIA_RIGHT").step = 1
+
+
+CLASSES: tuple[type, ...] = (CVDGS_PT_capture, CVDGS_PT_import_capture)

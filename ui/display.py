@@ -11,24 +11,21 @@ from ..cvdgs_addon.scene.render_settings import keeps_colors, view_transform_of
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
 from ..cvdgs_addon.scene.turntable import bystanders
-from ..cvdgs_addon.shown import NOTHING_TO_SHOW, shown_layer, shown_splats
-from .layout import SidePanel, draw_changes, say, say_missing
+from ..cvdgs_addon.shown import shown_layer
+from .layout import GaussiansPanel, draw_changes, say, split_column
 
 _MOST_NAMES = 3
 _FORM_LABELS = {Form.INSTANCES: "Instances", Form.POINTS: "Points", Form.NATIVE: "Native"}
 
 
-class CVDGS_PT_display(SidePanel, bpy.types.Panel):
+class CVDGS_PT_display(GaussiansPanel, bpy.types.Panel):
     """How the Gaussians are displayed."""
 
     bl_idname = "CVDGS_PT_display"
     bl_label = "Display"
 
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, splats = self.layout, shown_splats(context)
-        if splats is None:
-            say_missing(layout, context, NOTHING_TO_SHOW)
-            return
+    def draw_for(self, context: bpy.types.Context, splats: bpy.types.Object) -> None:
+        layout = self.layout
         layout.prop(context.scene.cvdgs.display, "target", text="", icon="OUTLINER_OB_POINTCLOUD")
         layout.operator("cvdgs.view_in_color", icon="SHADING_RENDERED")
         _draw_hints(layout, context)
@@ -41,7 +38,7 @@ class CVDGS_PT_display(SidePanel, bpy.types.Panel):
 def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Why the 3D view may not show what is expected."""
     if context.space_data is not None and context.space_data.shading.type == "SOLID":
-        say(layout, context, "Solid shading shows no colours", "INFO")
+        say(layout, context, "Solid shading does not show the colours", "INFO")
     say_bystanders(layout, context, "The view also shows")
 
 
@@ -52,11 +49,11 @@ def _draw_form(layout: bpy.types.UILayout, context: bpy.types.Context, splats: b
         button.enabled = form is not Form.NATIVE or has_native_splats()
         button.operator("cvdgs.show_form", text=label, depress=form is current).form = form.value
     if current is Form.INSTANCES:
-        _draw_input(layout, splats, Input.CAMERA_VIEW, "Look Through the Camera Only")
+        _draw_input(layout, splats, Input.CAMERA_VIEW, "Fast Camera View (wrong from elsewhere)")
     if current is Form.POINTS:
         _draw_input(layout, splats, Input.POINT_SIZE)
     if current is Form.NATIVE:
-        say(layout, context, "A copy of what was shown; press Native again after a change", "INFO")
+        say(layout, context, "A copy; press Native again to update it after a change", "INFO")
 
 
 def _draw_layers(layout: bpy.types.UILayout, splats: bpy.types.Object) -> None:
@@ -69,7 +66,7 @@ def _draw_layers(layout: bpy.types.UILayout, splats: bpy.types.Object) -> None:
 
 def _draw_selection(layout: bpy.types.UILayout, splats: bpy.types.Object) -> None:
     row = layout.row(align=True)
-    _draw_input(row, splats, Input.BUDGET, "Budget (0: all)")
+    _draw_input(row, splats, Input.BUDGET, "Most Gaussians (0: all)")
     _draw_input(row, splats, Input.BUDGET_IN_RENDERS, "", icon="RESTRICT_RENDER_OFF")
     row = layout.row(align=True)
     if display.crop_box_of(splats) is None:
@@ -83,8 +80,7 @@ def _draw_selection(layout: bpy.types.UILayout, splats: bpy.types.Object) -> Non
 def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     chosen = context.scene.cvdgs.display
     box = layout.box()
-    column = box.column()
-    column.use_property_split, column.use_property_decorate = True, False
+    column = split_column(box)
     column.prop(chosen, "engine")
     column.prop(chosen, "colors")
     row = box.row(align=True)
@@ -97,8 +93,8 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
 def say_unsuitable_view(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Say that the scene's view transform changes the photographs' colours, where it does."""
     if not keeps_colors(context.scene):
-        text = f"{view_transform_of(context.scene)} changes the photographs' colours; Set Up Render avoids that"
-        say(layout, context, text, "INFO")
+        view = view_transform_of(context.scene)
+        say(layout, context, f"{view} changes the photographs' colours; Set Up Render fixes that", "INFO")
 
 
 def say_bystanders(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
@@ -115,6 +111,3 @@ def _draw_input(
     """An input of the modifier, which can be keyed and driven here as there."""
     owner, path = input_property(splats, name)
     layout.prop(owner, path, text=str(name) if text is None else text, **options)
-
-
-CLASSES: tuple[type, ...] = (CVDGS_PT_display,)

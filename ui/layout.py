@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import bpy
 
+from ..cvdgs_addon.background import BackgroundJob, State
 from ..cvdgs_addon.messages import lines_of
+from ..cvdgs_addon.shown import NOTHING_TO_SHOW, shown_splats
 
 _CHARACTER_WIDTH = 6.2  # pixels of a character of the interface font on average, at a scale of 1
 _MARGIN = 68.0  # pixels beside the text: tabs, borders (of a box as well), icon, scroll bar
@@ -19,6 +21,36 @@ class SidePanel:
     bl_category = "CVD"
 
 
+class GaussiansPanel(SidePanel):
+    """A sub-panel about the Gaussians that are shown; where there are none, it says what to do."""
+
+    def draw(self, context: bpy.types.Context) -> None:
+        splats = shown_splats(context)
+        if splats is None:
+            say(self.layout, context, NOTHING_TO_SHOW, "INFO")  # type: ignore[attr-defined]
+        else:
+            self.draw_for(context, splats)
+
+    def draw_for(self, context: bpy.types.Context, splats: bpy.types.Object) -> None:
+        """Draw the sub-panel for `splats`."""
+        raise NotImplementedError
+
+
+def split_column(layout: bpy.types.UILayout) -> bpy.types.UILayout:
+    """A column of properties with their names on the left."""
+    column = layout.column()
+    column.use_property_split, column.use_property_decorate = True, False
+    return column
+
+
+def say_end(layout: bpy.types.UILayout, context: bpy.types.Context, job: BackgroundJob | None) -> None:
+    """Say how the last job ended, where it did not reach its end."""
+    if job is not None and job.state is State.FAILED:
+        complain(layout, context, job.problem)
+    elif job is not None and job.state is State.CANCELLED:
+        say(layout, context, "Cancelled; nothing was written", "INFO")
+
+
 def say(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
     """Show `text` in as many lines as the region's width needs, with an icon at the first."""
     scale = context.preferences.system.ui_scale or 1.0
@@ -28,11 +60,6 @@ def say(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon:
     column.scale_y = 0.85
     for number, line in enumerate(lines_of(text, characters)):
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")
-
-
-def say_missing(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
-    """Say what has to be done before this sub-panel can be used."""
-    say(layout, context, text, "INFO")
 
 
 def draw_changes(layout: bpy.types.UILayout, context: bpy.types.Context, name: str, changes: list[str]) -> None:

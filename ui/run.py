@@ -7,14 +7,15 @@ import bpy
 from ..core.errors import InputError
 from ..core.runtime.progress import format_seconds
 from ..cvdgs_addon import making
-from ..cvdgs_addon.background import BackgroundJob, State
+from ..cvdgs_addon.activity import ACTIVITY
+from ..cvdgs_addon.background import BackgroundJob
 from ..cvdgs_addon.environment import worker_python
+from ..cvdgs_addon.folders import PACKAGE
 from ..cvdgs_addon.messages import sentence
-from ..cvdgs_addon.package import PACKAGE
 from ..cvdgs_addon.pictures import PICTURES
 from ..cvdgs_addon.quality import QUALITIES, Quality, in_words
 from ..cvdgs_addon.results import is_finished_run, splats_of
-from .layout import SidePanel, complain, say, say_missing
+from .layout import SidePanel, complain, say, say_end, split_column
 
 _PREVIEW_SCALE = 11.4
 _STAGES = {
@@ -22,7 +23,7 @@ _STAGES = {
     "capture": "Reading the photographs",
     "kernels": "Preparing",
     "lens": "Checking the cameras",
-    "enhance": "Finding colours",
+    "enhance": "Finding new colours",
     "geometry": "Reconstructing",
     "layers": "Colouring the scene",
     "evaluate": "Measuring",
@@ -37,7 +38,7 @@ class CVDGS_PT_run(SidePanel, bpy.types.Panel):
     bl_label = "Make CVD-friendly"
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, job = self.layout, making.current_run()
+        layout, job = self.layout, ACTIVITY.job(making.JOB)
         if job is not None and job.is_running:
             draw_progress(layout, context, job, making.JOB)
             _draw_preview(layout)
@@ -46,15 +47,12 @@ class CVDGS_PT_run(SidePanel, bpy.types.Panel):
             return
         capture = context.scene.cvdgs.capture
         if not capture.folder:
-            say_missing(layout, context, "First pick a folder of photographs under Capture")
+            say(layout, context, "Choose a folder of photographs under Capture first", "INFO")
         elif capture.problem:
-            say_missing(layout, context, "The capture cannot be used; see above")
+            say(layout, context, "The capture cannot be used; see Capture above", "INFO")
         else:
             _draw_choices(layout, context)
-        if job is not None and job.state is State.FAILED:
-            complain(layout, context, job.problem)
-        elif job is not None and job.state is State.CANCELLED:
-            say(layout, context, "Cancelled; nothing was written", "INFO")
+        say_end(layout, context, job)
         layout.operator("cvdgs.load_run", icon="FILE_FOLDER")
 
 
@@ -95,20 +93,20 @@ def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
             column.prop_enum(properties, "quality", quality.name, text=f"{quality.label}{_time(scene, quality)}")
         _draw_button(layout, "Make CVD-friendly")
     elif making.has_layer(scene):
-        say(layout, context, f"The run in the output folder has {layer}: {_what_next(scene)}", "CHECKMARK")
+        say(layout, context, f"The run in the output folder already has {layer}: {_what_next(scene)}", "CHECKMARK")
     else:
-        say(layout, context, f"The output folder has a run; {layer} becomes a new layer", "INFO")
+        say(layout, context, f"{layer} will be added as a new layer to the run in the output folder", "INFO")
         _draw_button(layout, f"Add {layer}{_time(scene, QUALITIES[0])}")
     if is_finished_run(making.output_folder(scene)):
         layout.prop(properties, "start_over")
     header, body = layout.panel("cvdgs_run_options", default_closed=True)
     header.label(text="Options")
     if body is not None:
-        body.use_property_split, body.use_property_decorate = True, False
+        body = split_column(body)
         body.prop(properties, "enhancer")
         body.prop(properties, "out")
         if not properties.out:
-            say(body, context, f"Goes to {making.output_folder(scene)}")
+            say(body, context, f"Results will be written to {making.output_folder(scene)}")
         if not making.adds_to_run(scene):
             body.prop(properties, "refine_poses")
         body.prop(properties, "scene_file")
@@ -116,7 +114,7 @@ def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
 
 def _what_next(scene: bpy.types.Scene) -> str:
     """What can be done with a run that has the viewer's layer."""
-    choices = "choose another viewer for a further layer, or start over"
+    choices = "choose another viewer to add a layer, or start over"
     is_shown = any(splats_of(scene, making.output_folder(scene)))
     return choices if is_shown else f"load it, {choices}"
 
@@ -131,6 +129,3 @@ def _time(scene: bpy.types.Scene, quality: Quality) -> str:
     """What a button says of the time that it takes."""
     seconds = making.estimated_seconds(scene, quality)
     return "" if seconds is None else f", {in_words(seconds)}"
-
-
-CLASSES: tuple[type, ...] = (CVDGS_PT_run,)

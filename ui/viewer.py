@@ -1,4 +1,4 @@
-"""Sub-panel "Viewer": whose eyes the scene is made for, and a test that suggests it."""
+"""Sub-panels "Viewer" and "Simulate": whose eyes the scene is made for, a test that suggests it, and what they see."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import bpy
 
 from ..cvdgs_addon import viewer
 from ..cvdgs_addon.arrangement import CAP_COUNT, NO_DIAGNOSIS
+from ..cvdgs_addon.compositor.apply import renders_can_go_without, simulation_node, told_changes
+from ..cvdgs_addon.compositor.display_nodes import what_is_left_out
 from ..cvdgs_addon.pictures import PICTURES
-from .layout import SidePanel, say
+from .layout import SidePanel, draw_changes, say, split_column
 
 _CAPS_A_ROW = 8
 _CAP_SCALE = 1.4
@@ -26,7 +28,7 @@ class CVDGS_MT_viewer_presets(bpy.types.Menu):
 
 
 class CVDGS_PT_viewer(SidePanel, bpy.types.Panel):
-    """Type and severity of the colour vision deficiency, and how much is done about it."""
+    """Type and severity of the colour vision deficiency, and strength of the enhancement."""
 
     bl_idname = "CVDGS_PT_viewer"
     bl_label = "Viewer"
@@ -34,8 +36,7 @@ class CVDGS_PT_viewer(SidePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, properties = self.layout, context.scene.cvdgs.viewer
         layout.menu("CVDGS_MT_viewer_presets", icon="PRESET")
-        column = layout.column()
-        column.use_property_split, column.use_property_decorate = True, False
+        column = split_column(layout)
         for name in ("cvd", "severity", "simulation", "strength"):
             column.prop(properties, name)
         if properties.test_is_open:
@@ -51,15 +52,15 @@ def _draw_test(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     header.label(text="Arrangement Test", icon="COLOR")
     header.operator("cvdgs.close_arrangement", text="", icon="X", emboss=False)
     if free:
-        say(layout, context, "Which of these looks most like the last cap of the row? Click it.")
+        say(layout, context, "Click the cap that looks most similar to the last one in the row.")
         _draw_caps(layout, free, "cvdgs.place_cap")
-    layout.label(text=f"The row, {len(arranged)} of {CAP_COUNT}:")
+    layout.label(text=f"Row: {len(arranged)} of {CAP_COUNT}")
     _draw_caps(layout, [0, *arranged], "cvdgs.take_back_cap")
     suggestion = viewer.current_suggestion(scene)
     if suggestion is not None:
         say(layout, context, suggestion.message, "INFO")
         layout.operator("cvdgs.use_suggestion", icon="CHECKMARK")
-        layout.operator("cvdgs.start_arrangement", text="Again", icon="FILE_REFRESH")
+        layout.operator("cvdgs.start_arrangement", text="Start Again", icon="FILE_REFRESH")
     say(layout, context, NO_DIAGNOSIS)
 
 
@@ -78,4 +79,48 @@ def _draw_caps(layout: bpy.types.UILayout, caps: list[int], operator: str) -> No
                 row.label(text="", icon_value=icon)
 
 
-CLASSES: tuple[type, ...] = (CVDGS_MT_viewer_presets, CVDGS_PT_viewer)
+class CVDGS_PT_simulate(SidePanel, bpy.types.Panel):
+    """Renders and 3D views as seen with a colour vision deficiency."""
+
+    bl_idname = "CVDGS_PT_simulate"
+    bl_label = "Simulate"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, scene = self.layout, context.scene
+        simulate = scene.cvdgs.simulate
+        row = layout.row(align=True)
+        row.prop(simulate, "in_renders", toggle=True)
+        row.prop(simulate, "in_viewport", toggle=True)
+        if simulate.in_viewport and not simulate.in_renders and not renders_can_go_without(scene):
+            say(
+                layout,
+                context,
+                "Renders show the simulation too, because they need the compositor for other nodes",
+                "INFO",
+            )
+        layout.prop(simulate, "same_as_viewer")
+        chosen = scene.cvdgs.viewer if simulate.same_as_viewer else simulate
+        column = split_column(layout)
+        column.enabled = not simulate.same_as_viewer
+        for name in ("cvd", "severity", "simulation"):
+            column.prop(chosen, name)
+        if (chosen.cvd, chosen.simulation) == ("tritan", "vienot"):
+            say(layout, context, "Viénot's model has no tritan; Brettel's is used", "INFO")
+        row = layout.row(align=True)
+        row.prop(simulate, "wipe", toggle=True)
+        sub = row.row(align=True)
+        sub.enabled = simulate.wipe
+        sub.prop(simulate, "wipe_position", text="")
+        _draw_simulation_notes(layout, context)
+        layout.operator("cvdgs.save_simulation_asset", icon="ASSET_MANAGER")
+
+
+def _draw_simulation_notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """What the simulation has changed, or what it will leave out."""
+    if simulation_node(context.scene) is None:
+        missing = what_is_left_out(context.scene)
+        if missing:
+            say(layout, context, f"The simulation will leave out: {missing}", "ERROR")
+        return
+    draw_changes(layout, context, "cvdgs_simulation_changes", list(told_changes(context.scene)))

@@ -13,8 +13,7 @@ from ...core.rendering.requests import SheetArguments
 from ...core.runs.layout import evenly_spread, picture_name
 from ...core.runtime.protocol import Reporter
 from .lettering import Label, add_labels, text_width
-from .pixels import Pixels, read_picture, write_picture
-from .resampling import downscale
+from .pixels import Pixels, downscale, read_picture, write_picture
 
 STAGE = "sheet"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,7 @@ from ..scene.render_settings import Display, Engine
 from ..scene.splats import MODIFIER_NAME, show_layer
 from ..scene.stills import render_picture, turned_to
 from ..scene.turntable import Turntable, add_turntable, picture_settings
-from .observers import Observer
-from .pixels import read_picture, remove_texts, write_picture
+from .pixels import Observer, read_picture, remove_texts, write_picture
 
 STAGE = "frames"
 
@@ -80,16 +80,8 @@ def render_frames(
 
 def turntable_of(arguments: FramesArguments) -> Turntable:
     """The turn that `arguments` describe."""
-    return Turntable(
-        frames=arguments.frames,
-        radius=arguments.radius,
-        height=arguments.height,
-        focal_length=arguments.focal_length,
-        arc=arguments.arc,
-        width=arguments.width,
-        height_pixels=arguments.height_pixels,
-        engine=Engine[arguments.engine.upper()],
-    )
+    values = {field.name: getattr(arguments, field.name) for field in fields(Turntable)}
+    return Turntable(**{**values, "engine": Engine[arguments.engine.upper()]})
 
 
 def half_made(arguments: FramesArguments, out: Path) -> list[Path]:

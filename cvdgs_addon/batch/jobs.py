@@ -12,18 +12,10 @@ from ...core.errors import InputError
 from ...core.files.untrusted import partial_file
 from ...core.rendering.requests import FramesArguments, SheetArguments, VideoArguments
 from ...core.runtime.protocol import Reporter
-from ..scene.disk import is_full
 from ..scene.remembered_settings import set_settings
 from ..scene.render_settings import Engine, engine_settings, png_settings
-from ..scene.stills import render_picture
-from . import (
-    contact_sheet,
-    frames,
-    import_times,
-    previews,
-    still_times,
-    video,
-)
+from ..scene.stills import is_full, render_picture
+from . import contact_sheet, frames, previews, video
 
 _TRIAL_SIZE = 16  # pixels
 
@@ -49,7 +41,7 @@ def perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
 def half_made(request: dict[str, Any]) -> list[Path]:
     """What the job may have left when it is cut short."""
     job = request["job"]
-    if job in ("try-eevee", "time-stills", "time-import"):
+    if job == "try-eevee":
         return []
     out, arguments = Path(request["out"]), request["arguments"]
     if job == "frames":
@@ -64,10 +56,6 @@ def _perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
     if job == "try-eevee":
         return _try_eevee()
     out, arguments = Path(request["out"]), request["arguments"]
-    if job == "time-stills":
-        return still_times.time_stills(arguments, out, reporter=reporter)
-    if job == "time-import":
-        return import_times.time_import(arguments, out, reporter=reporter)
     if job == "frames":
         asked = FramesArguments.from_dict(arguments)
         threads, model = int(request["threads"]), str(request["model"])

@@ -1,21 +1,25 @@
-"""8-bit pictures in files and as arrays. They get their names only when they are complete."""
+"""8-bit pictures in files and as arrays, at smaller sizes, and the observers for whom they are simulated."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.color import srgb
+from ...core.color.matrices import check_simulation
 from ...core.errors import InputError
 from ...core.files.untrusted import replacing
+from ...core.settings import Layer
 
 Pixels = NDArray[np.uint8]
 
-_LEVELS = 255.0
+_LEVELS = 255
 _FORMATS = {".png": "PNG", ".bmp": "BMP", ".jpg": "JPEG"}  # Blender's names
 _JPEG_QUALITY = 88
 _SIGNATURE_BYTES = 8  # of a PNG file, before its first chunk
@@ -98,3 +102,50 @@ def _chunks(content: bytes) -> Iterator[bytes]:
         end = start + _FRAMING_BYTES + int.from_bytes(content[start : start + 4], "big")
         yield content[start:end]
         start = end
+
+
+def downscale(picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """`picture`, (H, W, 3) sRGB, `width` pixels wide: each pixel is the mean light of the area that it stands for.
+
+    A picture that is not wider stays as it is.
+    """
+    height_before, width_before, _ = picture.shape
+    if width_before <= width:
+        return picture
+    height = max(round(height_before * width / width_before), 1)
+    light = srgb.decode(np.arange(_LEVELS + 1) / _LEVELS)[picture]
+    rows = np.tensordot(_shares(height_before, height), light, axes=(1, 0))
+    mean = _shares(width_before, width) @ rows
+    return np.round(srgb.encode(np.clip(mean, 0.0, 1.0)) * _LEVELS).astype(np.uint8)
+
+
+def _shares(before: int, after: int) -> NDArray[np.float64]:
+    """(after, before) share of each pixel of a line in the pixels of a shorter one; rows add up to 1."""
+    edges = np.linspace(0.0, before, after + 1)[:, None]
+    pixels = np.arange(before)
+    covered = np.clip(np.minimum(edges[1:], pixels + 1.0) - np.maximum(edges[:-1], pixels), 0.0, None)
+    return covered / covered.sum(axis=1, keepdims=True)
+
+
+@dataclass(frozen=True)
+class Observer:
+    """A kind of colour vision and the model that describes it; see `core.color.matrices`."""
+
+    cvd: str
+    severity: float
+    model: str
+
+    @classmethod
+    def from_name(cls, name: str, model: str) -> Observer:
+        """The observer for whom the layer `name` is, e.g. ``deutan-1.0``; Brettel's model where `model` has none.
+
+        Raises:
+            InputError: there is no such observer.
+        """
+        try:
+            layer = Layer.from_name(name)
+        except ValueError:
+            raise InputError(f"'{name}' is no observer", remedy="name a type and a severity, e.g. deutan-1.0") from None
+        model = "brettel" if (layer.cvd, model) == ("tritan", "vienot") else model
+        check_simulation(layer.cvd, layer.severity, model)
+        return cls(layer.cvd, layer.severity, model)

@@ -14,9 +14,7 @@ from ...core.color.srgb import simulate_bytes
 from ...core.files.untrusted import partial_file
 from ...core.runs.layout import picture_name
 from ...core.runtime.protocol import Reporter, StageSpan
-from .observers import Observer
-from .pixels import Pixels, read_picture, write_picture
-from .resampling import downscale
+from .pixels import Observer, Pixels, downscale, read_picture, write_picture
 from .video import STAGE, Column, Quality, encode
 
 _COMPOSING = 0.7  # of the time; the rest is encoding

@@ -6,8 +6,6 @@
     {"job": "frames", "out": "DIR", "arguments": {...}, "threads": N, "model": "machado"}       N 0: all processors
     {"job": "video" | "sheet", "out": "DIR", "arguments": {...}}
     {"job": "previews", "out": "DIR", "arguments": {"previews": [...], "width": PIXELS}}
-    {"job": "time-import", "out": "DIR", "arguments": {"file": "NAME", "rounds": N}}    for ``benchmark.py files``
-    {"job": "time-stills", "out": "RUN", "arguments": {...}}                      for ``benchmark.py display``
     {"job": "try-eevee"}                                 renders one small picture; ends in one way or another
 
 The arguments are those of ``core/rendering/requests.py``. Events and exit codes: see `worker_process`.
@@ -30,9 +28,9 @@ def main() -> NoReturn:
 
 
 def _perform(request: dict[str, Any], reporter: Any) -> dict[str, Any]:
-    from cvdgs.cvdgs_addon.processors import as_if_on
+    from cvdgs.cvdgs_addon.worker_process import limit_cpu_affinity
 
-    with as_if_on(int(request.get("threads") or 0)):
+    with limit_cpu_affinity(int(request.get("threads") or 0)):
         from cvdgs.cvdgs_addon.batch import jobs  # and with them Blender
 
     return jobs.perform(request, reporter)

@@ -12,15 +12,7 @@ import bpy
 from ..scene.remembered_settings import change_settings, changes, restore_settings
 from ..scene.render_settings import SIMULATION_VIEW
 from .display_nodes import Picture, add_display_nodes, picture_kind, raw_view
-from .scene_tree import (
-    ensure_tree,
-    is_ours,
-    output_socket,
-    picture_source,
-    remove_tree,
-    scene_tree,
-    viewers_of,
-)
+from .scene_tree import ensure_tree, is_ours, output_socket, picture_source, remove_tree, scene_tree, viewers_of
 from .simulation_group import GROUP_NAME, Socket, choose, simulation_group
 
 NODE_NAME = "CVD simulation (add-on)"

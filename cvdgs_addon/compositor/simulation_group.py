@@ -1,4 +1,4 @@
-"""The compositor node group "CVD simulation": the simulation S of `core.color` as nodes, for renders and viewports.
+"""The compositor node group "CVD simulation": the simulation S of `core.color` as nodes, also as an asset.
 
 The matrices act on linear light with Rec.709 primaries. What comes in is either
 
@@ -11,11 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
+from pathlib import Path
 
 import bpy
 
+from ...core.errors import InputError
 from ..scene.nodes import NodeWriter, Value, add_input, new_group
-from .matrix_groups import (
+from .part_groups import (
     ACHROMAT,
     BRETTEL,
     DICHROMATIC_TYPES,
@@ -24,13 +26,14 @@ from .matrix_groups import (
     SEPARATOR,
     SEVERITY,
     VIENOT,
+    decoding_group,
     dichromat_group,
+    encoding_group,
     machado_group,
 )
-from .transfer_groups import decoding_group, encoding_group
 
 GROUP_NAME = "CVD simulation"
-DESCRIPTION = "How a picture is seen with a colour vision deficiency (Machado 2009, Viénot 1999, Brettel 1997)"
+DESCRIPTION = "What a picture looks like with a colour vision deficiency (Machado 2009, Viénot 1999, Brettel 1997)"
 
 TYPE_NAMES = {"protan": "Protan", "deutan": "Deutan", "tritan": "Tritan", "achromat": "Achromat"}
 MODEL_NAMES = {"machado": "Machado", "vienot": "Viénot", "brettel": "Brettel"}
@@ -40,6 +43,8 @@ _REC709 = "Linear Rec.709"  # name in Blender's OpenColorIO configuration
 _OPAQUE = 1e-6  # the colour of a pixel with less alpha is emission, not premultiplied
 
 Channels = tuple[Value, ...]
+FILE_NAME = "CVD simulation.blend"
+_TAGS = ("CVD", "colour blindness", "accessibility")
 
 
 class Socket(StrEnum):
@@ -118,16 +123,19 @@ def _names(socket: Socket) -> Mapping[str, str]:
 
 def _declare_sockets(tree: bpy.types.NodeTree) -> None:
     tree.interface.new_socket(Socket.IMAGE, in_out="OUTPUT", socket_type="NodeSocketColor")
-    add_input(tree, Socket.IMAGE, "NodeSocketColor", "The picture as it is")
-    _declare_choice(tree, Socket.TYPE, "What kind of cones is missing or shifted")
-    add_input(tree, Socket.SEVERITY, "NodeSocketFloat", "0 is normal vision, 1 the lack of a kind of cones",
+    add_input(tree, Socket.IMAGE, "NodeSocketColor", "The original picture")
+    _declare_choice(tree, Socket.TYPE, "Which type of cones is missing or shifted")
+    add_input(tree, Socket.SEVERITY, "NodeSocketFloat", "0 is normal vision, 1 is dichromacy",
               subtype="FACTOR", min_value=0.0, max_value=1.0, default_value=1.0)  # fmt: skip
-    _declare_choice(tree, Socket.MODEL, "Published model; Viénot describes no tritan vision and takes Brettel's")
-    add_input(tree, Socket.DISPLAY_REFERRED, "NodeSocketBool",
-              "The picture holds sRGB values as they go to the screen (view transform Raw); off: scene-linear light",
-              default_value=False)  # fmt: skip
+    _declare_choice(tree, Socket.MODEL, "Published model; Viénot's has no tritan, so Brettel's is used there")
+    add_input(
+        tree,
+        Socket.DISPLAY_REFERRED,
+        "NodeSocketBool",
+        "The picture holds display-referred sRGB values (view transform Raw); off: scene-linear light",
+    )
     add_input(tree, Socket.WIPE, "NodeSocketFloat",
-              "Share of the picture's width, from the left, that stays as it is",
+              "Fraction of the picture's width, from the left, that stays unchanged",
               subtype="FACTOR", min_value=0.0, max_value=1.0, default_value=0.0)  # fmt: skip
 
 
@@ -218,3 +226,47 @@ def _wiped(write: NodeWriter, image: Value, simulated: Value, wipe: Value) -> Va
     coordinates = write.output("CompositorNodeImageCoordinates", image, name="Normalized")
     is_right = write.math("GREATER_THAN", write.separate(coordinates)[0], wipe)
     return write.mix("RGBA", is_right, image, simulated)
+
+
+def save_asset(folder: str | Path) -> Path:
+    """Write the node group as an asset into `folder`; the open file stays as it is.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    folder = Path(folder)
+    had_group = GROUP_NAME in bpy.data.node_groups
+    group = simulation_group()
+    had_asset = group.asset_data is not None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not had_asset:
+            group.asset_mark()
+        group.asset_data.description = DESCRIPTION
+        for tag in _TAGS:
+            group.asset_data.tags.new(tag, skip_if_exists=True)
+        bpy.data.libraries.write(str(folder / FILE_NAME), {group}, fake_user=True, compress=True)
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or str(error).strip().splitlines()[-1]
+        raise InputError(f"cannot be written ({reason})", where=folder, remedy="choose another folder") from error
+    finally:
+        if not had_asset and group.asset_data is not None:
+            group.asset_clear()
+        if not had_group:
+            _remove_with_parts(group)
+    return folder / FILE_NAME
+
+
+def library_folder() -> str:
+    """Folder of the first asset library of the preferences; empty where there is none."""
+    libraries = bpy.context.preferences.filepaths.asset_libraries
+    return next((library.path for library in libraries if library.path), "")
+
+
+def _remove_with_parts(group: bpy.types.NodeTree) -> None:
+    """Remove a node group and those that only it uses."""
+    parts = {node.node_tree for node in group.nodes if getattr(node, "node_tree", None) is not None}
+    bpy.data.node_groups.remove(group)
+    for part in parts:
+        if part.users == 0:
+            bpy.data.node_groups.remove(part)

@@ -1,4 +1,4 @@
-"""Geometry nodes from display-referred sRGB to scene-linear light."""
+"""Colour as geometry nodes: sRGB to scene-linear light, and spherical harmonics of degree 1 to 3."""
 
 from __future__ import annotations
 
@@ -22,3 +22,60 @@ def _decoded(write: NodeWriter, inputs: Sockets) -> Mapping[str, Value]:
         is_dark = write.compare("LESS_EQUAL", value, ENCODED_KNEE)
         channels.append(write.switch("FLOAT", is_dark, power, write.math("DIVIDE", value, SLOPE)))
     return {"light": write.combine(*channels)}
+
+
+def coefficient_attribute(index: int) -> str:
+    """Name of the FLOAT_VECTOR attribute of coefficient `index` (1 to 15), red, green and blue."""
+    return f"sh_{index}"
+
+
+def coefficient_count(degree: int) -> int:
+    """Coefficients of degrees 1 to `degree`; the constant one is part of the original colour."""
+    return (degree + 1) ** 2 - 1
+
+
+def view_dependent_part(write: NodeWriter, direction: Value, degree: int) -> Value:
+    """The sum of the coefficients times their basis functions, without the constant one.
+
+    Args:
+        direction: unit vector from the camera to the Gaussian, in the axes of the PLY.
+        degree: 1 to 3.
+    """
+    total = None
+    for index, basis in enumerate(_basis(write, direction, degree), start=1):
+        coefficient = write.attribute("FLOAT_VECTOR", coefficient_attribute(index)).outputs["Attribute"]
+        term = write.output("ShaderNodeVectorMath", coefficient, basis, operation="SCALE")
+        total = term if total is None else write.vector_math("ADD", total, term)
+    assert total is not None
+    return total
+
+
+def _basis(write: NodeWriter, direction: Value, degree: int) -> list[Value]:
+    """Real spherical harmonics with the Condon-Shortley phase, in the order and with the signs of the standard PLY."""
+
+    def weighted(*terms: tuple[float, Value]) -> Value:
+        return write.sum(*(write.math("MULTIPLY", value, weight) for weight, value in terms))
+
+    times = write.product
+    x, y, z = write.separate(direction)
+    basis = [times(-0.4886025119029199, y), times(0.4886025119029199, z), times(-0.4886025119029199, x)]
+    if degree >= 2:
+        xx, yy, zz = times(x, x), times(y, y), times(z, z)
+        basis += [
+            times(1.0925484305920792, x, y),
+            times(-1.0925484305920792, y, z),
+            times(0.31539156525252005, weighted((2.0, zz), (-1.0, xx), (-1.0, yy))),
+            times(-1.0925484305920792, x, z),
+            times(0.5462742152960396, weighted((1.0, xx), (-1.0, yy))),
+        ]
+    if degree >= 3:
+        basis += [
+            times(-0.5900435899266435, y, weighted((3.0, xx), (-1.0, yy))),
+            times(2.890611442640554, x, y, z),
+            times(-0.4570457994644658, y, weighted((4.0, zz), (-1.0, xx), (-1.0, yy))),
+            times(0.3731763325901154, z, weighted((2.0, zz), (-3.0, xx), (-3.0, yy))),
+            times(-0.4570457994644658, x, weighted((4.0, zz), (-1.0, xx), (-1.0, yy))),
+            times(1.445305721320277, z, weighted((1.0, xx), (-1.0, yy))),
+            times(-0.5900435899266435, x, weighted((1.0, xx), (-3.0, yy))),
+        ]
+    return basis

@@ -11,12 +11,7 @@ import numpy as np
 
 from ...core.color import srgb
 from ...core.errors import InputError
-from .native_splats import (
-    add_native_splats,
-    has_native_splats,
-    native_splats_of,
-    why_not_native,
-)
+from .native_splats import add_native_splats, has_native_splats, native_splats_of, why_not_native
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import (
     WORLD_NAME,
@@ -28,15 +23,9 @@ from .render_settings import (
     engine_settings,
 )
 from .sparse_points import is_sparse_points, show_as_light
+from .splat_attributes import point_positions
 from .splat_nodes import Input
-from .splats import (
-    MODIFIER_NAME,
-    core_bounds,
-    get_input,
-    is_splats,
-    point_positions,
-    set_input,
-)
+from .splats import MODIFIER_NAME, core_bounds, get_input, is_splats, set_input
 
 BACKGROUND_PROPERTY = "cvdgs_background"
 """Custom property of a Gaussians' object: sRGB of what they were trained over."""
@@ -67,7 +56,7 @@ def show_form(splats: bpy.types.Object, form: Form) -> None:
         InputError: this Blender has no native splats.
     """
     if form is Form.NATIVE and not has_native_splats():
-        raise InputError(why_not_native(), where=splats.name, remedy="choose instances, which look the same")
+        raise InputError(why_not_native(), where=splats.name, remedy="choose Instances, which look the same")
     existing = native_splats_of(splats)
     if existing is not None:
         bpy.data.pointclouds.remove(existing.data)

@@ -10,12 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.runs.layout import (
-    CAPTURE_FOLDER,
-    GAUSSIANS_FILE,
-    LAYER_GAUSSIANS_PATTERN,
-    layer_of,
-)
+from ...core.runs.layout import CAPTURE_FOLDER, GAUSSIANS_FILE, LAYER_GAUSSIANS_PATTERN, layer_of
 from ...core.splats.gaussians import Gaussians
 from ...core.splats.io.ply import read_ply
 from .capture_folder import CaptureView, read_capture_folder

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from ...core.splats.gaussians import Gaussians
 from ..export import read_gaussians
 from ..shown import shown_layer
+from .splat_attributes import write_attribute
 
 _SPLAT_TYPE = "GAUSSIAN_SPLAT"
 _COPY_OF = "cvdgs_copy_of"  # custom property of the point cloud's object: the Gaussians that it copies
-_FIELDS = {"FLOAT_VECTOR": "vector", "QUATERNION": "value", "FLOAT4": "vector"}
 
 
 def has_native_splats() -> bool:
@@ -26,7 +26,7 @@ def has_native_splats() -> bool:
 
 def why_not_native() -> str:
     """What to tell where it does not."""
-    return f"Blender {bpy.app.version_string} draws no splats by itself; Blender 5.3 does"
+    return f"Blender {bpy.app.version_string} has no splats of its own; Blender 5.3 does"
 
 
 def native_splats_of(splats: bpy.types.Object) -> bpy.types.Object | None:
@@ -59,8 +59,7 @@ def add_native_splats(splats: bpy.types.Object) -> bpy.types.Object:
     cloud.points.foreach_set("co", gaussians.means.ravel())
     setattr(cloud, type_property, _SPLAT_TYPE)
     for name, (kind, values) in native_attributes(gaussians).items():
-        attribute = cloud.attributes.get(name) or cloud.attributes.new(name, kind, "POINT")
-        attribute.data.foreach_set(_FIELDS[kind], values.ravel())
+        write_attribute(cloud, name, kind, values)
     copy = bpy.data.objects.new(cloud.name, cloud)
     copy[_COPY_OF] = splats.name
     copy.parent = splats

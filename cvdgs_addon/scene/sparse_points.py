@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .color_nodes import add_decoding_nodes
-from .modifier_inputs import set_modifier_input
-from .nodes import NodeWriter, add_input, new_group
-from .splat_attributes import Attribute
+from .nodes import NodeWriter, add_input, new_group, set_modifier_input
+from .splat_attributes import Attribute, opaque, write_attribute
 from .splat_material import POINT_NAME, build_point_material
 
 GROUP_NAME = "CVD Sparse Points"
@@ -33,8 +32,7 @@ def add_sparse_points(
     mesh = bpy.data.meshes.new(MODIFIER_NAME)
     mesh.vertices.add(len(positions))
     mesh.vertices.foreach_set("co", np.ascontiguousarray(positions, np.float32).ravel())
-    rgba = np.concatenate([colors, np.ones((len(colors), 1), np.float32)], axis=1)
-    mesh.attributes.new(_COLOR, "FLOAT_COLOR", "POINT").data.foreach_set("color", rgba.astype(np.float32).ravel())
+    write_attribute(mesh, _COLOR, "FLOAT_COLOR", opaque(colors))
     mesh.update()
     points = bpy.data.objects.new(MODIFIER_NAME, mesh)
     points.visible_shadow = False  # they shine
@@ -63,10 +61,9 @@ def _build_group() -> bpy.types.NodeTree:
     tree.is_modifier = True
     tree.description = "Draws the sparse points of a capture in the colours of its photographs"
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    add_input(tree, "Geometry", "NodeSocketGeometry", "Points with a colour")
+    add_input(tree, "Geometry", "NodeSocketGeometry", "Points with colours")
     add_input(tree, _POINT_SIZE, "NodeSocketFloat", "Radius of a point", subtype="DISTANCE", min_value=0.0)
-    add_input(tree, _SCENE_LINEAR, "NodeSocketBool", "Convert the colours to scene-linear light; off: photo colours",
-              default_value=False)  # fmt: skip
+    add_input(tree, _SCENE_LINEAR, "NodeSocketBool", "Convert the colours to scene-linear light; off: photo colours")
     write = NodeWriter(tree)
     inputs = {socket.name: socket for socket in write.node("NodeGroupInput").outputs}
     cloud = write.output("GeometryNodeMeshToPoints", inputs["Geometry"], None, None, inputs[_POINT_SIZE])

@@ -1,8 +1,25 @@
-"""What the mesh of Gaussians carries: attributes of its points, and of the layers of colour. No nodes, no numbers."""
+"""What the mesh of Gaussians carries: attributes of its points and of the colour layers, read and written."""
 
 from __future__ import annotations
 
 from enum import IntEnum, StrEnum
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+
+# The field that holds an attribute's values and the shape of one, by the attribute's type.
+_STORED = {
+    "FLOAT": ("value", ()),
+    "INT": ("value", ()),
+    "FLOAT_VECTOR": ("vector", (3,)),
+    "QUATERNION": ("value", (4,)),
+    "FLOAT4": ("vector", (4,)),
+    "FLOAT_COLOR": ("color", (4,)),
+    "BYTE_COLOR": ("color", (4,)),
+}
 
 
 class Attribute(StrEnum):
@@ -33,3 +50,48 @@ class Frame(IntEnum):
 def color_attribute(layer: str) -> str:
     """Name of the colour attribute of `layer`, e.g. ``color_deutan-1.0``."""
     return f"color_{layer}"
+
+
+def read_attribute(mesh: bpy.types.Mesh, name: str) -> NDArray:
+    """(V, ...) values of an attribute: int32 of an INT, else float32.
+
+    Raises:
+        InputError: somebody has removed or converted it.
+    """
+    attribute = mesh.attributes.get(name)
+    if attribute is None or attribute.data_type not in _STORED:
+        raise InputError(f"it no longer has the attribute '{name}'", where=mesh.name, remedy="load the run again")
+    field, shape = _STORED[attribute.data_type]
+    values = np.empty((len(attribute.data), *shape), np.int32 if attribute.data_type == "INT" else np.float32)
+    attribute.data.foreach_get(field, values.reshape(-1))
+    return values
+
+
+def write_attribute(data: bpy.types.Mesh | bpy.types.PointCloud, name: str, kind: str, values: NDArray) -> None:
+    """Set the attribute `name` of the points, made with the type `kind` where it is missing; (V, ...) `values`."""
+    attribute = data.attributes.get(name) or data.attributes.new(name, kind, "POINT")
+    attribute.data.foreach_set(_STORED[kind][0], np.ascontiguousarray(values).ravel())
+
+
+def opaque(colors: NDArray) -> NDArray[np.float32]:
+    """(N, 4) of (N, 3) colours."""
+    return np.concatenate([colors, np.ones((len(colors), 1))], axis=1).astype(np.float32)
+
+
+def vertex_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
+    """(V, 3) positions, those of the frame included."""
+    positions = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.vertices.foreach_get("co", positions.reshape(-1))
+    return positions
+
+
+def is_gaussian(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:
+    """(V,) which vertices are Gaussians, and not points of the frame."""
+    if Attribute.FRAME not in mesh.attributes:
+        return np.ones(len(mesh.vertices), np.bool_)
+    return read_attribute(mesh, Attribute.FRAME) == 0
+
+
+def point_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
+    """(N, 3) positions of a mesh's points; of Gaussians those alone, without the points of the frame."""
+    return vertex_positions(mesh)[is_gaussian(mesh)]

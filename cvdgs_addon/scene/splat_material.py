@@ -34,7 +34,7 @@ def build_disc_material() -> bpy.types.Material:
 
 
 def build_mesh_disc_material() -> bpy.types.Material:
-    """Does the same for discs that are faces of one mesh (see `disc_nodes`)."""
+    """Does the same for discs that are faces of one mesh (see `drawing_nodes`)."""
     material = _new_material(MESH_DISC_NAME)
     write = NodeWriter(material.node_tree)
     _show_disc(write, _attribute(write, Attribute.ON_DISC, "Vector", _Kept.ON_MESH), _Kept.ON_MESH)

@@ -6,7 +6,7 @@ Two hulls, chosen by the input ``Camera Facing``:
   Gaussian's elliptical projection (EWA splatting, Zwicker et al. 2001, as in 3D Gaussian Splatting, Kerbl et al. 2023),
   the low-pass `DILATION` included, and discs are met in the order of their centres' depths: exactly what the
   rasteriser draws. For renders through the active camera, whichever that is, on every frame, and with ``Camera View``
-  for a viewport that looks through it. Many instances of one disc, or one mesh of all of them (see `disc_nodes`).
+  for a viewport that looks through it. Many instances of one disc, or one mesh of all of them (see `drawing_nodes`).
 * **ellipsoid**: an icosphere around the Gaussian, evaluated along the ray by the material. Right for any ray
   (viewport, reflections, orthographic and panoramic cameras), but met in the order of hull entries, and the
   low-pass becomes an isotropic growth.
@@ -25,19 +25,10 @@ from enum import StrEnum
 import bpy
 
 from ...core.runs.layout import ORIGINAL
-from .color_nodes import add_decoding_nodes
-from .disc_nodes import MESH_LIMIT, disc_hull, few_enough, one_mesh
-from .harmonics_nodes import view_dependent_part
+from .color_nodes import add_decoding_nodes, view_dependent_part
+from .drawing_nodes import MESH_LIMIT, as_points, disc_hull, few_enough, inside_box, one_mesh, within_budget
 from .nodes import NodeWriter, Sockets, Value, add_input, new_group
-from .projection_nodes import (
-    ALPHA_MIN,
-    Camera,
-    Splat,
-    add_camera_nodes,
-    add_frame_nodes,
-    add_hull_nodes,
-)
-from .selection_nodes import as_points, inside_box, within_budget
+from .projection_nodes import ALPHA_MIN, Camera, Splat, add_camera_nodes, add_frame_nodes, add_hull_nodes
 from .splat_attributes import Attribute, color_attribute
 
 GROUP_NAME = "CVD Gaussians"
@@ -140,38 +131,36 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
     add_input(tree, Input.LAYER, "NodeSocketString", "Colour attribute to blend to, for example color_deutan-1.0",
               default_value=color_attribute(ORIGINAL))  # fmt: skip
     add_input(tree, Input.CAMERA_FACING, "NodeSocketBool",
-              "Render discs that face the active camera, exactly as trained; off: ellipsoids, right for any ray, as in "
-              "the viewport",
+              "Render discs that face the active camera, exactly as trained; off: ellipsoids, correct for any ray, as "
+              "in the viewport",
               default_value=True)  # fmt: skip
     add_input(tree, Input.CAMERA_VIEW, "NodeSocketBool",
-              "The viewport looks through the active camera, too, and draws the same discs: several times faster in "
-              "Cycles, wrong from anywhere else", default_value=False)  # fmt: skip
+              "Draw the same discs in the viewport, which must look through the active camera: several times faster in "
+              "Cycles, wrong from anywhere else")  # fmt: skip
     add_input(tree, Input.SCENE_LINEAR, "NodeSocketBool",
               "Convert the colours to scene-linear light, for a scene with lamps and a Standard view transform; "
-              "off: photo colours, for the Raw view transform", default_value=False)  # fmt: skip
+              "off: photo colours, for the Raw view transform")  # fmt: skip
     add_input(tree, Input.DILATION, "NodeSocketFloat", "Low-pass of the rasteriser, in square pixels",
               min_value=0.0, max_value=10.0, default_value=DILATION)  # fmt: skip
     add_input(tree, Input.MESH_LIMIT, "NodeSocketInt",
-              "Up to how many discs are drawn as one mesh, which Cycles renders faster but needs more memory for; more "
-              "are instances. 0: always instances",
+              "The most discs to draw as one mesh, which Cycles renders faster but with more memory; a larger number "
+              "is drawn as instances. 0: always instances",
               min_value=0, default_value=MESH_LIMIT)  # fmt: skip
     add_input(tree, Input.AS_POINTS, "NodeSocketBool",
-              "Draw points instead of Gaussians: fast, for placing and cropping", default_value=False)  # fmt: skip
+              "Draw points instead of Gaussians: fast, for positioning and cropping")  # fmt: skip
     add_input(tree, Input.POINT_SIZE, "NodeSocketFloat", "Radius of points in standard deviations of their Gaussians",
               min_value=0.0, default_value=1.0)  # fmt: skip
     add_input(tree, Input.BUDGET, "NodeSocketInt",
-              "How many Gaussians the viewport draws, the largest and most opaque ones; 0: all",
-              min_value=0, default_value=0)  # fmt: skip
-    add_input(tree, Input.BUDGET_IN_RENDERS, "NodeSocketBool", "Keep to the budget in renders too",
-              default_value=False)  # fmt: skip
-    add_input(tree, Input.CROP, "NodeSocketBool", "Draw only what is inside the crop box", default_value=False)
+              "The most Gaussians to draw in the viewport, the largest and most opaque first; 0: all",
+              min_value=0)  # fmt: skip
+    add_input(tree, Input.BUDGET_IN_RENDERS, "NodeSocketBool", "Apply the budget to renders too")  # fmt: skip
+    add_input(tree, Input.CROP, "NodeSocketBool", "Draw only what is inside the crop box")
     add_input(tree, Input.CROP_BOX, "NodeSocketObject",
-              "An Empty shown as a cube, which may be moved, turned and scaled")  # fmt: skip
+              "An Empty shown as a cube that can be moved, rotated and scaled")  # fmt: skip
     for name in (Input.WIDTH, Input.HEIGHT):
         add_input(tree, name, "NodeSocketFloat", "Size of the render in pixels, driven by the scene",
                   min_value=1.0, default_value=1000.0, hide_in_modifier=True)  # fmt: skip
-    add_input(tree, Input.MOTION_BLUR, "NodeSocketBool", "Whether renders have it, driven by the scene",
-              default_value=False, hide_in_modifier=True)  # fmt: skip
+    add_input(tree, Input.MOTION_BLUR, "NodeSocketBool", "Motion blur, driven by the scene", hide_in_modifier=True)
 
 
 _CHOICE = (Input.BUDGET, Input.BUDGET_IN_RENDERS, Input.CROP, Input.CROP_BOX)
@@ -219,11 +208,7 @@ def _add_color_nodes(
     layer = write.attribute("FLOAT_COLOR", inputs[Input.LAYER])
     # The original's attribute is only the constant part of its colour.
     is_other = write.output(
-        "FunctionNodeCompare",
-        inputs[Input.LAYER],
-        color_attribute(ORIGINAL),
-        data_type="STRING",
-        operation="NOT_EQUAL",
+        "FunctionNodeCompare", inputs[Input.LAYER], color_attribute(ORIGINAL), data_type="STRING", operation="NOT_EQUAL"
     )
     is_layer = write.both(layer.outputs["Exists"], is_other)
     enhanced = write.switch("RGBA", is_layer, original, layer.outputs["Attribute"])

@@ -13,15 +13,9 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.runs.layout import ORIGINAL
 from ...core.splats.gaussians import SH_C0, Gaussians
-from .harmonics_nodes import coefficient_attribute, coefficient_count
-from .modifier_inputs import (
-    InputValue,
-    get_modifier_input,
-    modifier_input_path,
-    modifier_input_property,
-    set_modifier_input,
-)
-from .splat_attributes import Attribute, Frame, color_attribute
+from .color_nodes import coefficient_attribute, coefficient_count
+from .nodes import InputValue, get_modifier_input, modifier_input_path, modifier_input_property, set_modifier_input
+from .splat_attributes import Attribute, Frame, color_attribute, opaque, write_attribute
 from .splat_material import (
     DISC_NAME,
     ELLIPSOID_NAME,
@@ -154,15 +148,6 @@ def is_splats(candidate: bpy.types.Object) -> bool:
     return group is not None and group.name.startswith(GROUP_NAME)
 
 
-def point_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
-    """(N, 3) positions of a mesh's points; of Gaussians those alone, without the points of the frame."""
-    positions, frame = np.empty(len(mesh.vertices) * 3, np.float32), np.zeros(len(mesh.vertices), np.int32)
-    mesh.vertices.foreach_get("co", positions)
-    if Attribute.FRAME in mesh.attributes:
-        mesh.attributes[Attribute.FRAME].data.foreach_get("value", frame)
-    return positions.reshape(-1, 3)[frame == 0]
-
-
 def core_bounds(positions: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
     """Centre (3,) and radius of the part of the scene that holds most of the Gaussians, floaters left out."""
     low, high = np.percentile(positions.astype(np.float64), _CORE_PERCENTILES, axis=0)
@@ -189,17 +174,16 @@ def _fill_mesh(mesh: bpy.types.Mesh, gaussians: Gaussians, layers: Mapping[str, 
     frame_numbers[count:] = list(Frame)
     mesh.vertices.add(count + len(frame))
     mesh.vertices.foreach_set("co", with_frame(gaussians.means, frame).ravel())
-    _add_attribute(mesh, Attribute.SCALE, "FLOAT_VECTOR", "vector", with_frame(np.exp(gaussians.log_scales), radius))
-    _add_attribute(mesh, Attribute.ROTATION, "QUATERNION", "value", with_frame(rotations, np.array([1.0, 0, 0, 0])))
-    _add_attribute(mesh, Attribute.OPACITY, "FLOAT", "value", with_frame(gaussians.opacities))
-    _add_attribute(mesh, Attribute.FRAME, "INT", "value", frame_numbers)
-    _add_attribute(mesh, Attribute.RANK, "INT", "value", _ranks(gaussians, count + len(frame)))
+    write_attribute(mesh, Attribute.SCALE, "FLOAT_VECTOR", with_frame(np.exp(gaussians.log_scales), radius))
+    write_attribute(mesh, Attribute.ROTATION, "QUATERNION", with_frame(rotations, np.array([1.0, 0, 0, 0])))
+    write_attribute(mesh, Attribute.OPACITY, "FLOAT", with_frame(gaussians.opacities))
+    write_attribute(mesh, Attribute.FRAME, "INT", frame_numbers)
+    write_attribute(mesh, Attribute.RANK, "INT", _ranks(gaussians, count + len(frame)))
     for layer, rgb in colors.items():
-        rgba = np.concatenate([rgb, np.ones((count, 1), np.float32)], axis=1)
-        _add_attribute(mesh, color_attribute(layer), "FLOAT_COLOR", "color", with_frame(rgba))
+        write_attribute(mesh, color_attribute(layer), "FLOAT_COLOR", with_frame(opaque(rgb)))
     for index in range(1, coefficient_count(gaussians.sh_degree) + 1):
         name = coefficient_attribute(index)
-        _add_attribute(mesh, name, "FLOAT_VECTOR", "vector", with_frame(gaussians.sh[:, index]))
+        write_attribute(mesh, name, "FLOAT_VECTOR", with_frame(gaussians.sh[:, index]))
     mesh.update()
 
 
@@ -213,11 +197,6 @@ def _ranks(gaussians: Gaussians, size: int) -> NDArray[np.int32]:
     ranks = np.zeros(size, np.int32)
     ranks[np.argsort(-importance, kind="stable")] = np.arange(len(gaussians), dtype=np.int32)
     return ranks
-
-
-def _add_attribute(mesh: bpy.types.Mesh, name: str, kind: str, field: str, values: NDArray) -> None:
-    attribute = mesh.attributes.new(name, kind, "POINT")
-    attribute.data.foreach_set(field, np.ascontiguousarray(values).ravel())
 
 
 def _shared_group(sh_degree: int) -> bpy.types.NodeTree:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +13,8 @@ import mathutils
 from ...core.files.untrusted import replacing
 from .cameras import use_camera
 from .render_settings import set_png
+
+_LEAST_FREE = 4 << 20  # bytes; with less, there is no room for a picture or a scene
 
 
 def render_still(scene: bpy.types.Scene, camera: bpy.types.Object, path: Path) -> None:
@@ -43,7 +46,7 @@ def turned_to(camera: bpy.types.Object, *roots: bpy.types.Object) -> Iterator[No
 
     The picture is the same, but the discs of Gaussians that face the camera then have flat bounding boxes, and Cycles
     finds the next one on a ray sooner: a still takes half the time with discs as instances, and four fifths with discs
-    as one mesh (see `disc_nodes`). Only for scenes that have nothing outside of `roots`.
+    as one mesh (see `drawing_nodes`). Only for scenes that have nothing outside of `roots`.
     """
     turn = bpy.data.objects.new("Turn", None)
     bpy.context.view_layer.update()
@@ -57,3 +60,8 @@ def turned_to(camera: bpy.types.Object, *roots: bpy.types.Object) -> Iterator[No
         for root in roots:
             root.parent = None
         bpy.data.objects.remove(turn)
+
+
+def is_full(folder: Path) -> bool:
+    """Whether the disk that holds `folder` has no room left."""
+    return shutil.disk_usage(folder).free <= _LEAST_FREE

@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ..activity import scene_by_uid
 from .cameras import SENSOR_WIDTH, is_capture_camera
 from .display import match_display
-from .lookup import scene_by_uid
 from .native_splats import native_splats_of
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import Engine, engine_settings, png_settings
 from .sparse_points import is_sparse_points
-from .splats import core_bounds, is_splats, point_positions
+from .splat_attributes import point_positions
+from .splats import core_bounds, is_splats
 
 _RENDER = "cvdgs_turntable_render"
 _IS_RIG = "cvdgs_turntable"  # custom property of the Empty

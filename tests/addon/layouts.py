@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -81,5 +82,8 @@ class RecordingLayout:
 def drawn(panel: type, context: Any = None) -> RecordingLayout:
     """What a panel or menu shows now."""
     layout = RecordingLayout()
-    panel.draw(SimpleNamespace(layout=layout), context or bpy.context)
+    instance = SimpleNamespace(layout=layout)
+    if hasattr(panel, "draw_for"):
+        instance.draw_for = partial(panel.draw_for, instance)
+    panel.draw(instance, context or bpy.context)
     return layout

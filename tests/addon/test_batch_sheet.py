@@ -13,8 +13,7 @@ from cvdgs.core.rendering.requests import SheetArguments
 from cvdgs.core.runs.layout import evenly_spread
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.cvdgs_addon.batch.contact_sheet import make_sheet
-from cvdgs.cvdgs_addon.batch.pixels import Pixels, read_picture
-from cvdgs.cvdgs_addon.batch.resampling import downscale
+from cvdgs.cvdgs_addon.batch.pixels import Pixels, downscale, read_picture
 
 from .batches import SIZE, number_picture, sequence
 

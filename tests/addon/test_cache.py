@@ -7,7 +7,7 @@ import os
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.cvdgs_addon.cache import Cache
+from cvdgs.cvdgs_addon.folders import Cache
 
 
 @given(st.lists(st.integers(0, 400), max_size=12), st.integers(0, 2000))

@@ -88,7 +88,7 @@ def test_forms_can_be_changed_back_and_forth(scene, view, tmp_path):
 @pytest.mark.skipif(has_native_splats(), reason="this Blender has native splats")
 def test_native_splats_are_refused_where_blender_has_none(scene):
     added = splats.add_gaussians(cloud(3), {}, scene.collection)
-    with pytest.raises(InputError, match=r"draws no splats by itself.*choose instances"):
+    with pytest.raises(InputError, match=r"has no splats of its own.*choose Instances"):
         display.show_form(added, Form.NATIVE)
     assert display.form_of(added) is Form.INSTANCES
 

@@ -7,9 +7,9 @@ import pytest
 
 from cvdgs.cvdgs_addon.compositor.apply import simulation_node
 from cvdgs.cvdgs_addon.compositor.scene_tree import scene_tree
-from cvdgs.cvdgs_addon.graphics import views_3d
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import display, splats
+from cvdgs.cvdgs_addon.scene.camera_view import views_3d
 from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 from cvdgs.cvdgs_addon.scene.turntable import turntable_of
@@ -29,7 +29,7 @@ def test_without_gaussians_the_operators_say_what_is_missing(addon):
     for name in ("show_layer", "show_form", "add_crop_box", "remove_crop_box", "set_up_render"):
         operator = getattr(bpy.ops.cvdgs, name)
         assert not operator.poll()
-        with pytest.raises(RuntimeError, match="First make a run"):
+        with pytest.raises(RuntimeError, match="Start a run"):
             operator()
 
 
@@ -132,4 +132,4 @@ def test_the_panel_shows_layers_form_and_what_was_changed(shown):
 
 
 def test_without_gaussians_the_panel_says_what_to_do_first(addon):
-    assert any("First" in text for text in drawn(CVDGS_PT_display).texts)
+    assert any("first" in text for text in drawn(CVDGS_PT_display).texts)

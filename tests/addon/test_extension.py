@@ -69,12 +69,19 @@ def extension(tmp_path_factory) -> Path:
     return built
 
 
+@pytest.fixture(scope="module")
+def installed(extension, tmp_path_factory) -> Path:
+    """The folder that Blender unpacks the zip into."""
+    folder = tmp_path_factory.mktemp("extensions") / "cvdgs"
+    zipfile.ZipFile(extension).extractall(folder)
+    return folder
+
+
 def test_the_zip_holds_the_package_and_only_that(extension):
     names = zipfile.ZipFile(extension).namelist()
     assert {name.split("/")[0] for name in names} == {
         "blender_manifest.toml",
         "LICENSE",
-        "README.md",
         "__init__.py",
         "pyproject.toml",
         "requirements.txt",
@@ -87,6 +94,38 @@ def test_the_zip_holds_the_package_and_only_that(extension):
     }
     assert {"core/__main__.py", "core/splats/io/ply.py", "cvdgs_addon/scene/worker.py"} <= set(names)
     assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
+    assert not [name for name in names if name.startswith("core/enhance/gan/training/")]
+
+
+IMPORT_ALL = """
+import importlib, os, pathlib, sys
+root = pathlib.Path(sys.argv[1])
+sys.path.insert(0, str(root / "core"))
+import bootstrap
+bootstrap.load()
+for path in sorted((root / "core").rglob("*.py")):
+    parts = path.relative_to(root).with_suffix("").parts
+    importlib.import_module(".".join(("cvdgs", *(part for part in parts if part != "__init__"))))
+assert pathlib.Path(sys.modules["cvdgs.core.worker"].__file__).is_relative_to(root)
+sys.stdout.flush()
+os._exit(0)
+"""
+
+
+def test_nothing_that_the_worker_imports_is_left_out(installed):
+    result = subprocess.run([sys.executable, "-I", "-c", IMPORT_ALL, installed], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
+def test_the_worker_runs_from_the_zip_alone(installed):
+    request = json.dumps({"job": "inspect", "capture": str(installed / "core" / "demo" / "showroom")})
+    command = [sys.executable, installed / "core" / "__main__.py"]
+    alone = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    result = subprocess.run(
+        command, input=f"{request}\n", capture_output=True, text=True, cwd=installed.parent, env=alone
+    )
+    assert result.returncode == 0, result.stderr
+    assert json.loads(result.stdout.splitlines()[-1])["summary"]["views"] > 0
 
 
 def test_manifest_and_package_have_one_version(extension):

@@ -16,7 +16,7 @@ from cvdgs.cvdgs_addon.scene import cameras
 from cvdgs.cvdgs_addon.scene.capture_folder import read_capture_folder, read_points
 from cvdgs.cvdgs_addon.scene.import_capture import ImportOptions, capture_of, import_capture, place_again
 from cvdgs.cvdgs_addon.scene.placement import Placing, Up
-from cvdgs.ui.import_capture import CVDGS_PT_import_capture
+from cvdgs.ui.capture import CVDGS_PT_import_capture
 
 from .layouts import drawn
 from .scenes import CAMERA, opencv, ring_view

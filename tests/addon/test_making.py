@@ -57,7 +57,7 @@ def test_a_run_ends_with_its_layer_in_the_scene(capture, worker, run_folder, tmp
 def test_blender_goes_on_while_the_worker_runs(capture, worker):
     worker(SLEEPING)
     press()
-    job = making.current_run()
+    job = ACTIVITY.job(making.JOB)
     until(lambda: job.progress.message == "loading")
     for _ in range(50):
         ACTIVITY.look()
@@ -68,7 +68,7 @@ def test_blender_goes_on_while_the_worker_runs(capture, worker):
 def test_a_cancelled_run_ends_soon_and_leaves_nothing(capture, worker, tmp_path):
     worker(SLEEPING)
     press()
-    job = making.current_run()
+    job = ACTIVITY.job(making.JOB)
     until(lambda: job.progress.message == "loading")
     assert bpy.ops.cvdgs.cancel_job() == {"FINISHED"}
     assert job.is_running  # the window does not wait for the end
@@ -100,7 +100,7 @@ def test_closing_ends_the_worker(capture, worker, tmp_path, event):
     worker(f'open({str(process)!r}, "w").write(str(os.getpid())); emit("status", stage="start", message="loading")\n'
            "time.sleep(60)")  # fmt: skip
     press()
-    job = making.current_run()
+    job = ACTIVITY.job(making.JOB)
     until(lambda: job.progress.message == "loading")
     if event == "file":
         bpy.ops.wm.read_homefile(use_empty=True)
@@ -138,7 +138,7 @@ def test_a_layer_that_is_there_is_not_made_twice(capture, worker, run_folder):
     worker(finishing(run_folder))
     press()
     finished(making.JOB)
-    with pytest.raises(RuntimeError, match=r"has the layer deutan-1\.0 already.*Start Over"):
+    with pytest.raises(RuntimeError, match=r"already has the layer deutan-1\.0.*Start Over"):
         bpy.ops.cvdgs.make_cvd_friendly()
     capture.cvdgs.run.start_over = True
     assert not making.run_settings(capture).resume
@@ -182,7 +182,7 @@ def test_without_a_worker_the_remedy_is_named(capture, monkeypatch, tmp_path):
 
 def test_without_a_capture_the_button_says_what_is_missing(addon):
     assert not bpy.ops.cvdgs.make_cvd_friendly.poll()
-    with pytest.raises(RuntimeError, match="Pick a folder of photographs"):
+    with pytest.raises(RuntimeError, match="Choose a folder of photographs"):
         bpy.ops.cvdgs.make_cvd_friendly()
 
 

@@ -11,14 +11,14 @@ import pytest
 
 from cvdgs.core.errors import InputError
 from cvdgs.cvdgs_addon import inspection, making, messages, viewer
+from cvdgs.cvdgs_addon.activity import ACTIVITY
 from cvdgs.cvdgs_addon.pictures import PICTURES
 from cvdgs.cvdgs_addon.preferences_panel import draw_preferences
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.operators import CLASSES as OPERATORS
 from cvdgs.ui import CLASSES as PANELS
 from cvdgs.ui.capture import CVDGS_PT_capture
-from cvdgs.ui.export import CVDGS_PT_export
-from cvdgs.ui.report import CVDGS_PT_report
+from cvdgs.ui.results import CVDGS_PT_export, CVDGS_PT_report
 from cvdgs.ui.run import CVDGS_PT_run
 from cvdgs.ui.viewer import CVDGS_MT_viewer_presets, CVDGS_PT_viewer
 
@@ -65,7 +65,7 @@ def test_the_panels_stand_in_the_order_of_the_work():
 @pytest.mark.parametrize("panel", [CVDGS_PT_run, CVDGS_PT_report, CVDGS_PT_export, CVDGS_PT_capture])
 def test_in_an_empty_scene_a_panel_says_what_to_do_first(addon, panel):
     shown = drawn(panel)
-    assert any("First" in text or "Pick" in text for text in shown.texts)
+    assert any("first" in text or "Choose" in text for text in shown.texts)
     assert set(shown.operators) <= {"cvdgs.load_run", "cvdgs.inspect_capture", "cvdgs.use_demo"}
 
 
@@ -74,11 +74,11 @@ def test_an_inspected_capture_is_described(addon, worker, tmp_path):
     scene = bpy.context.scene
     scene.cvdgs.capture.folder = str(tmp_path)
     inspection.start_inspection(scene)
-    assert any("Looking" in text for text in drawn(CVDGS_PT_capture).texts)
+    assert any("Reading" in text for text in drawn(CVDGS_PT_capture).texts)
     assert not bpy.ops.cvdgs.inspect_capture.poll()
     finished(inspection.JOB)
     texts = drawn(CVDGS_PT_capture).texts
-    assert "24 views, 480 × 360 pixels" in texts
+    assert "24 photographs, 480 × 360 pixels" in texts
     assert "COLMAP" in texts
     assert "5,000 sparse points" in texts
     assert "not many views" in texts
@@ -163,7 +163,7 @@ def test_a_run_shows_its_progress_and_a_way_out(addon, worker, tmp_path):
     scene = bpy.context.scene
     scene.cvdgs.capture.folder = str(tmp_path)
     making.start_run(scene)
-    job = making.current_run()
+    job = ACTIVITY.job(making.JOB)
     until(lambda: job.progress.stage == "geometry")
     until(lambda: making.PREVIEW in PICTURES)
     shown = drawn(CVDGS_PT_run)
@@ -210,7 +210,7 @@ def test_the_report_shows_the_figures_of_the_run(addon, run_folder):
     (run_folder / "report.json").write_text(json.dumps(REPORT))
     show_run(str(run_folder), bpy.context.scene)
     shown = drawn(CVDGS_PT_report)
-    assert {"31.4 dB", "0.900", "60%", "80%", "4.2"} <= set(shown.texts)
+    assert {"31.4 dB", "0.900", "60 → 90 %", "50 → 80 %", "4.2"} <= set(shown.texts)
     assert shown.operators == ["cvdgs.open_report"]
 
 
@@ -245,7 +245,7 @@ def test_the_arrangement_test_is_done_by_clicks(addon):
     for cap in (15, 2, 3, 14, 13, 4, 5, 12, 11, 6, 10, 7, 9, 8):
         bpy.ops.cvdgs.place_cap(cap=cap)
     shown = drawn(CVDGS_PT_viewer)
-    assert any("no diagnosis" in text for text in shown.texts)
+    assert any("not a diagnosis" in text for text in shown.texts)
     bpy.ops.cvdgs.use_suggestion()
     assert scene.cvdgs.viewer.cvd == "deutan"
     assert scene.cvdgs.viewer.severity > 0.7

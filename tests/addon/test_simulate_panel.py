@@ -8,7 +8,7 @@ import pytest
 from cvdgs.cvdgs_addon.compositor.apply import simulation_node
 from cvdgs.cvdgs_addon.compositor.scene_tree import scene_tree
 from cvdgs.cvdgs_addon.compositor.simulation_group import Socket, chosen
-from cvdgs.ui.simulate import CVDGS_PT_simulate
+from cvdgs.ui.viewer import CVDGS_PT_simulate
 
 from .layouts import drawn
 

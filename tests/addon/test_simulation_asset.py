@@ -8,9 +8,8 @@ import pytest
 
 from cvdgs.core.color.matrices import linear_simulation
 from cvdgs.core.errors import InputError
-from cvdgs.cvdgs_addon.compositor.asset import save_asset
 from cvdgs.cvdgs_addon.compositor.scene_tree import output_socket
-from cvdgs.cvdgs_addon.compositor.simulation_group import GROUP_NAME, Socket, choose
+from cvdgs.cvdgs_addon.compositor.simulation_group import GROUP_NAME, Socket, choose, save_asset
 
 from .pictures import composited, feed_picture, random_picture
 from .test_simulation_node import standard_scene

@@ -15,7 +15,7 @@ from cvdgs.core.errors import InputError
 from cvdgs.core.runs.layout import ORIGINAL
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.cvdgs_addon.scene import render_settings, splats
-from cvdgs.cvdgs_addon.scene.disc_nodes import DISC_CORNERS
+from cvdgs.cvdgs_addon.scene.drawing_nodes import DISC_CORNERS
 from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 

@@ -212,7 +212,7 @@ def test_a_file_that_was_saved_while_it_rendered_opens_with_its_own_settings(add
 
 def test_the_operators_and_the_panel(addon, run_folder, tmp_path):
     scene = bpy.context.scene
-    assert any("First" in text for text in drawn(CVDGS_PT_turntable).texts)
+    assert any("first" in text for text in drawn(CVDGS_PT_turntable).texts)
     assert not bpy.ops.cvdgs.add_turntable.poll()
     show_run(str(run_folder), scene)
     assert not bpy.ops.cvdgs.render_turntable.poll()
@@ -225,7 +225,7 @@ def test_the_operators_and_the_panel(addon, run_folder, tmp_path):
     assert any("also show Cube" in text for text in drawn(CVDGS_PT_turntable).texts)
     bpy.data.objects["Cube"].hide_render = True
     assert not any("also show" in text for text in drawn(CVDGS_PT_turntable).texts)
-    with pytest.raises(RuntimeError, match="save the file, or choose a folder"):
+    with pytest.raises(RuntimeError, match="save the file, or choose another folder"):
         bpy.ops.cvdgs.render_turntable()
     chosen.folder = str(tmp_path / "turn")
     assert bpy.ops.cvdgs.render_turntable() == {"FINISHED"}

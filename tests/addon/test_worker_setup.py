@@ -113,7 +113,7 @@ def test_an_own_interpreter_comes_first(online, tmp_path):
     online.python = sys.executable
     assert environment.worker_python() == sys.executable
     online.python = str(tmp_path / "absent")
-    with pytest.raises(InputError, match="not a program that can be run"):
+    with pytest.raises(InputError, match="not an executable program"):
         environment.worker_python()
 
 

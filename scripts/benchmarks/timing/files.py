@@ -22,13 +22,14 @@ from numpy.typing import NDArray
 from ....core.capture.colmap_files import read_model
 from ....core.errors import InputError
 from ....core.runtime.cli import ConsoleReporter
-from ....core.runtime.process import PICTURE_WORKER, Workers, blender_command
+from ....core.runtime.process import Workers, blender_command
 from ....core.runtime.protocol import Reporter
 from ....core.runtime.supervisor import finish
 from ....core.splats.io.files import SUFFIXES, read_gaussians, write_gaussians
 from ....core.splats.raster.benchmark import random_gaussians
 from ..options import Part
 from ..tables import frame_of, markdown_table, write_csv, write_text
+from .blender_worker import PATH as BLENDER_TIMER
 
 STAGE = "files"
 WRITE, READ, ADD, EVALUATE = "write", "read", "add", "evaluate"
@@ -122,7 +123,7 @@ def write_file_times(folder: Path, gaussians: int, points: int, found: list[File
 def _in_blender(file: Path, rounds: int) -> list[FileTiming]:
     """Import the PLY file `file` into an empty scene, in one Blender process."""
     request = {"job": "time-import", "out": str(file.parent), "arguments": {"file": file.name, "rounds": rounds}}
-    job = Workers().start_command(blender_command([], PICTURE_WORKER), request)
+    job = Workers().start_command(blender_command([], BLENDER_TIMER), request)
     return [
         FileTiming(turn, "Blender", action, _megabytes(file), seconds)
         for turn, times in enumerate(finish(job, lambda _: None)["rounds"], start=1)

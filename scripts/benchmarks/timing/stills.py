@@ -1,6 +1,6 @@
 """Stills of a run in Blender: how close they are to our rasteriser, and how long they take.
 
-Discs are timed as instances and as one mesh (see ``disc_nodes``). Command: ``benchmark.py display``.
+Discs are timed as instances and as one mesh (see ``drawing_nodes``). Command: ``benchmark.py display``.
 """
 
 from __future__ import annotations
@@ -23,12 +23,13 @@ from ....core.errors import InputError
 from ....core.files.images import read_png
 from ....core.runs.layout import ORIGINAL, RENDERS_FOLDER, STILLS_FOLDER
 from ....core.runtime.cli import ConsoleReporter
-from ....core.runtime.process import PICTURE_WORKER, Event, Workers, blender_command
+from ....core.runtime.process import Event, Workers, blender_command
 from ....core.runtime.protocol import Reporter
 from ....core.runtime.supervisor import finish
 from ....core.settings import ENGINES
 from ..options import Part
 from ..tables import Column, markdown_table, write_text
+from .blender_worker import PATH as BLENDER_TIMER
 
 DISPLAYS = ("photo", "scene-linear")
 _ENGINE_NAMES = {"cycles": "Cycles", "eevee": "EEVEE"}
@@ -74,7 +75,7 @@ class StillTimes:
                 reporter.progress(event["stage"], event["fraction"], event["message"])
 
         request = {"job": "time-stills", "out": str(self.run.resolve()), "arguments": arguments}
-        job = Workers().start_command(blender_command([], PICTURE_WORKER), request)
+        job = Workers().start_command(blender_command([], BLENDER_TIMER), request)
         return self._text(finish(job, listen)["stills"])
 
     def _text(self, stills: list[dict[str, Any]]) -> str:

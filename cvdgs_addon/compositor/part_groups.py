@@ -1,7 +1,8 @@
-"""Compositor node groups that make the matrices of the simulation from severity, type and model.
+"""Compositor node groups that the simulation consists of: its matrices, and the sRGB transfer function.
 
 Every model is a weighted sum of published matrices, so the groups sum those. The weights are the same for all pixels
-and cost nothing. A matrix is three vectors, its rows.
+and cost nothing. A matrix is three vectors, its rows. The transfer function (IEC 61966-2-1) takes a channel at a time:
+Blender's Convert Colorspace node does the same from a table, 2e-5 off, and takes premultiplied colours for straight.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 
 from ...core.color import machado2009
 from ...core.color.matrices import Matrix, linear_simulation
+from ...core.color.srgb import ENCODED_KNEE, EXPONENT, LINEAR_KNEE, OFFSET, SLOPE
 from ..scene.nodes import NodeWriter, Value, add_input, new_group
 
 DICHROMATIC_TYPES = ("protan", "deutan", "tritan")
@@ -28,7 +30,7 @@ ACHROMAT, VIENOT, BRETTEL = "Achromat", "Viénot", "Brettel"  # weights, beside 
 def machado_group(cvd: str) -> bpy.types.NodeTree:
     """Severity to the rows of Machado's matrix for one type, interpolated between the published severities."""
     tree = new_group("CompositorNodeTree", f"CVD Machado {cvd}")
-    add_input(tree, SEVERITY, "NodeSocketFloat", "0 is normal vision, 1 the lack of a kind of cones")
+    add_input(tree, SEVERITY, "NodeSocketFloat", "0 is normal vision, 1 is dichromacy")
     _add_outputs(tree, *ROWS)
     write = NodeWriter(tree)
     (severity, *_) = write.node("NodeGroupInput").outputs
@@ -92,5 +94,37 @@ def _add(write: NodeWriter, rows: Sequence[Value], weight: Value, matrix: Matrix
 
 def _finished(write: NodeWriter, outputs: Sequence[Value]) -> bpy.types.NodeTree:
     write.node("NodeGroupOutput", *outputs)
+    write.arrange()
+    return write.tree
+
+
+def decoding_group() -> bpy.types.NodeTree:
+    """An sRGB value, clipped as a screen clips, to linear light."""
+    write, value = _begun("CVD sRGB to light", "sRGB value")
+    clipped = write.output("ShaderNodeClamp", value, 0.0, 1.0)
+    base = write.math("DIVIDE", write.sum(clipped, OFFSET), 1.0 + OFFSET)
+    straight = write.math("DIVIDE", clipped, SLOPE)
+    return _by_knee(write, clipped, ENCODED_KNEE, straight, write.math("POWER", base, EXPONENT))
+
+
+def encoding_group() -> bpy.types.NodeTree:
+    """Linear light, clipped as a screen clips, to an sRGB value."""
+    write, value = _begun("CVD light to sRGB", "Light")
+    clipped = write.output("ShaderNodeClamp", value, 0.0, 1.0)
+    power = write.math("POWER", clipped, 1.0 / EXPONENT)
+    straight = write.math("MULTIPLY", clipped, SLOPE)
+    return _by_knee(write, clipped, LINEAR_KNEE, straight, write.math("MULTIPLY_ADD", power, 1.0 + OFFSET, -OFFSET))
+
+
+def _begun(name: str, description: str) -> tuple[NodeWriter, Value]:
+    tree = new_group("CompositorNodeTree", name)
+    add_input(tree, "Value", "NodeSocketFloat", description)
+    tree.interface.new_socket("Value", in_out="OUTPUT", socket_type="NodeSocketFloat")
+    write = NodeWriter(tree)
+    return write, write.node("NodeGroupInput").outputs[0]
+
+
+def _by_knee(write: NodeWriter, value: Value, knee: float, straight: Value, curved: Value) -> bpy.types.NodeTree:
+    write.node("NodeGroupOutput", write.mix("FLOAT", write.math("GREATER_THAN", value, knee), straight, curved))
     write.arrange()
     return write.tree

@@ -1,9 +1,9 @@
-"""The discs of Gaussians that face the camera: their hull, and many of them as one mesh instead of instances.
+"""Geometry nodes that choose Gaussians (budget, crop box) and draw them: as points, discs, or one mesh of all discs.
 
-A ray meets hundreds of discs, one after the other. To meet an instance Cycles changes into its space and back; faces of
-one mesh it meets without. A picture was measured to take 0.6 of the processor's time, and 0.9 where the scene is turned
-to the camera's axes (see `stills`). But a mesh takes memory for each corner of each disc, where instances share one
-hull: so only up to so many discs.
+The discs face the camera. A ray meets hundreds of them, one after the other. To meet an instance Cycles changes into
+its space and back; faces of one mesh it meets without. A picture was measured to take 0.6 of the processor's time, and
+0.9 where the scene is turned to the camera's axes (see `stills`). But a mesh takes memory for each corner of each disc,
+where instances share one hull: so only up to so many discs.
 """
 
 from __future__ import annotations
@@ -19,9 +19,36 @@ DISC_CORNERS = 8  # fewer cost more in rays through transparent corners than the
 # With so many, a small picture was measured to take 14 seconds of the processor as a mesh, building it included, and 21
 # as instances; the mesh took six per cent more memory at the peak. More were not measured.
 MESH_LIMIT = 300_000
-
 # Matches what the material does not read: attributes of instances would become those of every corner.
 _NOT_SHOWN = ("color_*", "sh_*", Attribute.SCALE, Attribute.ROTATION, Attribute.FRAME, Attribute.RANK)
+
+
+def within_budget(write: NodeWriter, rank: Value, budget: Value, is_limited: Value) -> bpy.types.NodeSocket:
+    """Boolean: `rank` (0 is the most important Gaussian) is below `budget`, where that is not 0 and `is_limited`."""
+    has_budget = write.both(is_limited, write.compare("GREATER_THAN", budget, 0.5))
+    too_many = write.both(has_budget, write.compare("GREATER_EQUAL", rank, budget))
+    return write.output("FunctionNodeBooleanMath", too_many, operation="NOT")
+
+
+def inside_box(write: NodeWriter, position: Value, box: Value, is_cropped: Value) -> bpy.types.NodeSocket:
+    """Boolean: `position` lies within the cube of side two around the object `box`, in its own space; or no crop."""
+    to_object = write.output("GeometryNodeObjectInfo", box, name="Transform", transform_space="RELATIVE")
+    in_box = write.output("FunctionNodeTransformPoint", position, write.output("FunctionNodeInvertMatrix", to_object))
+    x, y, z = write.separate(write.vector_math("ABSOLUTE", in_box))
+    largest = write.math("MAXIMUM", x, write.math("MAXIMUM", y, z))
+    outside = write.both(is_cropped, write.compare("GREATER_THAN", largest, 1.0))
+    return write.output("FunctionNodeBooleanMath", outside, operation="NOT")
+
+
+def as_points(
+    write: NodeWriter, points: Value, drawn: Value, scale: Value, size: Value, material: bpy.types.Material
+) -> bpy.types.NodeSocket:
+    """A point for each Gaussian that is drawn: a sphere of the Gaussian's mean standard deviation times `size`."""
+    x, y, z = write.separate(scale)
+    volume = write.product(x, y, z)
+    radius = write.math("MULTIPLY", size, write.math("POWER", volume, 1.0 / 3.0))
+    cloud = write.output("GeometryNodeMeshToPoints", points, drawn, None, radius)
+    return write.output("GeometryNodeSetMaterial", cloud, True, material)
 
 
 def disc_hull(write: NodeWriter, material: Value) -> bpy.types.NodeSocket:

@@ -1,4 +1,4 @@
-"""How long a still of a run takes: discs as instances or one mesh, in the artist's axes or the camera's."""
+"""What Blender does for these benchmarks (see `blender_worker`): times stills of a run, and imports of a file."""
 
 from __future__ import annotations
 
@@ -7,22 +7,25 @@ import time
 from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import bpy
 
-from ...core.runtime.protocol import Reporter
-from ..scene.cameras import use_camera
-from ..scene.convert import LoadedRun, load_run
-from ..scene.display import set_up_render
-from ..scene.finished_run import read_run
-from ..scene.render_settings import Display, Engine, set_png
-from ..scene.splat_nodes import Input
-from ..scene.splats import MODIFIER_NAME, set_input
-from ..scene.stills import render_picture, turned_to
+from ....core.runtime.protocol import Reporter
+from ....core.splats.io.files import read_gaussians
+from ....cvdgs_addon.scene.cameras import use_camera
+from ....cvdgs_addon.scene.convert import LoadedRun, load_run
+from ....cvdgs_addon.scene.display import set_up_render
+from ....cvdgs_addon.scene.finished_run import read_run
+from ....cvdgs_addon.scene.render_settings import Display, Engine, set_png
+from ....cvdgs_addon.scene.splat_nodes import Input
+from ....cvdgs_addon.scene.splats import MODIFIER_NAME, add_gaussians, set_input
+from ....cvdgs_addon.scene.stills import render_picture, turned_to
 
 STAGE = "stills"
+IMPORT_STAGE = "import"
 
 
 def time_stills(arguments: Mapping[str, Any], run_folder: Path, *, reporter: Reporter) -> dict[str, Any]:
@@ -89,3 +92,40 @@ def _render(scene: bpy.types.Scene) -> tuple[float, float]:
         started, processor_started = time.monotonic(), time.process_time()
         render_picture(scene, Path(folder) / "still.png")
         return time.monotonic() - started, time.process_time() - processor_started
+
+
+def time_import(arguments: Mapping[str, Any], folder: Path, *, reporter: Reporter) -> dict[str, Any]:
+    """Import a file several times into an empty scene; replaces the file that is open.
+
+    Args:
+        arguments: ``file``, its name; ``rounds``.
+        folder: that it is in.
+
+    Returns:
+        ``rounds``: of each the seconds of ``read``, ``add`` (the object with its attributes and nodes) and
+        ``evaluate`` (what the nodes make for the viewport).
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    rounds = int(arguments["rounds"])
+    found = []
+    for turn in range(rounds):
+        reporter.progress(IMPORT_STAGE, turn / rounds, f"round {turn + 1} of {rounds}")
+        bpy.ops.wm.read_homefile(use_empty=True)
+        marks = [time.perf_counter()]
+        gaussians = read_gaussians(folder / str(arguments["file"]))
+        marks.append(time.perf_counter())
+        add_gaussians(gaussians, {}, bpy.context.scene.collection)
+        marks.append(time.perf_counter())
+        bpy.context.view_layer.update()
+        marks.append(time.perf_counter())
+        seconds = [after - before for before, after in pairwise(marks)]
+        found.append(dict(zip(("read", "add", "evaluate"), seconds, strict=True)))
+    return {"rounds": found}
+
+
+def perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
+    """Do what `request` asks for; returns the fields of the result."""
+    work = {"time-stills": time_stills, "time-import": time_import}[request["job"]]
+    return work(request["arguments"], Path(request["out"]), reporter=reporter)

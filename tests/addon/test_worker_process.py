@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.cvdgs_addon.processors import as_if_on
+from cvdgs.cvdgs_addon.worker_process import limit_cpu_affinity
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="the system cannot restrict a process")
 CORE = Path(__file__).resolve().parents[2] / "core"
@@ -17,9 +17,9 @@ import json, os, sys, time
 sys.path.insert(0, sys.argv[1])
 import bootstrap
 bootstrap.load()
-from cvdgs.cvdgs_addon.processors import as_if_on
+from cvdgs.cvdgs_addon.worker_process import limit_cpu_affinity
 allowed = os.sched_getaffinity(0)
-with as_if_on(1):
+with limit_cpu_affinity(1):
     import bpy
 scene = bpy.context.scene
 scene.render.engine = "CYCLES"
@@ -37,7 +37,7 @@ os._exit(0)
 
 def test_fewer_processors_are_seen_inside_and_all_of_them_afterwards():
     allowed = os.sched_getaffinity(0)
-    with as_if_on(1):
+    with limit_cpu_affinity(1):
         assert len(os.sched_getaffinity(0)) == 1
     assert os.sched_getaffinity(0) == allowed
 
@@ -45,7 +45,7 @@ def test_fewer_processors_are_seen_inside_and_all_of_them_afterwards():
 @pytest.mark.parametrize("processors", [0, 10_000])
 def test_no_number_and_a_large_one_leave_them_all(processors):
     allowed = os.sched_getaffinity(0)
-    with as_if_on(processors):
+    with limit_cpu_affinity(processors):
         assert os.sched_getaffinity(0) == allowed
 
 
