@@ -30,7 +30,6 @@ from typing import Any
 
 from .errors import Cancelled, InputError
 from .files.untrusted import parse_json
-from .photographs.front import EnhanceRequest
 from .rendering.requests import PageArguments
 from .runtime.process import GRACE_SECONDS, follow_parent
 from .runtime.protocol import EXIT_CANCELLED, JsonReporter, Reporter, claim_stdout, do_and_report
@@ -153,6 +152,8 @@ def _run(request: Request, reporter: Reporter) -> Mapping[str, Any]:
 
 
 def _enhance(request: Request, reporter: Reporter) -> Mapping[str, Any]:
+    from .photographs.front import EnhanceRequest
+
     enhance_request = EnhanceRequest.from_dict(request["request"])
     reporter.status("start", "loading")
     from .photographs.job import enhance_folder

@@ -25,8 +25,6 @@ import bootstrap
 bootstrap.load(modules=("torch", "OpenImageIO"))
 import torch
 
-from cvdgs.core.enhance.gan.training.batches import Examples
-from cvdgs.core.enhance.gan.training.training import Training, TrainingSettings
 from cvdgs.core.enhance.gan.weights import load_generator, read_notes
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.cli import ConsoleReporter, OneLineParser, exit_code
@@ -34,6 +32,8 @@ from cvdgs.core.runtime.devices import choose_device
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.core.settings import DEVICES
 from cvdgs.scripts.training.data.dataset import DatasetSettings, PairedDataset, make_dataset
+from cvdgs.scripts.training.gan.batches import Examples
+from cvdgs.scripts.training.gan.training import Training, TrainingSettings
 from cvdgs.scripts.training.model_card import publish
 from cvdgs.scripts.training.presets import PRESETS
 from cvdgs.scripts.training.sweep import CHANGES, changed, sweep

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ...core.enhance.gan.training.training import WEIGHTS
 from ...core.enhance.gan.weights import SHIPPED, load_generator, read_notes, write_checksum
 from ...core.errors import InputError
+from .gan.training import WEIGHTS
 
 _PURPOSE = """\
 Recolours photographs, view by view, so that people with a colour vision deficiency can tell apart what others can. It

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ...core.enhance.gan.networks import GeneratorConfig
-from ...core.enhance.gan.training.training import TrainingSettings
+from .gan.training import TrainingSettings
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...core.enhance.gan.training.batches import Examples
-from ...core.enhance.gan.training.training import Training, TrainingSettings, validate
 from ...core.runtime.protocol import Reporter, StageSpan
+from .gan.batches import Examples
+from .gan.training import Training, TrainingSettings, validate
 
 BASE = "base"
 

@@ -15,12 +15,13 @@ import pandas as pd
 
 from ....core.pipeline.stages import Plans
 from ....core.runtime.cli import ConsoleReporter
-from ....core.splats.strategy import CloneSplitPrune, MultiViewConsistent
+from ....core.splats.strategy import MultiViewConsistent
 from ....core.splats.training.joint import JointPlan
 from ....core.splats.training.layers import LayerPlan
 from ....core.splats.training.plan import TrainingPlan
 from ..enhancers.methods import LUT, NETWORK
 from ..options import Part, add_study_arguments, chosen_sources, made_by, named_path, with_quick_defaults, work_folder
+from ..strategies import CloneSplitPrune
 from ..tables import Column, frame_of, means_and_deviations, number, tables_of_means, write_csv, write_text
 from .captures import SubjectSource
 from .jobs import Job, run_jobs

@@ -9,11 +9,11 @@ import pandas as pd
 from ....core.enhance import Enhancer
 from ....core.pipeline.stages import Plans
 from ....core.settings import Layer, Settings
-from ....core.splats.strategy import CloneSplitPrune
 from ....core.splats.training.layers import LayerPlan
 from ....core.splats.training.plan import TrainingPlan
 from ..baselines import Drifting, MatchedGain
 from ..enhancers.methods import GAIN, LUT, method_factory, method_label
+from ..strategies import CloneSplitPrune
 
 NOT_MEASURED = float("nan")
 DEUTAN = Layer("deutan", 1.0)

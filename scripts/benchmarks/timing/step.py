@@ -25,11 +25,12 @@ from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ....core.splats.raster import Rasterizer
 from ....core.splats.raster.benchmark import StepTimes, benchmark_camera, benchmark_step, random_gaussians
-from ....core.splats.strategy import CloneSplitPrune, Schedule
+from ....core.splats.strategy import Schedule
 from ....core.splats.targets import Background
 from ....core.splats.training.plan import TrainingPlan
 from ....core.splats.training.trainer import Trainer
 from ..options import Part
+from ..strategies import CloneSplitPrune
 from ..tables import write_csv, write_text
 
 STEPS = 300

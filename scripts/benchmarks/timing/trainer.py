@@ -20,9 +20,10 @@ from ....core.errors import InputError
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ....core.splats import raster
-from ....core.splats.strategy import CloneSplitPrune, MultiViewConsistent, Strategy
+from ....core.splats.strategy import MultiViewConsistent, Strategy
 from ....core.splats.training.plan import TrainingPlan
 from ..options import Part, names
+from ..strategies import CloneSplitPrune
 from ..tables import Column, frame_of, markdown_table, number, write_csv, write_text
 from .runs import TrainedRun, at_quality, train_once
 

@@ -202,7 +202,7 @@ def test_the_next_run_says_what_it_did_about_one_that_was_killed_while_it_put_it
 
 
 WALL_CLOCK = re.compile(r"\btime\.time(_ns)?\(|\bdatetime\.(now|utcnow)\(")
-TELLS_THE_DATE = {"core/enhance/gan/training/training.py"}  # a column of its log
+TELLS_THE_DATE = {"scripts/training/gan/training.py"}  # a column of its log
 
 
 def test_no_duration_comes_from_a_clock_that_somebody_may_set():

@@ -14,7 +14,7 @@ from cvdgs.core.enhance.gan.conditioning import (
     observer_features,
     palette,
 )
-from cvdgs.core.enhance.gan.training.batches import ObserverBatch
+from cvdgs.scripts.training.gan.batches import ObserverBatch
 
 MIXED = [
     Observer("deutan", 0.7, "brettel"),

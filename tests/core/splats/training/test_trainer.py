@@ -12,13 +12,14 @@ from cvdgs.core.splats.gaussians import SH_C0, Gaussians
 from cvdgs.core.splats.raster import Rasterizer
 from cvdgs.core.splats.renderer import SceneRenderer
 from cvdgs.core.splats.scene_frame import SceneFrame
-from cvdgs.core.splats.strategy import CloneSplitPrune, MultiViewConsistent, Relocation
+from cvdgs.core.splats.strategy import MultiViewConsistent
 from cvdgs.core.splats.targets import Background, prepare_targets
 from cvdgs.core.splats.training.decisions import ShDegreeRule
 from cvdgs.core.splats.training.fitting import Fit
 from cvdgs.core.splats.training.layers import LayerPlan, fit_layer
 from cvdgs.core.splats.training.plan import TrainingPlan
 from cvdgs.core.splats.training.trainer import Trainer
+from cvdgs.scripts.benchmarks.strategies import CloneSplitPrune, Relocation
 
 BLACK = Background((0.0, 0.0, 0.0))
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..gaussians import Gaussians
-from .editing import concatenate, covariance_product, finite, rotate
-from .model import Evidence, Floats, Refinement, Schedule
+from ....core.splats.gaussians import Gaussians
+from ....core.splats.strategy.editing import concatenate, covariance_product, finite, rotate
+from ....core.splats.strategy.model import Evidence, Floats, Refinement, Schedule
 
 _MOST_COPIES = 32  # at one place; beyond, the alternating sum of the correction loses its precision
 _OPACITY_LIMITS = (5e-3, 1.0 - 1e-4)  # of a corrected Gaussian, so that the gradient of its logit does not vanish

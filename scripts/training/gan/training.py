@@ -20,12 +20,12 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ....color.metrics import ccpr, ssim
-from ....color.protected_colors import skin_like
-from ....color.spaces import linear_to_srgb, linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
-from ....runtime.protocol import Reporter
-from ..networks import Generator, GeneratorConfig
-from ..weights import load_generator, save_generator
+from ....core.color.metrics import ccpr, ssim
+from ....core.color.protected_colors import skin_like
+from ....core.color.spaces import linear_to_srgb, linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
+from ....core.enhance.gan.networks import Generator, GeneratorConfig
+from ....core.enhance.gan.weights import load_generator, save_generator
+from ....core.runtime.protocol import Reporter
 from .batches import Batch, Examples, ObserverBatch
 from .checkpoint import load_checkpoint, save_checkpoint
 from .losses import Discriminator, contrast_distance, discriminator_loss, generator_loss, structure_distance

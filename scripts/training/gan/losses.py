@@ -9,9 +9,9 @@ from kornia.metrics import ssim as ssim_map
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ....color.metrics import SSIM_WINDOW
-from ..conditioning import OBSERVER_FEATURES
-from ..networks import channels_last
+from ....core.color.metrics import SSIM_WINDOW
+from ....core.enhance.gan.conditioning import OBSERVER_FEATURES
+from ....core.enhance.gan.networks import channels_last
 
 STABILISER = 1.0
 """ΔE76, added to the mean contrasts on both sides of the similarity: 0/0 becomes 1, and faint noise hardly counts."""

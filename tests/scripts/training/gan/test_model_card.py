@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.enhance.gan.training.training import TrainingSettings
 from cvdgs.core.enhance.gan.weights import SHIPPED, load_shipped, save_generator
 from cvdgs.core.errors import InputError
+from cvdgs.scripts.training.gan.training import TrainingSettings
 from cvdgs.scripts.training.model_card import publish
 
-from .networks import random_generator
+from ....core.enhance.gan.networks import random_generator
 
 DATASET = {"samples": 12, "kinds": {"plate": 5, "tartan": 7}, "size": 96, "observers": 4, "seed": 3, "teacher": "lut"}
 REPORT = (

@@ -11,9 +11,9 @@ import torch
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from ....errors import InputError
-from ....files.tensors import read_tensors
-from ....files.untrusted import explained, parse_json, replacing
+from ....core.errors import InputError
+from ....core.files.tensors import read_tensors
+from ....core.files.untrusted import explained, parse_json, replacing
 
 _FORMAT = "cvdgs-enhancer-checkpoint"
 _MAX_BYTES = 4 << 30  # networks of the largest shape that weights may have, and their optimisers

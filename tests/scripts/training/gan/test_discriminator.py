@@ -6,7 +6,7 @@ import torch
 from torch import nn
 
 from cvdgs.core.enhance.gan.conditioning import OBSERVER_FEATURES
-from cvdgs.core.enhance.gan.training.losses import PATCH_SIZE, Discriminator
+from cvdgs.scripts.training.gan.losses import PATCH_SIZE, Discriminator
 
 
 def test_one_output_sees_seventy_pixels():

@@ -11,8 +11,11 @@ import pytest
 import torch
 
 from cvdgs.core.enhance.gan.networks import GeneratorConfig
-from cvdgs.core.enhance.gan.training.batches import Examples
-from cvdgs.core.enhance.gan.training.training import (
+from cvdgs.core.enhance.gan.weights import load_generator
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.scripts.training.gan.batches import Examples
+from cvdgs.scripts.training.gan.training import (
     CHECKPOINT,
     LOG,
     WEIGHTS,
@@ -20,9 +23,6 @@ from cvdgs.core.enhance.gan.training.training import (
     TrainingSettings,
     validate,
 )
-from cvdgs.core.enhance.gan.weights import load_generator
-from cvdgs.core.errors import InputError
-from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.scripts.training.sweep import BASE, CHANGES, changed, sweep
 
 from .pairs import OBSERVERS, StripedPairs

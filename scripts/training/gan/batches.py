@@ -10,12 +10,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from .....scripts.training.data.dataset import PairedDataset
-from ....color.matrices import LinearSimulation, linear_simulation
-from ....color.simulation import Observer
-from ....color.spaces import linear_to_srgb, srgb_to_linear
-from ....runtime.protocol import Reporter
-from ..conditioning import observer_features, palette
+from ....core.color.matrices import LinearSimulation, linear_simulation
+from ....core.color.simulation import Observer
+from ....core.color.spaces import linear_to_srgb, srgb_to_linear
+from ....core.enhance.gan.conditioning import observer_features, palette
+from ....core.runtime.protocol import Reporter
+from ..data.dataset import PairedDataset
 
 
 @dataclass(frozen=True)

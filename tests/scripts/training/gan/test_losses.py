@@ -8,7 +8,7 @@ import torch
 from cvdgs.core.color.metrics import ccpr
 from cvdgs.core.color.simulation import simulate
 from cvdgs.core.color.spaces import srgb_to_lab
-from cvdgs.core.enhance.gan.training.losses import (
+from cvdgs.scripts.training.gan.losses import (
     CONTRAST_CAP,
     STABILISER,
     contrast_distance,

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cvdgs.core.splats.strategy import Evidence, Relocation
+from cvdgs.core.splats.strategy import Evidence
+from cvdgs.scripts.benchmarks.strategies import Relocation
 
 from ..sets import gaussians, opinions
 

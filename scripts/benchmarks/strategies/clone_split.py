@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..gaussians import Gaussians
-from .editing import finite, rotate
-from .model import Evidence, Refinement, Schedule
+from ....core.splats.gaussians import Gaussians
+from ....core.splats.strategy.editing import finite, rotate
+from ....core.splats.strategy.model import Evidence, Refinement, Schedule
 
 
 @dataclass(frozen=True)

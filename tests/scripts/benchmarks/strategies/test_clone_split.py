@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from cvdgs.core.splats.gaussians import Gaussians
-from cvdgs.core.splats.strategy import CloneSplitPrune, Evidence
+from cvdgs.core.splats.strategy import Evidence
+from cvdgs.scripts.benchmarks.strategies import CloneSplitPrune
 
 from ..sets import gaussians
 
