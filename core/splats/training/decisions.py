@@ -118,34 +118,6 @@ class GrowthRule:
 
 
 @dataclass(frozen=True)
-class DetailRule:
-    """Growth where fine contrast is missing, after that by PSNR has ended: textiles consist in contrast that hardly
-    counts in PSNR.
-
-    Attributes:
-        rounds: fractions of the run at which Gaussians are added.
-        contrast_gain: CCPR of the validation views that a doubling of the Gaussians since the last round has to gain.
-        pixels_per_gaussian: as in `GrowthRule`.
-    """
-
-    rounds: tuple[float, ...] = (0.66, 0.72, 0.78, 0.84)
-    contrast_gain: float = 0.02
-    pixels_per_gaussian: int = 75
-
-    def due(self, step: int, steps: int) -> bool:
-        """Whether to add Gaussians after `step` of `steps`."""
-        return any(step == round(share * steps) for share in self.rounds)
-
-    def verdict(self, before: tuple[int, float], now: tuple[int, float]) -> str | None:
-        """Why the last round was enough, by (Gaussians, contrast) before and after it; None if it paid."""
-        doublings = math.log2(now[0] / before[0])
-        gain = now[1] - before[1]
-        if doublings > _LEAST_DOUBLINGS and gain >= self.contrast_gain * doublings:
-            return None
-        return f"{gain:+.3f} of contrast for the last {now[0] - before[0]:,}"
-
-
-@dataclass(frozen=True)
 class StopRule:
     """Early stopping.
 
@@ -217,7 +189,7 @@ class DecisionLog:
         limit: of the number of Gaussians as asked for, or None.
         measured: on the validation views, at regular steps.
         rounds: likewise, before each refinement.
-        growth, degree, detail: verdicts in plain words, empty if there is none.
+        growth, degree: verdicts in plain words, empty if there is none.
         stopped: whether it stopped early.
     """
 
@@ -229,7 +201,6 @@ class DecisionLog:
     rounds: list[Measurement] = field(default_factory=list)
     growth: str = ""
     degree: str = ""
-    detail: str = ""
     stopped: bool = False
     _best: tuple[Measurement, Gaussians] | None = None
     _restored: str = ""
@@ -259,8 +230,6 @@ class DecisionLog:
             verdict = f"limited to {self.limit:,}, as asked for"
         else:
             verdict = self.growth or "growth paid to the end of its schedule"
-        if self.detail:
-            verdict += f"; then, for fine contrast, until it was {self.detail}"
         degree = fit.parameters.sh_count**0.5 - 1
         words = {
             "strategy": self.strategy,

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
 from ..gaussians import SH_C0
 from ..raster import ParameterSet, Rasterizer
@@ -30,7 +29,6 @@ def gather_view_evidence(
     *,
     complete: bool,
     reduction: int = 1,
-    fine: bool = False,
 ) -> ViewEvidence:
     """Render every view, and sum blend weights and weighted errors per Gaussian in one backward pass.
 
@@ -40,7 +38,6 @@ def gather_view_evidence(
     Args:
         complete: whether `views` are all training views.
         reduction: factor by which the views are reduced. Sums are in pixels of the full images.
-        fine: the error is how far the differences of neighbouring pixels are off, instead of the pixels.
     """
     shown, weighed = _without_black(parameters)
     means = parameters.means.numpy()
@@ -49,8 +46,7 @@ def gather_view_evidence(
         image, camera = view.at(reduction)
         frame = rasterizer.render(shown, camera, background.color)
         color = frame.color.numpy()
-        residual = np.nan_to_num(color - image.numpy() * np.float32(1.0 / 255.0))
-        error = _neighbour_differences(residual) if fine else np.abs(residual).mean(axis=2)
+        error = np.nan_to_num(np.abs(color - image.numpy() * np.float32(1.0 / 255.0)).mean(axis=2))
         threshold = max(float(np.percentile(error, ERROR_PERCENTILE)), ERROR_FLOOR)
         grad_color = wp.array(
             np.stack([np.ones_like(error), error, np.zeros_like(error)], axis=2),
@@ -65,12 +61,6 @@ def gather_view_evidence(
         distance = np.linalg.norm(means - camera.center.astype(np.float32), axis=1)
         total.add(sums[:, 0] * pixels, sums[:, 1] * pixels, threshold, distance)
     return total.evidence(complete)
-
-
-def _neighbour_differences(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(H, W) mean absolute difference of (H, W, C) pixels from those before them in their row and in their column."""
-    down, right = (np.abs(np.diff(image, axis=axis)).mean(axis=2) for axis in (0, 1))
-    return (np.pad(down, ((1, 0), (0, 0))) + np.pad(right, ((0, 0), (1, 0)))) / 2
 
 
 def _without_black(parameters: ParameterSet) -> tuple[ParameterSet, ParameterSet]:

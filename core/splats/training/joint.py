@@ -22,7 +22,7 @@ from ..raster import LearningRates, Rasterizer
 from ..renderer import SceneRenderer
 from ..targets import Background
 from .fitting import fit_guided
-from .losses import GuidedLoss, SeenContrast, ViewGuide
+from .losses import GuidedLoss, KeptContrast, SeenContrast, ViewGuide
 from .plan import TrainingPlan, TrainingResult
 from .trainer import STAGE, Trainer
 
@@ -92,20 +92,16 @@ class JointTraining:
         result = trainer.train(StageSpan(reporter, STAGE, 0.0, turn, "fitting enhanced views"))
         started = time.perf_counter()
         guides = guides_of(result.gaussians)
+        kept = None
+        if self.contrast is not None:
+            kept = KeptContrast.of(self.rasterizer, self.contrast, self.background)
         span = StageSpan(reporter, STAGE, turn, 1.0, "making the views agree")
         gaussians, skipped = fit_guided(
             self.rasterizer,
             result.gaussians,
             self.views,
             self.background,
-            GuidedLoss(
-                self.rasterizer,
-                guides,
-                self.plan.ssim_weight,
-                joint.multi_view_weight,
-                self.contrast,
-                self.background,
-            ),
+            GuidedLoss(self.rasterizer, guides, self.plan.ssim_weight, joint.multi_view_weight, kept),
             lambda done: joint.learning_rates.scaled(joint.lr_final_factor**done),
             together,
             self.seed,

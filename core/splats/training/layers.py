@@ -10,7 +10,7 @@ from ..gaussians import Gaussians
 from ..raster import ContrastPlan, LearningRates, Rasterizer
 from ..targets import Background
 from .fitting import fit_guided
-from .losses import GuidedLoss, SeenContrast, ViewGuide
+from .losses import GuidedLoss, KeptContrast, SeenContrast, ViewGuide
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,8 @@ def fit_layer(
         guides: one per view; None weighs every pixel equally, without a multi-view loss.
         contrast: to keep, of the same views; None leaves it to the photometric loss.
     """
-    loss = GuidedLoss(rasterizer, guides, plan.ssim_weight, plan.multi_view_weight, contrast, background)
+    kept = KeptContrast.of(rasterizer, contrast, background) if contrast else None
+    loss = GuidedLoss(rasterizer, guides, plan.ssim_weight, plan.multi_view_weight, kept)
     fitted, _ = fit_guided(
         rasterizer,
         gaussians.with_base_colors(gaussians.base_colors),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -51,6 +51,39 @@ class SeenContrast:
     observer: LinearSimulation | None = None
 
 
+class KeptContrast:
+    """The contrast hinge over a number of views.
+
+    Args:
+        rasterizer: that renders the frames.
+        plan: of the hinge.
+        photographs: (H, W, 3) device images, one per view, which say where there is contrast.
+        observer: S of the layer; None for normal vision.
+    """
+
+    def __init__(
+        self,
+        rasterizer: Rasterizer,
+        plan: ContrastPlan,
+        photographs: Iterable[wp.array],
+        observer: LinearSimulation | None = None,
+    ) -> None:
+        self._hinge = ContrastHinge(rasterizer, plan, observer)
+        self._pairs = [self._hinge.pairs(photograph) for photograph in photographs]
+
+    @classmethod
+    def of(cls, rasterizer: Rasterizer, contrast: SeenContrast, background: Background) -> KeptContrast:
+        """That of a layer, whose photographs are composited over `background`."""
+        images = (
+            wp.array(background.behind(view), dtype=wp.uint8, device=rasterizer.device) for view in contrast.photographs
+        )
+        return cls(rasterizer, contrast.plan, images, contrast.observer)
+
+    def add_gradient(self, view: int, frame: Frame, target: wp.array) -> None:
+        """Add the gradient of a view, by its index, to `frame.grad_color`, which the photometric loss has filled."""
+        self._hinge.add_gradient(frame, target, self._pairs[view])
+
+
 class GuidedLoss:
     """The photometric loss weighted by pixel and the multi-view loss, as the guides ask, and the contrast hinge.
 
@@ -60,7 +93,6 @@ class GuidedLoss:
         ssim_weight: weight of 1 - SSIM in the photometric loss.
         multi_view_weight: λ_mv.
         contrast: to keep; None leaves out the contrast hinge.
-        background: behind the photographs of `contrast`.
     """
 
     def __init__(
@@ -69,8 +101,7 @@ class GuidedLoss:
         guides: Sequence[ViewGuide] | None,
         ssim_weight: float,
         multi_view_weight: float,
-        contrast: SeenContrast | None,
-        background: Background,
+        contrast: KeptContrast | None = None,
     ) -> None:
         device = rasterizer.device
         self._rasterizer, self.ssim_weight = rasterizer, ssim_weight
@@ -79,13 +110,7 @@ class GuidedLoss:
             MultiViewLoss(guide.consensus, multi_view_weight, device) if guide.consensus and multi_view_weight else None
             for guide in guides or ()
         ]
-        self._hinge: ContrastHinge | None = None
-        if contrast is not None and contrast.plan.weight > 0.0:
-            self._hinge = ContrastHinge(rasterizer, contrast.plan, contrast.observer)
-            photographs = (
-                wp.array(background.behind(view), dtype=wp.uint8, device=device) for view in contrast.photographs
-            )
-            self._pairs = [self._hinge.pairs(photograph) for photograph in photographs]
+        self._contrast = contrast
 
     def of(self, view: int) -> Callable[[Frame, wp.array], Loss]:
         """The loss of a view, by its index, which fills `frame.grad_color`.
@@ -100,8 +125,8 @@ class GuidedLoss:
         pull = self._pulls[view] if self._pulls else None
         if pull is not None:
             pull.add_gradient(frame)
-        if self._hinge is not None:
-            self._hinge.add_gradient(frame, image, self._pairs[view])
+        if self._contrast is not None:
+            self._contrast.add_gradient(view, frame, image)
         return loss
 
 

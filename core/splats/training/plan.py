@@ -15,7 +15,7 @@ from ..calibration.poses import PosePlan
 from ..gaussians import Gaussians
 from ..raster import ContrastPlan, LearningRates
 from ..strategy import Strategy
-from .decisions import DetailRule, GrowthRule, ShDegreeRule, StopRule
+from .decisions import GrowthRule, ShDegreeRule, StopRule
 from .initialise import InitialGaussians
 
 T = TypeVar("T")
@@ -23,7 +23,7 @@ T = TypeVar("T")
 
 def _geometry_contrast() -> ContrastPlan:
     # Every difference counts, to its full size; half as much against what the photographs do not show.
-    return ContrastPlan(weight=2.0, listed=0.0, threshold=5.0, cap=math.inf, invented=0.5)
+    return ContrastPlan(weight=1.0, listed=0.0, threshold=5.0, cap=math.inf, invented=0.5)
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,6 @@ class TrainingPlan:
             they are measured.
         contrast: hinge that brings back weak contrast in the last part of the run; None leaves it out.
         contrast_from: fraction of the run from which it counts.
-        detail: growth where fine contrast is missing; None leaves it out.
         curve_points: measurements on the held-out views.
         curve_views: views in each of them, about.
     """
@@ -79,7 +78,6 @@ class TrainingPlan:
     poses: PosePlan | None = field(default_factory=PosePlan)
     contrast: ContrastPlan | None = field(default_factory=_geometry_contrast)
     contrast_from: float = 0.8
-    detail: DetailRule | None = field(default_factory=DetailRule)
     curve_points: int = 10
     curve_views: int = 6
 

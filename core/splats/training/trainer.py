@@ -10,10 +10,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Sequence
-from functools import partial
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from ...capture.model import View
@@ -21,14 +19,15 @@ from ...runtime.protocol import Reporter
 from ..calibration.corrections import ViewCorrections
 from ..calibration.poses import AlignedViews
 from ..gaussians import Gaussians
-from ..raster import ContrastHinge, ContrastPlan, Frame, LearningRates, Loss, Rasterizer
+from ..raster import ContrastPlan, LearningRates, Rasterizer
 from ..scene_frame import SceneFrame
 from ..strategy import Evidence, MultiViewConsistent, ViewEvidence
 from ..strategy.editing import in_morton_order, morton_order
 from ..targets import Background, TrainingView, ViewOrder, prepare_targets
-from .decisions import DecisionLog, DetailRule, Measurement, split_views
+from .decisions import DecisionLog, Measurement, split_views
 from .evidence import gather_view_evidence
 from .fitting import Fit
+from .losses import GuidedLoss, KeptContrast
 from .plan import TrainingPlan, TrainingResult
 from .schedule import TrainingSchedule
 
@@ -73,8 +72,7 @@ class Trainer:
         fitted = [views[i] for i in self._split.fitted]
         self._prepare_views([*fitted, *(views[i] for i in self._split.validation)], held_out)
         self._fitted_count = len(fitted)
-        self._pixels = sum(view.camera.width * view.camera.height for view in fitted)
-        self._limit = plan.limit or plan.growth.ceiling(self._pixels)
+        self._limit = plan.limit or plan.growth.ceiling(sum(v.camera.width * v.camera.height for v in fitted))
         self._strategy = plan.strategy or MultiViewConsistent()
         self._schedule = TrainingSchedule(plan, self._strategy.schedule)
         initial = plan.initial.make(fitted, points, colors, self._frame, self._rng, self._limit)
@@ -85,9 +83,7 @@ class Trainer:
             rasterizer, self._targets, background, plan.exposure, plan.poses, plan.steps
         )
         self._order = ViewOrder(self._fitted_count, self._rng)
-        self._contrast: tuple[ContrastHinge, list[wp.array]] | None = None
-        self._detail = plan.detail if plan.limit is None and self._validation else None
-        self._last_detail: tuple[int, float] | None = None
+        self._loss: GuidedLoss | None = None
         self._degree_undecided = plan.sh_degree is None
         self._curve: list[dict[str, float | None]] = []
         self._log = DecisionLog(self._split.reason, type(self._strategy).__name__, plan.steps, plan.limit)
@@ -118,8 +114,6 @@ class Trainer:
             self.step(step)
             if schedule.refines(step):
                 self._refine(step)
-            if self._detail is not None and self._detail.due(step, schedule.steps):
-                self._add_detail(self._detail, step)
             if self._stops_early(step):
                 break
             if schedule.progress(step) >= plan.validation_until:
@@ -157,7 +151,7 @@ class Trainer:
         proposed = self._corrections.decide(schedule.progress(step), self.fit.parameters)
         if proposed and self._validation:
             self._try_exposure(step)
-        if self._contrast is None and self._plan.contrast is not None and schedule.contrast(step):
+        if self._loss is None and self._plan.contrast is not None and schedule.contrast(step):
             self._keep_contrast(self._plan.contrast)
         gather = growing and _due(strategy.gradient_every, step)
         self._fit_next(schedule.reduction(step), learning_rates, gather_gradient=gather)
@@ -174,29 +168,20 @@ class Trainer:
         order: ViewOrder | None = None,
     ) -> None:
         view = (order or self._order).next()
-        loss = None if self._contrast is None else partial(self._loss_with_contrast, self._contrast, view)
         self.fit.step(
             self._targets[view],
             reduction,
             learning_rates,
             gather_gradient=gather_gradient,
             correction=self._corrections.of(view),
-            loss=loss,
+            loss=None if self._loss is None else self._loss.of(view),
         )
 
     def _keep_contrast(self, plan: ContrastPlan) -> None:
-        """From now on, add the contrast hinge to the loss, at full resolution and for normal vision."""
-        hinge = ContrastHinge(self._rasterizer, plan)
-        self._contrast = hinge, [hinge.pairs(view.at(1)[0]) for view in self._targets]
-        self._log.forget_best()  # it gives up a little PSNR for contrast, so that only later ones compare
-
-    def _loss_with_contrast(
-        self, contrast: tuple[ContrastHinge, list[wp.array]], view: int, frame: Frame, image: wp.array
-    ) -> Loss:
-        hinge, pairs = contrast
-        loss = self._rasterizer.photometric_loss(frame, image, self._plan.ssim_weight)
-        hinge.add_gradient(frame, image, pairs[view])
-        return loss
+        """From now on, add the contrast hinge to the loss, for normal vision."""
+        contrast = KeptContrast(self._rasterizer, plan, (view.at(1)[0] for view in self._targets))
+        self._loss = GuidedLoss(self._rasterizer, None, self._plan.ssim_weight, 0.0, contrast)
+        self._log.forget_best()  # it gives up a little PSNR for contrast
 
     # Densification
 
@@ -215,26 +200,6 @@ class Trainer:
         gaussians = self.fit.parameters.to_gaussians()
         self.fit.apply(in_morton_order(strategy.refine(gaussians, evidence, budget, self._rng)))
 
-    def _add_detail(self, rule: DetailRule, step: int) -> None:
-        """Let the strategy densify where fine contrast is missing, unless the last such round did not pay."""
-        now = len(self.fit), self._validation_contrast()
-        verdict = self._last_detail and rule.verdict(self._last_detail, now)
-        if verdict:
-            self._log.detail, self._detail = verdict, None
-            return
-        self._last_detail = now
-        self._schedule.end_growth()
-        views = self._rng.choice(self._fitted_count, min(self._fitted_count, 16), replace=False)
-        evidence = Evidence(None, self._evidence(np.sort(views).tolist(), 1, fine=True))
-        gaussians = self.fit.parameters.to_gaussians()
-        limit = max(self._limit, self._pixels // rule.pixels_per_gaussian)
-        self.fit.apply(in_morton_order(self._strategy.refine(gaussians, evidence, limit, self._rng)))
-        self._log.forget_best()
-
-    def _validation_contrast(self) -> float:
-        """Mean CCPR of the validation views, for normal vision."""
-        return float(np.nanmean([self.fit.contrast(view) for view in self._validation]))
-
     def _sample_evidence(self, step: int) -> ViewEvidence | None:
         available = self._fitted_count
         wanted = self._strategy.views_wanted(step, self._plan.steps, available)
@@ -245,7 +210,7 @@ class Trainer:
         chosen = np.sort(self._rng.choice(available, wanted, replace=False))
         return self._evidence(chosen.tolist(), reduction)
 
-    def _evidence(self, views: Sequence[int], reduction: int, *, fine: bool = False) -> ViewEvidence:
+    def _evidence(self, views: Sequence[int], reduction: int) -> ViewEvidence:
         return gather_view_evidence(
             self._rasterizer,
             self.fit.parameters,
@@ -253,7 +218,6 @@ class Trainer:
             self._background,
             complete=len(views) == self._fitted_count,
             reduction=reduction,
-            fine=fine,
         )
 
     # Validation

@@ -7,7 +7,7 @@ from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.core.splats.strategy import Evidence
 from cvdgs.scripts.benchmarks.strategies import CloneSplitPrune
 
-from ..sets import gaussians
+from ....core.splats.sets import gaussians
 
 
 def refine(old: Gaussians, gradient, budget: int = 10**6):

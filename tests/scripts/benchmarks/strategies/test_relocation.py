@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from cvdgs.core.splats.strategy import Evidence
 from cvdgs.scripts.benchmarks.strategies import Relocation
 
-from ..sets import gaussians, opinions
+from ....core.splats.sets import gaussians, opinions
 
 MOVES_ALONE = Relocation(growth=0.0, spread=0.0)
 
