@@ -2,12 +2,16 @@
 
 import os
 
+import hypothesis
 import pytest
 
 from . import network
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 network.refuse()
+# Tests hold no seconds: an example takes as long as a busy machine makes it take.
+hypothesis.settings.register_profile("patient", deadline=None)
+hypothesis.settings.load_profile("patient")
 
 
 @pytest.fixture(autouse=True)

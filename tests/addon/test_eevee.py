@@ -45,7 +45,7 @@ def test_eevee_shows_the_rasterisers_image(scene, tmp_path, limit):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     image = tmp_path / "eevee.png"
     code = RENDER.format(bootstrap=bootstrap.__file__, scene=str(tmp_path / "scene.blend"), image=str(image))
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
     if result.returncode < 0 and not image.exists():
         pytest.skip("Blender aborts: no OpenGL")
     assert result.returncode == 0, result.stderr

@@ -25,7 +25,7 @@ class ContrastPlan:
     """The contrast hinge, averaged over all pairs of neighbours; differences are ΔE76.
 
     Attributes:
-        weight: of the hinge beside the photometric loss. Larger ones ring: colours are driven past those of the target.
+        weight: of the hinge beside the photometric loss; 0 leaves it out. From about 20 on colours ring.
         listed: a pair is listed if the photograph's difference is at least this, for normal vision.
         threshold: a listed pair counts if the target's difference is at least this, for the observer.
         cap: a rendering need not have more of the target's difference than this.
@@ -33,7 +33,7 @@ class ContrastPlan:
         floor: differences up to this are not invented.
     """
 
-    weight: float = 4.0
+    weight: float = 6.0
     listed: float = 6.0
     threshold: float = 6.0
     cap: float = 10.0

@@ -30,12 +30,12 @@ class LayerPlan:
         contrast: the hinge that keeps the contrast of the enhanced views for the layer's observer.
     """
 
-    epochs: int = 3
-    minimum_steps: int = 300
+    epochs: int = 2
+    minimum_steps: int = 200
     learning_rate: float = 5e-2
     lr_final_factor: float = 0.05
     ssim_weight: float = 0.5
-    multi_view_weight: float = 1.0
+    multi_view_weight: float = 2.0
     contrast: ContrastPlan = field(default_factory=ContrastPlan)
 
 
