@@ -345,3 +345,16 @@ def test_damaged_photograph_stops_the_capture_with_its_name(tmp_path: Path) -> N
     assert inspect_capture(root).views == 4
     with pytest.raises(InputError, match=r"3.jpg: the image is damaged"):
         read_capture(root, max_size=None)
+
+
+def test_a_second_photograph_comes_with_its_view_at_the_same_size(tmp_path: Path) -> None:
+    photographs = shots(3)
+    capture = write_transforms(tmp_path / "capture", photographs)
+    noisy = np.clip(photographs[1].render().astype(int) + 3, 0, 255).astype(np.uint8)
+    save(capture / "images_again" / photographs[1].name, noisy)
+    save(capture / "images_again" / photographs[2].name, noisy[:40, :40])  # not from the same place
+    first, second, third = read_capture(capture, max_size=64).views
+    assert first.again is None
+    assert third.again is None
+    assert second.again.shape == second.image.shape
+    assert np.abs(second.again.astype(int) - second.image - 3).mean() < 1.0

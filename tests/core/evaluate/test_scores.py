@@ -71,3 +71,28 @@ def test_views_without_a_figure_are_left_out_of_its_mean():
     views = [{"psnr": value, "ccpr": {"input": value}} for value in (30.0, math.nan, 20.0)]
     assert average(views) == {"psnr": 25.0, "ccpr": {"input": 25.0, "tau": 6}}
     assert math.isnan(average(views[1:2])["psnr"])
+
+
+def test_a_second_photograph_is_scored_like_the_other_pictures_of_its_layer():
+    original, enhanced = picture(0), picture(1)
+    again = {"again": picture(2), "again_enhanced": picture(3)}
+    scorer = Scorer(original, OBSERVER)
+    with_it = score_layer(scorer, original, enhanced, enhanced, original, again)
+    without = score_layer(scorer, original, enhanced, enhanced, original)
+    assert with_it["ccpr"]["again_enhanced"] == scorer.ccpr(again["again_enhanced"])
+    assert "again" not in without["ccpr"]
+    assert average([without, with_it])["ccpr"]["again"] == with_it["ccpr"]["again"]
+
+
+def test_contrast_at_half_size_is_that_of_pictures_of_half_the_size(mask):
+    original, version = picture(0), picture(1)  # patches of 8 pixels, which 2x2 averages leave as they are
+    found = Scorer(original, OBSERVER, mask).simulated(version)
+    small = Scorer(original[::2, ::2], OBSERVER, mask[::2, ::2]).simulated(version[::2, ::2])
+    assert found["ccpr_half"] == pytest.approx(small["ccpr"], abs=1e-12)
+    assert found["ccfr_quarter"] == pytest.approx(small["ccfr_half"], abs=1e-12)
+
+
+def test_pictures_too_small_for_a_pyramid_have_no_figure_there():
+    tiny = picture(0)[:6, :6]
+    found = Scorer(tiny, OBSERVER).simulated(tiny)
+    assert math.isnan(found["ccpr_quarter"])

@@ -263,6 +263,11 @@ def test_a_tiny_showroom_is_a_readable_capture(tmp_path: Path) -> None:
     capture = read_capture(out, max_size=None)
     assert [view.image.shape for view in capture.views] == [(48, 64, 3)] * 3
     assert len(capture.points) == 90
+    held_out, *others = capture.views
+    assert held_out.again is not None
+    assert (held_out.again != held_out.image).any()  # the same picture with other noise
+    assert np.abs(held_out.again.astype(int) - held_out.image).mean() < 30
+    assert all(view.again is None for view in others)
     (depth,) = read_depth_maps(out).values()
     assert depth.min() > 1.0
     assert depth.max() < 10.0
