@@ -13,16 +13,13 @@ import signal
 import socket
 import sys
 import threading
-import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from ..core.errors import InputError
 from ..core.runtime.process import follow_parent
-from ..core.runtime.protocol import JsonReporter, Reporter, claim_stdout
-from ..core.runtime.supervisor import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
+from ..core.runtime.protocol import EXIT_CANCELLED, JsonReporter, Reporter, claim_stdout, do_and_report
 
 _THREADS_OF_THIS_PROCESS = Path("/proc/self/task")
 Request = TypeVar("Request")
@@ -64,20 +61,14 @@ def serve(
         clean_up: removes what `work` leaves half-written when it is cancelled; called from another thread.
     """
     reporter = JsonReporter(claim_stdout())
-    code = EXIT_DONE
-    try:
+
+    def do() -> Mapping[str, Any]:
         request = read()
         _end_on_signal(lambda: clean_up(request))
         follow_parent(lambda: _clean_up_and_end(lambda: clean_up(request)))
-        reporter.emit("result", **work(request, reporter))
-    except InputError as error:
-        reporter.emit("error", kind="input", message=str(error))
-        code = EXIT_INPUT
-    except Exception as error:
-        traceback.print_exc()
-        reporter.emit("error", kind="defect", message=f"{type(error).__name__}: {error}".splitlines()[0])
-        code = EXIT_DEFECT
-    _end(code)
+        return work(request, reporter)
+
+    _end(do_and_report(do, reporter))
 
 
 def _end_on_signal(clean_up: Callable[[], None]) -> None:

@@ -108,12 +108,17 @@ class Clock:
 
     def __init__(self) -> None:
         self.seconds: dict[str, float | None] = {}
-        self._started = time.perf_counter()
+        self._started = self._last = time.perf_counter()
 
     @property
     def total(self) -> float:
         """Seconds since the clock was made."""
         return round(time.perf_counter() - self._started, 2)
+
+    def lap(self, stage: str) -> None:
+        """The time since the last lap, or since the clock was made, was spent on `stage`."""
+        last, self._last = self._last, time.perf_counter()
+        self.seconds[stage] = round(self._last - last, 2)
 
     @contextmanager
     def measure(self, stage: str) -> Iterator[None]:

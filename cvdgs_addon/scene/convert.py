@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 from ...core.color import srgb
 from ...core.errors import InputError
 from ...core.runs.layout import BLEND_FILE, ORIGINAL, STILLS_FOLDER
+from ...core.runtime.progress import Clock
 from ...core.runtime.protocol import Reporter
 from .cameras import use_camera
 from .capture_folder import CaptureView
@@ -68,7 +68,7 @@ class ConversionResult:
     gaussians: int
     display: str
     blender: str = field(default_factory=lambda: bpy.app.version_string)
-    seconds: dict[str, float] = field(default_factory=dict)
+    seconds: dict[str, float | None] = field(default_factory=dict)
 
 
 def convert(
@@ -82,7 +82,7 @@ def convert(
     Raises:
         InputError: the run cannot be read, the view does not exist, or the folder cannot be written.
     """
-    clock = _Clock()
+    clock = Clock()
     reporter.status(STAGE, "reading the run")
     run = read_run(run_folder)
     view = run.view(options.view) if options.view is not None else run.views[0]
@@ -122,7 +122,7 @@ def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOption
 
 
 def _convert_in(
-    partial: Path, run: FinishedRun, view: CaptureView, options: ConversionOptions, reporter: Reporter, clock: _Clock
+    partial: Path, run: FinishedRun, view: CaptureView, options: ConversionOptions, reporter: Reporter, clock: Clock
 ) -> ConversionResult:
     """Make everything in the folder `partial`, then move it into place."""
     reporter.status(STAGE, f"placing {len(run.gaussians)} Gaussians")
@@ -153,7 +153,7 @@ def _convert_in(
     clock.lap("save")
     reporter.progress(STAGE, 1.0, f"{BLEND_FILE} written")
     return ConversionResult(BLEND_FILE, written, view.key, layers, len(run.gaussians), options.display.value,
-                            seconds=clock.laps)  # fmt: skip
+                            seconds=clock.seconds)  # fmt: skip
 
 
 def _new_scene(run: FinishedRun, options: ConversionOptions) -> bpy.types.Scene:
@@ -182,17 +182,3 @@ def _cannot_write(folder: Path, error: Exception) -> InputError:
     return InputError(
         f"scene and stills cannot be written ({reason})", where=folder, remedy="free space or check the permissions"
     )
-
-
-class _Clock:
-    """Seconds of each step."""
-
-    def __init__(self) -> None:
-        self.laps: dict[str, float] = {}
-        self._last = time.monotonic()
-
-    def lap(self, name: str) -> None:
-        """The time since the last lap was spent on `name`."""
-        now = time.monotonic()
-        self.laps[name] = round(now - self._last, 2)
-        self._last = now
