@@ -38,8 +38,13 @@ def build_parser() -> argparse.ArgumentParser:
     add("--out", required=True, metavar="DIR", help="folder for the results; replaced only when all succeeds")
     add("--cvd", default="deutan", metavar="TYPE", help=f"{'|'.join(CVD_TYPES)} (deutan)")
     add("--severity", type=float, default=1.0, metavar="0..1", help="(1)")
-    add_settings(parser, ("simulation", "strength", "enhancer", "seed", "device"))
-    add("--separately", action="store_true", help="each photograph on its own; by default all are one scene")
+    add_settings(parser, ("simulation", "strength", "enhancer", "change_budget", "seed", "device"))
+    add(
+        "--separately",
+        action="store_true",
+        help="each photograph on its own; by default those of like colours are a scene",
+    )
+    add("--together", action="store_true", help="all photographs are one scene, whatever their colours")
     add("--skip-unreadable", action="store_true", help="leave damaged photographs out; by default they are refused")
     add("--json", action="store_true", help="events on stdout, one JSON object a line, instead of a progress bar")
     return parser

@@ -1,9 +1,10 @@
 """Recolours photographs so that people with a colour vision deficiency can tell apart what others can."""
 
 from .cgan import CganEnhancer
-from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer, SceneEnhancer
+from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer, SceneEnhancer, enhance_bytes
 from .lut import ColorLut
 from .registry import make_enhancer
+from .scene.enhancer import SceneNetworkEnhancer
 
 __all__ = [
     "CganEnhancer",
@@ -12,5 +13,7 @@ __all__ = [
     "IdentityEnhancer",
     "LutEnhancer",
     "SceneEnhancer",
+    "SceneNetworkEnhancer",
+    "enhance_bytes",
     "make_enhancer",
 ]

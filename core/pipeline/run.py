@@ -139,6 +139,7 @@ def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:
             settings.strength,
             settings.seed,
             device,
+            settings.change_budget,
         )
         for layer in settings.layers
     }

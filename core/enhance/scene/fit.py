@@ -12,17 +12,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ...capture.images import downscale_with_alpha, fit_size
 from ...color.simulation import Observer
 from ...errors import InputError
 from ...runtime.protocol import Reporter
-from ..lut import ColorLut
 from ..pairs import Alphas, Images
 from ..teacher import initial_residual, one_thread
 from .network import SceneNetwork, features
-from .objective import Objective, ObjectiveWeights
+from .objective import Objective, ObjectiveWeights, lost_contrast
 
 STAGE = "enhance"
 
@@ -33,6 +33,7 @@ class FitSettings:
 
     Attributes:
         size: longer side of the views that it sees, in pixels.
+        judged_size: longer side of the views on which it is counted how much contrast is lost, in pixels.
         views: the most views that it sees, spread over the scene.
         shifts: starts that are tried: the share of the coordinate of CIELAB that an observer loses which is given to a
             visible one. Colours that look alike can be moved apart in either direction.
@@ -43,23 +44,28 @@ class FitSettings:
         start_weight: of naturalness for the starts.
         weight: of naturalness at first.
         roughness: weight of the table's roughness.
-        budget_share, budget_base: the budget where none is given: 10 · (1 - CCPR of the photographs) + 0.3.
+        budget_share, budget_base: the budget where none is given is `budget_base` + `budget_share` · what is lost: of
+            the contrast between distinct neighbours, or, where that is more, `coarse_share` of what is lost between
+            surfaces. The digit of a colour plate differs from its ground in hue alone, but dots from their neighbours
+            in lightness: all contrast seems to be there.
         objective: weights of its terms.
     """
 
-    size: int = 192
+    size: int = 160
+    judged_size: int = 384
     views: int = 6
     shifts: tuple[float, ...] = (0.3, -0.3)
-    start_steps: int = 24
+    start_steps: int = 16
     start_rate: float = 8e-3
-    table_steps: int = 30
-    steps: int = 150
+    table_steps: int = 24
+    steps: int = 120
     rate: float = 4e-3
     start_weight: float = 0.05
     weight: float = 0.1
     roughness: float = 1000.0
-    budget_share: float = 10.0
-    budget_base: float = 0.3
+    budget_share: float = 10.5
+    budget_base: float = 0.2
+    coarse_share: float = 0.7
     objective: ObjectiveWeights = field(default_factory=ObjectiveWeights)
 
 
@@ -70,6 +76,7 @@ _GAIN, _MOST_EXCESS = 0.1, 0.5  # how fast that weight follows, and the relative
 _LEAST_WEIGHT, _MOST_WEIGHT = 0.003, 5.0
 _LAX_WEIGHT = 0.02  # of naturalness; where it sinks below, the budget is not spent, and structure is eased too
 _LEAST_EASE = 0.5
+_SCALINGS = 4  # at most, of a change that exceeds the budget; ΔE00 is not quite proportional to it
 
 
 @dataclass(frozen=True)
@@ -78,13 +85,13 @@ class FittedNetwork:
 
     Attributes:
         network: fitted.
-        lut: the table as it was best alone, for tools that know nothing of surroundings.
+        table: (N, N, N, 3), what a table alone can do, for tools that know nothing of surroundings.
         budget: mean ΔE00 that it was fitted to.
         change: mean ΔE00 of the views that the fit saw.
     """
 
     network: SceneNetwork
-    lut: ColorLut
+    table: Tensor
     budget: float
     change: float
 
@@ -117,16 +124,17 @@ def fit_network(
 
 @dataclass(frozen=True)
 class _View:
-    """A view as the fit sees it: its objective, colours (3, P), features (25, P) and shape (3, H, W)."""
+    """A view as the fit sees it: its objective, colours (P, 3) and features (P, 25), and its `lost_contrast`."""
 
     objective: Objective
     colors: Tensor
     features: Tensor
-    shape: torch.Size
+    lost: tuple[float, float]
 
     def shown(self, network: SceneNetwork, *, whole: bool) -> Tensor:
         """(3, H, W) the enhanced view, not clipped; `whole`: with the perceptron."""
-        return network(self.colors, self.features if whole else None).reshape(self.shape)
+        shown = network(self.colors, self.features if whole else None)
+        return shown.T.reshape(self.objective.image.shape)
 
 
 class _Fit:
@@ -154,19 +162,22 @@ class _Fit:
 
     def run(self, start: SceneNetwork | None) -> FittedNetwork:
         """Fit, from a start or from the better of the settings' own."""
-        network = SceneNetwork(self._observer)
+        network, alone = SceneNetwork(self._observer), SceneNetwork(self._observer)
         if start is None:
             self._initialise(network)
-            network.table.data.copy_(self._best_start())
+            alone.table.data.copy_(self._best_start())
         else:
             network.load_state_dict(start.state_dict())
-        self._optimise(network, [network.table], self._settings.table_steps, whole=False)
-        lut = self._within_budget(network, whole=False).lut()
+            alone.table.data.copy_(start.table.data)
+        self._optimise(alone, [alone.table], self._settings.table_steps, whole=False)
+        if start is None:
+            network.table.data.copy_(alone.table.data)
+        table = self._within_budget(alone, whole=False).table.detach()
         self._weight, self._mean_change = self._settings.weight, None
         self._optimise(network, list(network.parameters()), self._settings.steps, whole=True)
         network = self._within_budget(network, whole=True)
         self._reporter.progress(STAGE, 1.0)
-        return FittedNetwork(network.requires_grad_(False), lut, self._budget, self._change(network, whole=True))
+        return FittedNetwork(network.requires_grad_(False), table, self._budget, self._change(network, whole=True))
 
     def _prepare(self, images: Images, alphas: Alphas) -> list[_View]:
         alphas = [None] * len(images) if alphas is None else alphas
@@ -176,19 +187,24 @@ class _Fit:
         places = np.linspace(0, len(visible) - 1, min(self._settings.views, len(visible))).round().astype(int)
         return [self._view(images[i], alphas[i]) for i in np.array(visible)[np.unique(places)]]
 
-    def _view(self, image: np.ndarray, alpha: np.ndarray | None) -> _View:
-        size = fit_size(image.shape[1], image.shape[0], self._settings.size)
-        image, alpha = downscale_with_alpha(image, alpha, *size)
-        pixels = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1))).float() / 255.0
-        coverage = None if alpha is None else torch.from_numpy(alpha).float() / 255.0
+    def _view(self, image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None) -> _View:
+        pixels, coverage = _reduced(image, alpha, self._settings.size)
         objective = Objective(pixels, self._observer, coverage, self._torch_generator, self._settings.objective)
-        return _View(objective, pixels.flatten(1), features(pixels, self._observer, coverage), pixels.shape)
+        return _View(
+            objective,
+            pixels.flatten(1).T.contiguous(),
+            features(pixels, self._observer, coverage),
+            self._lost(image, alpha),
+        )
+
+    def _lost(self, image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None) -> tuple[float, float]:
+        pixels, coverage = _reduced(image, alpha, self._settings.judged_size)
+        return lost_contrast(pixels, self._observer, coverage)
 
     def _default_budget(self) -> float:
-        counts = [view.objective.preserved(view.objective.image) for view in self._views]
-        shares = [kept / distinct for distinct, kept in counts if distinct]
-        lost = 1.0 - sum(shares) / len(shares) if shares else 0.0
-        return self._settings.budget_share * lost + self._settings.budget_base
+        fine, coarse = (sum(one) / len(self._views) for one in zip(*(view.lost for view in self._views), strict=True))
+        lost = max(fine, self._settings.coarse_share * coarse)
+        return self._settings.budget_base + self._settings.budget_share * lost
 
     def _initialise(self, network: SceneNetwork) -> None:
         """Random hidden layers from the seed, as torch's own initialisation would draw them."""
@@ -206,7 +222,9 @@ class _Fit:
             optimiser = torch.optim.Adam([network.table], self._settings.start_rate)
             for step in range(self._settings.start_steps):
                 view = self._views[step % len(self._views)]
-                self._descend(optimiser, network, view.objective(view.shown(network, whole=False), self._settings.start_weight))
+                self._descend(
+                    optimiser, network, view.objective(view.shown(network, whole=False), self._settings.start_weight)
+                )
             with torch.no_grad():
                 shown = [(view.objective, view.shown(network, whole=False)) for view in self._views]
                 score = sum(float(objective(one, self._settings.start_weight)) for objective, one in shown)
@@ -243,8 +261,10 @@ class _Fit:
         """A copy whose change is scaled down where it exceeds the budget."""
         copy = SceneNetwork(self._observer)
         copy.load_state_dict(network.state_dict())
-        change = self._change(network, whole=whole)
-        if change > self._budget:
+        for _ in range(_SCALINGS):
+            change = self._change(copy, whole=whole)
+            if change <= self._budget:
+                break
             copy.scale(self._budget / change)
         return copy
 
@@ -252,3 +272,17 @@ class _Fit:
         with torch.no_grad():
             changes = [view.objective.change(view.shown(network, whole=whole)) for view in self._views]
         return sum(changes) / len(changes)
+
+
+def _reduced(image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None, size: int) -> tuple[Tensor, Tensor | None]:
+    """(3, H, W) in [0, 1] with a longer side of at most `size` pixels, and (H, W) coverage where there is some.
+
+    Pixels that are not covered have the mean colour of the others: windows and squares reach across the border.
+    """
+    image, alpha = downscale_with_alpha(image, alpha, *fit_size(image.shape[1], image.shape[0], size))
+    pixels = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1))).float() / 255.0
+    if alpha is None:
+        return pixels, None
+    coverage = torch.from_numpy(alpha).float() / 255.0
+    mean = (coverage * pixels).sum((1, 2)) / coverage.sum().clamp(min=torch.finfo(coverage.dtype).tiny)
+    return torch.where(coverage > 0.0, pixels, mean[:, None, None]), coverage

@@ -64,17 +64,29 @@ class SceneNetwork(nn.Module):
         nn.init.zeros_(self.last.bias)
 
     def forward(self, colors: Tensor, features: Tensor | None = None) -> Tensor:
-        """(3, P) sRGB and the (25, P) `features` of the pixels to (3, P), not clipped; None leaves the table alone."""
-        change = interpolate(self.table, colors.T[None])[0].T
-        if features is not None:
-            change = change + _OUTPUT_SCALE * self.perceptron(features)
-        return colors + gate(colors) * change
+        """(P, 3) sRGB and the (P, 25) `features` of the pixels to (P, 3), not clipped; None leaves the table alone."""
+        return self.changed(colors, None if features is None else self.first(features))
 
-    def perceptron(self, features: Tensor) -> Tensor:
-        """(25, P) features to (3, P)."""
-        hidden = functional.silu(torch.addmm(self.first.bias[:, None], self.first.weight, features))
-        hidden = functional.silu(torch.addmm(self.second.bias[:, None], self.second.weight, hidden))
-        return torch.addmm(self.last.bias[:, None], self.last.weight, hidden)
+    def changed(self, colors: Tensor, hidden: Tensor | None) -> Tensor:
+        """As the call, from the (P, hidden) sums of the first layer."""
+        change = interpolate(self.table, colors[None])[0]
+        if hidden is not None:
+            hidden = functional.hardswish(self.second(functional.hardswish(hidden)))
+            change = torch.add(change, self.last(hidden), alpha=_OUTPUT_SCALE)
+        return torch.addcmul(colors, gate(colors), change)
+
+    def first_of_colors(self) -> tuple[Tensor, list[Tensor]]:
+        """The first layer, sorted by what does and what does not change from pixel to pixel.
+
+        Returns:
+            (hidden, 7) weights of a pixel's `own_features`, and for each of `SURROUNDINGS` (hidden, 6) weights of its
+            averages: together with the bias they give the layer's sums.
+        """
+        weights = self.first.weight.detach()
+        own = weights[:, :_OWN].clone()
+        around = [_DIFFERENCE_SCALE * part for part in weights[:, _OWN:].split(_SEEN, 1)]
+        own[:, :_SEEN] += torch.stack(around).sum(0)
+        return own, [-part for part in around]
 
     def table_roughness(self) -> Tensor:
         """Sum over the three axes of the table's mean squared second difference."""
@@ -86,18 +98,18 @@ class SceneNetwork(nn.Module):
             for part in (self.table, self.last.weight, self.last.bias):
                 part.mul_(factor)
 
-    def lut(self) -> ColorLut:
-        """The part that is a table, with its gate."""
-        axis = torch.linspace(0.0, 1.0, _CUBE_NODES)
-        colors = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij")).flatten(1)
-        with torch.no_grad():
-            change = self(colors) - colors
-        return ColorLut(change.T.reshape(*(_CUBE_NODES,) * 3, 3).contiguous())
+
+def table_lut(table: Tensor) -> ColorLut:
+    """The LUT of a network that has a (N, N, N, 3) table and no perceptron."""
+    axis = torch.linspace(0.0, 1.0, _CUBE_NODES)
+    colors = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
+    change = gate(colors) * interpolate(table.detach(), colors[None])[0]
+    return ColorLut(change.reshape(*(_CUBE_NODES,) * 3, 3))
 
 
 def gate(colors: Tensor) -> Tensor:
-    """(1, P) in [0, 1]: 0 for greys, which look alike to every observer and stay; nearly 1 for colours."""
-    chroma = (colors.amax(0, keepdim=True) - colors.amin(0, keepdim=True)) ** 2
+    """(P, 1) in [0, 1] for (P, 3) colours: 0 for greys, which look alike to everyone and stay; nearly 1 for colours."""
+    chroma = (colors.amax(1, keepdim=True) - colors.amin(1, keepdim=True)) ** 2
     return chroma / (chroma + _GREY**2)
 
 
@@ -112,26 +124,29 @@ def own_features(image: Tensor, seen: Tensor) -> Tensor:
 
 
 def features(image: Tensor, observer: Observer, coverage: Tensor | None = None) -> Tensor:
-    """(25, P) what the perceptron sees of the pixels of a (3, H, W) image, no larger than `REFERENCE_SIDE`.
+    """(P, 25) what the perceptron sees of the pixels of a (3, H, W) image, no larger than `REFERENCE_SIDE`.
 
     Args:
         coverage: (H, W) in [0, 1]; what is not covered surrounds nothing.
     """
     seen = seen_features(image, observer)
-    own = own_features(image, seen)
-    averages = surroundings(image, observer, coverage)
-    rows, columns = (torch.arange(side) for side in image.shape[-2:])
-    return torch.cat([own.flatten(1), around(own, averages, rows, columns, image.shape[-2:]).flatten(1)])
+    size = image.shape[-2:]
+    differences = []
+    for grid in surroundings(image, observer, coverage):
+        down, across = (interpolation(0, side, side, cells) for side, cells in zip(size, grid.shape[1:], strict=True))
+        differences.append(_DIFFERENCE_SCALE * (seen - down @ grid @ across.T))
+    return torch.cat([own_features(image, seen), *differences]).flatten(1).T.contiguous()
 
 
-def around(own: Tensor, averages: Surroundings, rows: Tensor, columns: Tensor, size: tuple[int, ...]) -> Tensor:
-    """(18, h, w) how the pixels in `rows` and `columns` of an image of `size` differ from their surroundings.
+def interpolation(first: int, last: int, side: int, cells: int) -> Tensor:
+    """(last - first, cells) weights of the cells along a side of an image for its pixels from `first` to `last`.
 
-    Args:
-        own: (7, h, w) their `own_features`.
+    The values of the cells are interpolated linearly between their middles. A pixel's weights depend on its place
+    alone, so that pieces of an image fit together.
     """
-    seen = own[:_SEEN]
-    return torch.cat([_DIFFERENCE_SCALE * (seen - _enlarge(grid, rows, columns, size)) for grid in averages])
+    position = ((torch.arange(first, last, dtype=torch.float64) + 0.5) * (cells / side) - 0.5).clamp(0.0, cells - 1.0)
+    distance = (position[:, None] - torch.arange(cells, dtype=torch.float64)).abs()
+    return (1.0 - distance).clamp(min=0.0).float()
 
 
 def surroundings(image: Tensor, observer: Observer, coverage: Tensor | None = None) -> Surroundings:
@@ -143,25 +158,9 @@ def surroundings(image: Tensor, observer: Observer, coverage: Tensor | None = No
     grids = []
     for part in SURROUNDINGS:
         cell = max(_LEAST_CELL, part * min(size))
-        cells = [max(round(side / cell), 1) for side in size]
-        summed = functional.adaptive_avg_pool2d(torch.cat([seen, weight])[None], cells)[0]
+        rows, columns = (max(round(side / cell), 1) for side in size)
+        summed = functional.adaptive_avg_pool2d(torch.cat([seen, weight])[None], (rows, columns))[0]
         covered = summed[_SEEN:]
         average = summed[:_SEEN] / covered.clamp(min=torch.finfo(weight.dtype).tiny)
         grids.append(torch.where(covered > 0.0, average, everywhere[:, None, None]))
     return grids
-
-
-def _enlarge(grid: Tensor, rows: Tensor, columns: Tensor, size: tuple[int, ...]) -> Tensor:
-    """The bilinear interpolation of a (C, rows, columns) grid over an image of `size` at some rows and columns.
-
-    A pixel's value depends on nothing but its place, so that pieces of an image fit together.
-    """
-    for axis, (places, side) in enumerate(((rows, size[0]), (columns, size[1])), start=1):
-        cells = grid.shape[axis]
-        position = ((places + 0.5) * (cells / side) - 0.5).clamp(0.0, cells - 1.0)
-        lower = position.long().clamp(max=max(cells - 2, 0))
-        upper = (lower + 1).clamp(max=cells - 1)
-        share = (position - lower).to(grid.dtype)
-        share = share[:, None] if axis == 1 else share
-        grid = torch.lerp(grid.index_select(axis, lower), grid.index_select(axis, upper), share)
-    return grid

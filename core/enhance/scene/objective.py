@@ -44,6 +44,7 @@ _DISCERNIBLE = 3.0  # ΔE76 from which the contrast of distant pairs counts
 _PAIRS = 6000  # random ones
 _SURFACES = (1 / 40, 1 / 10)  # distances at which surfaces are compared, as parts of the shorter side
 _REDUCTION = 4  # of the copy on which areas are compared
+_SURFACE_CELLS = 12  # along the longer side of the copy on which it is counted what is lost of surfaces
 _AREA_STEPS = (1, 3)  # pixels of that copy between the areas that are compared
 _NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows and columns to the neighbours of a pixel, each pair once
 # Of all pairs, added to the number of distinct ones, so that a picture with hardly any is not ruled by these.
@@ -95,9 +96,9 @@ class Objective:
         self._lab = srgb_to_lab(image)
         self._neighbours = _Pairs(self._lab, _NEIGHBOURS, self._coverage)
         self._areas = _Pairs(
-            srgb_to_lab(_reduce(image)),
+            srgb_to_lab(_reduce(image, _REDUCTION)),
             [offset for step in _AREA_STEPS for offset in ((0, step), (step, 0))],
-            _reduce(self._coverage[None])[0],
+            _reduce(self._coverage[None], _REDUCTION)[0],
         )
         steps = [max(round(part * min(image.shape[-2:])), 2) for part in _SURFACES]
         self._surfaces = [
@@ -130,7 +131,7 @@ class Objective:
         seen_linear = self.observer.simulate_linear(linear)
         seen = linear_to_lab(seen_linear)
         near, far = self._neighbours.contrasts(seen), self._distant.contrasts(seen)
-        areas = self._areas.contrasts(self.observer.lab(srgb_to_linear(_reduce(clipped))))
+        areas = self._areas.contrasts(self.observer.lab(srgb_to_linear(_reduce(clipped, _REDUCTION))))
         change = _smooth_change(self._lab, linear_to_lab(linear))
         return {
             "neighbours": self._neighbours.lost(near, _FEW_NEIGHBOURS),
@@ -153,10 +154,22 @@ class Objective:
         original, enhanced = (picture.detach().flatten(1)[:, self._judged, None] for picture in (self.image, shown))
         return float(delta_e_2000(original, enhanced.clamp(0.0, 1.0)).mean())
 
-    def preserved(self, shown: Tensor) -> tuple[float, float]:
-        """Numbers of covered neighbours that are distinct in the original, and of those that stay it in `shown`."""
-        seen = self.observer.lab(srgb_to_linear(shown.clamp(0.0, 1.0)))
-        return self._neighbours.preserved(self._neighbours.contrasts(seen))
+
+def lost_contrast(image: Tensor, observer: Observer, coverage: Tensor | None = None) -> tuple[float, float]:
+    """How many of the distinct pairs in a picture the observer cannot tell apart: of pixels, and of surfaces.
+
+    Surfaces are neighbours on a copy of `_SURFACE_CELLS`. Both shares are 0 where nothing is distinct.
+
+    Args:
+        image, observer, coverage: as for `Objective`.
+    """
+    coverage = torch.ones_like(image[0]) if coverage is None else coverage
+    shares = []
+    for reduction in (1, max(round(max(image.shape[-2:]) / _SURFACE_CELLS), 1)):
+        reduced = _reduce(image, reduction)
+        pairs = _Pairs(srgb_to_lab(reduced), _NEIGHBOURS, _reduce(coverage[None], reduction)[0])
+        shares.append(pairs.share_lost(observer.lab(srgb_to_linear(reduced))))
+    return shares[0], shares[1]
 
 
 class _Contrasts:
@@ -177,10 +190,6 @@ class _Contrasts:
         beyond = torch.relu(after - self._before.clamp(min=_VISIBLE))
         return ((self._weight - self._distinct) * beyond).sum() / self._number(few)
 
-    def preserved(self, after: Tensor) -> tuple[float, float]:
-        """Numbers of distinct pairs, and of those that still are."""
-        return float(self._distinct.sum()), float((self._distinct * (after >= DISTINCT)).sum())
-
     def _number(self, few: float) -> Tensor:
         return self._distinct.sum() + few * self._weight.sum() + torch.finfo(self._weight.dtype).tiny
 
@@ -198,8 +207,13 @@ class _Pairs(_Contrasts):
         """(P,) ΔE76 of the pairs in a (3, H, W) picture in CIELAB."""
         return _joined([delta_e_76(*_shifted(lab, offset)) for offset in self._offsets], lab)
 
+    def share_lost(self, lab: Tensor) -> float:
+        """The share of the distinct pairs that are not distinct in a (3, H, W) picture in CIELAB; 0 without any."""
+        lost = (self._distinct * (self.contrasts(lab) < DISTINCT)).sum()
+        return float(lost / self._distinct.sum()) if self._distinct.any() else 0.0
+
     def similarity(self, lab: Tensor) -> Tensor:
-        """How alike the contrasts are in a picture and in the original, as far as they are not `_FAR_END`; 1 at most."""
+        """How alike contrasts up to `_FAR_END` are in a picture and in the original; 1 at most."""
         before = self._before.clamp(max=_FAR_END)
         both = torch.minimum(before, self.contrasts(lab))
         number = self._weight.sum().clamp(min=torch.finfo(lab.dtype).tiny)
@@ -248,9 +262,7 @@ class _Structure:
         mean, square, product = self._windows(torch.cat([other, other**2, self._image * other])).chunk(3)
         variance, covariance = square - mean**2, product - self._mean * mean
         similarity = (2.0 * self._mean * mean + _SSIM_C1) * (2.0 * covariance + _SSIM_C2)
-        similarity = similarity / (
-            (self._mean**2 + mean**2 + _SSIM_C1) * (self._variance + variance + _SSIM_C2)
-        )
+        similarity = similarity / ((self._mean**2 + mean**2 + _SSIM_C1) * (self._variance + variance + _SSIM_C2))
         number = self._weight.sum().clamp(min=torch.finfo(other.dtype).tiny)
         return (self._weight * (1.0 - similarity.mean(0))).sum() / number
 
@@ -275,9 +287,9 @@ def _joined(maps: Sequence[Tensor], like: Tensor) -> Tensor:
     return torch.cat([one.flatten() for one in maps]) if maps else like.new_zeros(0)
 
 
-def _reduce(maps: Tensor) -> Tensor:
-    """(C, H, W) maps at a quarter of their size, or of one pixel along sides that are shorter."""
-    size = [min(_REDUCTION, side) for side in maps.shape[-2:]]
+def _reduce(maps: Tensor, reduction: int) -> Tensor:
+    """(C, H, W) maps, averaged over squares with sides of `reduction` pixels, or over sides that are shorter."""
+    size = [min(reduction, side) for side in maps.shape[-2:]]
     return functional.avg_pool2d(maps[None], size)[0]
 
 
