@@ -21,6 +21,11 @@ class RunProperties(bpy.types.PropertyGroup):
         description="What finds the new colours",
         items=(
             ("lut", "Colour Mapping", "One smooth mapping of the scene's colours, fitted to the photographs"),
+            (
+                "scene",
+                "Scene Network",
+                "A small network that is fitted to the photographs and sees what is around a place",
+            ),
             ("cgan", "Network", "The mapping, and a trained network on top that may treat places differently"),
         ),
         default="lut",

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.nn import functional
 
-from ...capture.images import downscale_with_alpha, fit_size
 from ...color.simulation import Observer
 from ...errors import InputError
 from ...runtime.protocol import Reporter
@@ -63,7 +63,7 @@ class FitSettings:
     start_weight: float = 0.05
     weight: float = 0.1
     roughness: float = 1000.0
-    budget_share: float = 10.5
+    budget_share: float = 12.0
     budget_base: float = 0.2
     coarse_share: float = 0.7
     objective: ObjectiveWeights = field(default_factory=ObjectiveWeights)
@@ -76,6 +76,8 @@ _GAIN, _MOST_EXCESS = 0.1, 0.5  # how fast that weight follows, and the relative
 _LEAST_WEIGHT, _MOST_WEIGHT = 0.003, 5.0
 _LAX_WEIGHT = 0.02  # of naturalness; where it sinks below, the budget is not spent, and structure is eased too
 _LEAST_EASE = 0.5
+_FINEST = 8  # larger images lose pixels before they are reduced, in units of the size that is asked for
+_LEAST_COVERAGE = 1 / 255
 _SCALINGS = 4  # at most, of a change that exceeds the budget; ΔE00 is not quite proportional to it
 
 
@@ -279,10 +281,19 @@ def _reduced(image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None, size: in
 
     Pixels that are not covered have the mean colour of the others: windows and squares reach across the border.
     """
-    image, alpha = downscale_with_alpha(image, alpha, *fit_size(image.shape[1], image.shape[0], size))
-    pixels = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1))).float() / 255.0
+    longer = max(image.shape[:2])
+    thinning = np.s_[:: max(longer // (_FINEST * size), 1)]
+    pixels = torch.from_numpy(np.ascontiguousarray(image[thinning, thinning].transpose(2, 0, 1))).float() / 255.0
+    shape = [max(round(side * min(size / longer, 1.0)), 1) for side in image.shape[:2]]
+
+    def reduce(maps: Tensor) -> Tensor:
+        return functional.interpolate(maps[None], shape, mode="bilinear", antialias=True)[0]
+
     if alpha is None:
-        return pixels, None
-    coverage = torch.from_numpy(alpha).float() / 255.0
-    mean = (coverage * pixels).sum((1, 2)) / coverage.sum().clamp(min=torch.finfo(coverage.dtype).tiny)
-    return torch.where(coverage > 0.0, pixels, mean[:, None, None]), coverage
+        return reduce(pixels), None
+    coverage = torch.from_numpy(np.ascontiguousarray(alpha[thinning, thinning])).float()[None] / 255.0
+    mean = (coverage * pixels).sum((1, 2)) / coverage.sum()
+    *premultiplied, covered = reduce(torch.cat([coverage * pixels, coverage]))
+    straight = torch.stack(premultiplied) / covered.clamp(min=_LEAST_COVERAGE)
+    is_covered = covered >= _LEAST_COVERAGE
+    return torch.where(is_covered, straight, mean[:, None, None]), covered * is_covered
