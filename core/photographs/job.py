@@ -13,7 +13,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from ..capture.files import quote_first
 from ..color.simulation import Observer
 from ..enhance import Enhancer, IdentityEnhancer, LutEnhancer, enhance_bytes, make_enhancer
 from ..errors import InputError
@@ -137,13 +136,12 @@ def _scenes(found: Survey, reporter: Reporter, *, together: bool) -> list[list[i
     groups = group_by_palette([found.images[i] for i in colored], [found.alphas[i] for i in colored])
     scenes = [[i for i, group in zip(colored, groups, strict=True) if group == one] for one in range(max(groups) + 1)]
     if len(scenes) > 1:
-        larger = sorted((len(scene) for scene in scenes if len(scene) > 1), reverse=True)
-        singles = sum(len(scene) == 1 for scene in scenes)
-        parts = [f"one of {size}" for size in larger] + ([f"{singles} of one photograph"] if singles else [])
+        largest = max(map(len, scenes))
+        sizes = f"the largest of {largest} photographs" if largest > 1 else "of one photograph each"
         reporter.warning(
             "several-scenes",
-            f"by their colours the photographs are {len(scenes)} scenes ({quote_first(parts)}), which are enhanced "
-            "apart; --together makes them one",
+            f"by their colours the photographs are {len(scenes)} scenes, {sizes}, which are enhanced apart; --together "
+            "makes them one",
         )
     return scenes
 

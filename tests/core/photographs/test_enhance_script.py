@@ -132,7 +132,7 @@ def test_photographs_whose_colours_have_nothing_in_common_are_scenes_of_their_ow
     blue[:, 24:] = (200, 190, 90)
     tartans = [save(tmp_path / f"{shift}.png", textiles.tartan(size=48, stripe=8, shift=shift)) for shift in (0, 3, 6)]
     recorder = run(tmp_path / "mixed", *tartans, save(tmp_path / "blue.png", blue), enhancer="lut")
-    assert "2 scenes (one of 3, 1 of one photograph)" in recorder.warnings["several-scenes"]
+    assert "2 scenes, the largest of 3 photographs," in recorder.warnings["several-scenes"]
     assert "--together" in recorder.warnings["several-scenes"]
     run(tmp_path / "tartans", *tartans, enhancer="lut")
     run(tmp_path / "blue", tmp_path / "blue.png", enhancer="lut")
