@@ -20,7 +20,7 @@ SIMULATIONS = ("machado", "vienot", "brettel")
 MODES = ("layers", "joint", "post")
 DEVICES = ("auto", "cpu", "cuda")
 ENGINES = ("cycles", "eevee")  # Workbench draws no Gaussians
-ENHANCERS = ("cgan", "lut", "none")
+ENHANCERS = ("scene", "lut", "cgan", "none")
 WEIGHTS_SUFFIX = ".safetensors"
 PLUGIN_PREFIX = "plugin:"
 """Before the name of an enhancer that an installed package offers; see docs/extending.md."""
@@ -122,6 +122,14 @@ class Settings:
         trains=True,
     )
     enhancer: str = _option("lut", "|".join(ENHANCERS) + f"|FILE{WEIGHTS_SUFFIX}", metavar="NAME", trains=True)
+    change_budget: float | None = _option(
+        None,
+        "mean ΔE00 that --enhancer scene may change colours by",
+        metavar="DELTA_E",
+        low=0.1,
+        high=20.0,
+        trains=True,
+    )
     mode: str = _option("layers", "how geometry and colours are fitted", choices=MODES, trains=True, fixed=True)
     iterations: int = _option(5000, "optimisation steps of the geometry", metavar="N", low=1, trains=True, fixed=True)
     gaussians: int | None = _option(None, "the most Gaussians to fit", metavar="N", low=1, trains=True, fixed=True)
@@ -171,7 +179,7 @@ class Settings:
             is_enhancer(self.enhancer),
             f"'{self.enhancer}' is not known",
             "--enhancer",
-            f"use one of {', '.join(ENHANCERS)}, or a {WEIGHTS_SUFFIX} file that train_enhancer.py made",
+            f"use one of {', '.join(ENHANCERS)}, or a {WEIGHTS_SUFFIX} file of a run or of train_enhancer.py",
         )
         _check(
             self.mode != "joint" or not self.sh_degree,

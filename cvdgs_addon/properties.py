@@ -151,6 +151,11 @@ class RunProperties(bpy.types.PropertyGroup):
             description="The method that finds the new colours",
             items=(
                 ("lut", "Colour Mapping", "One smooth mapping of the scene's colours, fitted to the photographs"),
+                (
+                    "scene",
+                    "Scene Network",
+                    "A small network fitted to the photographs, which sees each pixel's surroundings",
+                ),
                 ("cgan", "Network", "The mapping, refined by a trained network that may treat regions differently"),
             ),
         )

@@ -35,12 +35,13 @@ def build_parser() -> argparse.ArgumentParser:
     add("--out", required=True, metavar="DIR", help="folder for the results; replaced only when everything succeeds")
     add("--cvd", default="deutan", metavar="TYPE", help=f"{'|'.join(CVD_TYPES)} (deutan)")
     add("--severity", type=float, default=1.0, metavar="0..1", help="(1)")
-    add_settings(parser, ("simulation", "strength", "enhancer", "seed", "device"))
+    add_settings(parser, ("simulation", "strength", "enhancer", "change_budget", "seed", "device"))
     add(
         "--separately",
         action="store_true",
-        help="fit each photograph on its own; by default all are treated as one scene",
+        help="fit each photograph on its own; by default those of like colours are one scene",
     )
+    add("--together", action="store_true", help="fit all photographs as one scene, whatever their colours")
     add("--skip-unreadable", action="store_true", help="skip damaged photographs; by default they are an error")
     add("--json", action="store_true", help="events on stdout, one JSON object per line, instead of a progress bar")
     return parser

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..color.matrices import check_simulation
 from ..color.simulation import Observer
 from ..errors import InputError
+from ..files.images import to_bytes
 from ..runtime.protocol import Reporter
 from .lut import ColorLut, as_float
 from .pairs import Alphas, Images
@@ -68,6 +69,14 @@ class SceneEnhancer(ABC):
     def __call__(self, image: NDArray) -> NDArray[np.float32]:
         """See `Enhancer.__call__`; raises RuntimeError where `fit` has to come first."""
         return as_float(image) if self.is_identity else self._enhance(image)
+
+    def enhance_bytes(self, image: NDArray, alpha: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
+        """The enhanced (H, W, 3) image in 8 bits.
+
+        Args:
+            alpha: (H, W) coverage, for enhancers that look at a pixel's surroundings.
+        """
+        return to_bytes(self(image))
 
     def save(self, path: Path) -> None:
         """Write the scene's LUT as safetensors; `ColorLut.load` reads it."""
@@ -129,6 +138,13 @@ class LutEnhancer(SceneEnhancer):
 
     def _enhance(self, image: NDArray) -> NDArray[np.float32]:
         return self._fitted_lut()(image, self._strength)
+
+
+def enhance_bytes(enhancer: Enhancer, image: NDArray, alpha: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
+    """`SceneEnhancer.enhance_bytes` of any enhancer; a plug-in's is not told the coverage."""
+    if isinstance(enhancer, SceneEnhancer):
+        return enhancer.enhance_bytes(image, alpha)
+    return to_bytes(enhancer(image))
 
 
 def check_strength(strength: float) -> None:

@@ -11,6 +11,8 @@ from ..errors import InputError
 from ..settings import ENHANCERS, PLUGIN_PREFIX, WEIGHTS_SUFFIX, is_enhancer
 from .cgan import CganEnhancer
 from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer, check_strength
+from .scene.enhancer import SceneNetworkEnhancer
+from .scene.storage import is_scene_network
 
 PLUGIN_GROUP = "cvdgs.enhancers"
 """The group of entry points by which an installed package offers enhancers."""
@@ -24,8 +26,14 @@ def make_enhancer(
     strength: float = 1.0,
     seed: int = 0,
     device: str = "cpu",
+    budget: float | None = None,
 ) -> Enhancer:
-    """The enhancer of this name, the conditional GAN with the weights of a file, or a plug-in's, for an observer.
+    """The enhancer of this name or in a file, or a plug-in's, for an observer.
+
+    A file holds a scene network, or weights of the conditional GAN; its metadata tell which.
+
+    Args:
+        budget: mean ΔE00 by which a scene network may change colours; None to take it from the photographs.
 
     Raises:
         InputError: an unknown enhancer, an observer that cannot be simulated, a strength outside [0, 1], weights that
@@ -42,6 +50,10 @@ def make_enhancer(
         return LutEnhancer(cvd, severity, simulation, strength, seed)
     if name.startswith(PLUGIN_PREFIX):
         return _plugin(name)(cvd=cvd, severity=severity, simulation=simulation, strength=strength, seed=seed)
+    if name == SceneNetworkEnhancer.name:
+        return SceneNetworkEnhancer(cvd, severity, simulation, strength, seed, budget)
+    if name != CganEnhancer.name and is_scene_network(Path(name)):
+        return SceneNetworkEnhancer.from_file(Path(name), cvd, severity, simulation, strength)
     weights = None if name == CganEnhancer.name else Path(name)
     return CganEnhancer(cvd, severity, simulation, strength, seed, weights, device)
 

@@ -162,12 +162,14 @@ def fit_luts(
     reporter = reporter or Reporter()
     generator = np.random.default_rng(seed)
     neighbours = torch.from_numpy(sample_neighbours(images, _NEIGHBOURS, generator, alphas)).float() / 255.0
-    residuals = [_initial_residual(observer, settings).requires_grad_() for observer in observers]
+    residuals = [
+        initial_residual(observer, settings.nodes, settings.initial_shift).requires_grad_() for observer in observers
+    ]
     optimizer = torch.optim.Adam(residuals, lr=settings.learning_rate)
     rounds = [settings.steps] + [settings.relaxation_steps] * settings.relaxations
     hard = list(range(len(observers)))
     done = 0
-    with _one_thread():
+    with one_thread():
         for relaxation, steps in enumerate(rounds):
             if relaxation:
                 hard = [
@@ -195,17 +197,17 @@ def fit_luts(
     ]
 
 
-def _initial_residual(observer: Observer, settings: TeacherSettings) -> Tensor:
-    """(N, N, N, 3) table from which a fit starts: `settings.initial_shift` of what is lost, made visible."""
-    axis = torch.linspace(0.0, 1.0, settings.nodes)
+def initial_residual(observer: Observer, nodes: int, shift: float) -> Tensor:
+    """(N, N, N, 3) table from which a fit starts: the part `shift` of what is lost, made visible; N is `nodes`."""
+    axis = torch.linspace(0.0, 1.0, nodes)
     colors = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij")).flatten(1)[..., None]
     linear = srgb_to_linear(colors)
     lab = xyz_to_lab(linear_to_xyz(linear))
     lost, visible, sign = _STAND_IN[observer.cvd]
     shifted = lab.clone()
-    shifted[visible] += sign * settings.initial_shift * (lab - observer.lab(linear))[lost]
+    shifted[visible] += sign * shift * (lab - observer.lab(linear))[lost]
     moved = linear_to_srgb(lab_to_linear(shifted).clamp(0.0, 1.0))
-    return (moved - colors)[..., 0].T.reshape(*(settings.nodes,) * 3, 3).contiguous()
+    return (moved - colors)[..., 0].T.reshape(nodes, nodes, nodes, 3).contiguous()
 
 
 def _description(observer: Observer) -> dict[str, str]:
@@ -213,7 +215,7 @@ def _description(observer: Observer) -> dict[str, str]:
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """Keep torch on one thread: for tensors this small two are no faster, and next to a busy process much slower."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

@@ -35,7 +35,10 @@ class EnhanceRequest:
         inputs: photographs, and folders that are searched with their subfolders.
         out: the output folder.
         cvd, severity, simulation, strength, enhancer, seed, device: as in `Settings`.
-        separately: fit the enhancer to each photograph alone instead of to all together.
+        change_budget: as in `Settings`.
+        separately: fit the enhancer to each photograph alone.
+        together: fit it to all photographs as one scene, whatever their colours; with neither, those whose palettes are
+            alike are one scene.
         skip_unreadable: leave out photographs that cannot be read instead of refusing all.
     """
 
@@ -48,7 +51,9 @@ class EnhanceRequest:
     enhancer: str = Settings.enhancer
     seed: int = Settings.seed
     device: str = Settings.device
+    change_budget: float | None = Settings.change_budget
     separately: bool = False
+    together: bool = False
     skip_unreadable: bool = False
 
     def to_dict(self) -> dict[str, Any]:

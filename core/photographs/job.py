@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,14 @@ import torch
 from numpy.typing import NDArray
 
 from ..color.simulation import Observer
-from ..enhance import Enhancer, IdentityEnhancer, LutEnhancer, make_enhancer
-from ..files.images import to_bytes, write_png
+from ..enhance import Enhancer, IdentityEnhancer, LutEnhancer, enhance_bytes, make_enhancer
+from ..errors import InputError
+from ..files.images import write_png
 from ..runtime.devices import choose_device
 from ..runtime.protocol import Reporter, StageSpan
 from .find import Photograph, Survey, find_photographs, survey
 from .front import METRICS_NAME, SHEET_NAME, EnhanceRequest
+from .groups import group_by_palette
 from .scores import PhotographScores, figures_of, mean_scores, write_table
 from .sheet import Sheet
 
@@ -33,6 +36,8 @@ _FIT_PHOTOGRAPHS = 4
 """A fit takes about as long as so many photographs of 0.4 megapixels with their figures, for the progress bar."""
 
 Pixels = NDArray[np.uint8]
+Recolouring = Callable[[Pixels, Pixels | None], Pixels]
+"""A photograph and its coverage to the enhanced photograph."""
 
 
 def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) -> dict[str, Any]:
@@ -46,14 +51,24 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
     Raises:
         InputError: an option, a photograph or the output folder cannot be used.
     """
+    if request.separately and request.together:
+        remedy = "leave one of them out"
+        raise InputError("photographs cannot be enhanced together and separately", where="--together", remedy=remedy)
     device = choose_device(request.device, has_cuda=torch.cuda.is_available())
 
     def make() -> Enhancer:
         return make_enhancer(
-            request.enhancer, request.cvd, request.severity, request.simulation, request.strength, request.seed, device
+            request.enhancer,
+            request.cvd,
+            request.severity,
+            request.simulation,
+            request.strength,
+            request.seed,
+            device,
+            request.change_budget,
         )
 
-    enhancer = make()  # refuses what cannot be simulated before anything takes time
+    make()  # refuses what cannot be simulated before anything takes time
     reporter.status("read", "looking for photographs")
     photographs = find_photographs(request.inputs, Path(request.out), reporter)
     found = survey(photographs, reporter, keep_pixels=not request.separately, skip_unreadable=request.skip_unreadable)
@@ -61,19 +76,21 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
     readable = found.photographs
     count = len(readable)
     observer = Observer(request.cvd, request.severity, request.simulation)
-    recolour: Callable[[Pixels, Pixels | None], Pixels]
+    recolours: Sequence[Recolouring]
     if request.separately:
-        start, recolour = 0.0, _Separately(make)
+        start, recolours = 0.0, [_Separately(make)] * count
     else:
-        start = _FIT_PHOTOGRAPHS / (_FIT_PHOTOGRAPHS + count)
-        recolour = _Scene(enhancer, found, StageSpan(reporter, STAGE, 0.0, start, "fitting the enhancer"))
+        scenes = _scenes(found, reporter, together=request.together)
+        fits = _FIT_PHOTOGRAPHS * len(scenes)
+        start = fits / (fits + count)
+        recolours = _fit_scenes(make, found, scenes, StageSpan(reporter, STAGE, 0.0, start, "fitting the enhancer"))
     del found  # and with it the pixels that only the fit needs
     rows = []
     with Sheet(observer, request.enhancer) as sheet:
         for number, photograph in enumerate(readable):
             reporter.status(STAGE, f"photograph {number + 1} of {count}")
             reporter.progress(STAGE, start + (1.0 - start) * number / count)
-            rows.append(_enhance_one(photograph, recolour, observer, sheet, folder))
+            rows.append(_enhance_one(photograph, recolours[number], observer, sheet, folder))
         means = mean_scores(rows)
         sheet.write(folder / SHEET_NAME, means, count)
     write_table(folder / METRICS_NAME, rows)
@@ -83,7 +100,7 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
 
 def _enhance_one(
     photograph: Photograph,
-    recolour: Callable[[Pixels, Pixels | None], Pixels],
+    recolour: Recolouring,
     observer: Observer,
     sheet: Sheet,
     folder: Path,
@@ -103,17 +120,40 @@ def _enhance_one(
     return scores
 
 
-class _Scene:
-    """All photographs are one scene: one fit, and one colour becomes the same everywhere."""
+def _scenes(found: Survey, reporter: Reporter, *, together: bool) -> list[list[int]]:
+    """The photographs in colour that belong together, by their numbers; says so where that is not all of them."""
+    colored = [i for i, pair in enumerate(zip(found.images, found.alphas, strict=True)) if _has_colour(*pair)]
+    if together or not colored:
+        return [colored] if colored else []
+    groups = group_by_palette([found.images[i] for i in colored], [found.alphas[i] for i in colored])
+    scenes = [[i for i, group in zip(colored, groups, strict=True) if group == one] for one in range(max(groups) + 1)]
+    if len(scenes) > 1:
+        largest = max(map(len, scenes))
+        sizes = f"the largest of {largest} photographs" if largest > 1 else "of one photograph each"
+        reporter.warning(
+            "several-scenes",
+            f"by their colours the photographs are {len(scenes)} scenes, {sizes}, which are enhanced apart; --together "
+            "makes them one",
+        )
+    return scenes
 
-    def __init__(self, enhancer: Enhancer, found: Survey, reporter: Reporter) -> None:
-        self._enhancer = enhancer
-        colored = any(_has_colour(*pair) for pair in zip(found.images, found.alphas, strict=True))
-        if colored:  # else every photograph is left as it is
-            enhancer.fit(found.images, reporter, alphas=found.alphas)
 
-    def __call__(self, image: Pixels, alpha: Pixels | None) -> Pixels:
-        return _apply(self._enhancer, image) if _has_colour(image, alpha) else image
+def _fit_scenes(
+    make: Callable[[], Enhancer], found: Survey, scenes: Sequence[Sequence[int]], reporter: StageSpan
+) -> list[Recolouring]:
+    """For each photograph the recolouring of its scene: one fit, so that one colour becomes the same in all of it."""
+    recolours: list[Recolouring] = [_unchanged] * len(found.photographs)
+    for number, scene in enumerate(scenes):
+        enhancer, share = make(), 1.0 / len(scenes)
+        span = StageSpan(reporter, STAGE, number * share, (number + 1) * share, "fitting the enhancer")
+        enhancer.fit([found.images[i] for i in scene], span, alphas=[found.alphas[i] for i in scene])
+        for i in scene:
+            recolours[i] = partial(_apply, enhancer)
+    return recolours
+
+
+def _unchanged(image: Pixels, _alpha: Pixels | None) -> Pixels:
+    return image
 
 
 class _Separately:
@@ -127,17 +167,17 @@ class _Separately:
             return image
         enhancer = self._make()
         enhancer.fit([image], alphas=[alpha])
-        return _apply(enhancer, image)
+        return _apply(enhancer, image, alpha)
 
 
-def _apply(enhancer: Enhancer, image: Pixels) -> Pixels:
+def _apply(enhancer: Enhancer, image: Pixels, alpha: Pixels | None) -> Pixels:
     """The enhanced (H, W, 3) image, in blocks of rows where memory can be saved that way."""
     if not isinstance(enhancer, _POINTWISE):
-        return to_bytes(enhancer(image))
+        return enhance_bytes(enhancer, image, alpha)
     rows = max(_BLOCK_PIXELS // image.shape[1], 1)
     enhanced = np.empty_like(image)
     for top in range(0, len(image), rows):
-        enhanced[top : top + rows] = to_bytes(enhancer(image[top : top + rows]))
+        enhanced[top : top + rows] = enhance_bytes(enhancer, image[top : top + rows])
     return enhanced
 
 

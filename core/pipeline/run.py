@@ -125,7 +125,14 @@ def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
 def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:
     return {
         layer: make_enhancer(
-            settings.enhancer, layer.cvd, layer.severity, settings.simulation, settings.strength, settings.seed, device
+            settings.enhancer,
+            layer.cvd,
+            layer.severity,
+            settings.simulation,
+            settings.strength,
+            settings.seed,
+            device,
+            settings.change_budget,
         )
         for layer in settings.layers
     }

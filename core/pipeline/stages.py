@@ -24,10 +24,17 @@ from numpy.typing import NDArray
 from ..capture.model import Capture, View
 from ..color.matrices import linear_simulation
 from ..consistency import SceneAgreement, SceneCorrespondences
-from ..enhance import Enhancer, IdentityEnhancer, LutEnhancer, SceneEnhancer
+from ..enhance import (
+    Enhancer,
+    IdentityEnhancer,
+    LutEnhancer,
+    SceneEnhancer,
+    SceneNetworkEnhancer,
+    enhance_bytes,
+)
 from ..evaluate.evaluation import Evaluation, SceneMatches, Split, enhanced_path, render_path
 from ..files.images import read_png, to_bytes, write_png
-from ..runs.layout import GAUSSIANS_FILE, layer_cube_file, layer_gaussians_file
+from ..runs.layout import GAUSSIANS_FILE, layer_cube_file, layer_gaussians_file, layer_network_file
 from ..runtime.protocol import Reporter, StageSpan
 from ..settings import Layer, Settings
 from ..splats import raster
@@ -164,7 +171,8 @@ class Stages:
     def enhance(self, enhancers: dict[Layer, Enhancer]) -> None:
         """Write ``enhanced/<layer>/<view>.png`` for every view; the enhancers are fitted to the training views only.
 
-        The scene's LUT, which the network starts from, is also written as ``layer.<layer>.cube``, for grading tools.
+        The scene's LUT is also written as ``layer.<layer>.cube``, for grading tools, and its network as
+        ``layer.<layer>.safetensors``.
         """
         training = self._views(self.split.train)
         costs = {layer: _fit_cost(enhancer) for layer, enhancer in enhancers.items()}
@@ -178,11 +186,14 @@ class Stages:
             enhancer.fit([view.image for view in training], span, alphas=[view.alpha for view in training])
             if isinstance(enhancer, SceneEnhancer) and enhancer.lut is not None:
                 enhancer.export_cube(self.folder / layer_cube_file(layer.name), f"cvdgs {layer.name}")
+            if isinstance(enhancer, SceneNetworkEnhancer) and not enhancer.is_identity:
+                enhancer.save(self.folder / layer_network_file(layer.name))
             done += fit_cost
             for view in self.capture.views:
-                write_png(enhanced_path(self.folder, layer, view), to_bytes(enhancer(view.image)))
+                write_png(enhanced_path(self.folder, layer, view), enhance_bytes(enhancer, view.image, view.alpha))
                 if view.again is not None:
-                    write_png(enhanced_path(self.folder, layer, view, again=True), to_bytes(enhancer(view.again)))
+                    again = enhance_bytes(enhancer, view.again, view.alpha)
+                    write_png(enhanced_path(self.folder, layer, view, again=True), again)
                 done += 1
                 self.reporter.progress("enhance", done / total, f"{layer.name}: {view.key}")
 

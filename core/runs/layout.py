@@ -39,7 +39,7 @@ NAMES = (
     REPORT_PAGE,
     LOG_FILE,
 )
-PATTERNS = (LAYER_GAUSSIANS_PATTERN, "layer.*.cube")
+PATTERNS = (LAYER_GAUSSIANS_PATTERN, "layer.*.cube", "layer.*.safetensors")
 
 
 def layer_gaussians_file(layer: str) -> str:
@@ -55,6 +55,11 @@ def layer_of(name: str) -> str:
 def layer_cube_file(layer: str) -> str:
     """File of the LUT that makes the colours of `layer`."""
     return f"layer.{layer}.cube"
+
+
+def layer_network_file(layer: str) -> str:
+    """File of the scene network that makes the colours of `layer`."""
+    return f"layer.{layer}.safetensors"
 
 
 DIGITS = 4  # of a picture's number in its file name

@@ -63,17 +63,22 @@ def add_settings(parser: argparse.ArgumentParser, names: Iterable[str]) -> None:
         elif bool in typing.get_args(hints[name]):
             parser.add_argument(flag(name), action=argparse.BooleanOptionalAction, help=shown)
         else:
-            kind = _number_or_auto if int in typing.get_args(hints[name]) else hints[name]
+            kinds = typing.get_args(hints[name])
+            kind = hints[name] if not kinds else _whole_or_auto if int in kinds else _number_or_auto
             metavar = option.metavar or name.upper()
             parser.add_argument(flag(name), type=kind, default=default, metavar=metavar, help=shown)
 
 
-def _number_or_auto(text: str) -> int | None:
-    """argparse names this function when the text is neither."""
+def _whole_or_auto(text: str) -> int | None:
     return None if text == AUTO else int(text)
 
 
-_number_or_auto.__name__ = f"number or {AUTO}"
+def _number_or_auto(text: str) -> float | None:
+    return None if text == AUTO else float(text)
+
+
+# argparse names the function when the text is neither.
+_whole_or_auto.__name__ = _number_or_auto.__name__ = f"number or {AUTO}"
 _QUIET_INTERVAL = 30.0  # seconds between lines when the stream is not a terminal
 _LIVELY_INTERVAL = 0.2
 

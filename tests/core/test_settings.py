@@ -49,7 +49,7 @@ def test_every_mode_can_be_asked_for_and_be_added_to(mode):
     assert settings(mode=mode, resume=True).mode == mode
 
 
-@pytest.mark.parametrize("enhancer", ["cgan", "lut", "none", "trained/enhancer.safetensors"])
+@pytest.mark.parametrize("enhancer", ["scene", "cgan", "lut", "none", "trained/enhancer.safetensors"])
 def test_enhancers_are_names_or_files_of_weights(enhancer):
     assert settings(enhancer=enhancer).enhancer == enhancer
 

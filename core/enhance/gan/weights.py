@@ -10,10 +10,10 @@ from pathlib import Path
 import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
-from torch import Tensor, nn
+from torch import nn
 
 from ...errors import InputError
-from ...files.tensors import read_tensors
+from ...files.tensors import checksum, read_tensors
 from ...files.untrusted import parse_json
 from .networks import Generator, GeneratorConfig
 
@@ -37,7 +37,7 @@ def save_generator(generator: Generator, path: Path, notes: dict[str, str] | Non
         "format": _FORMAT,
         "version": _VERSION,
         "config": json.dumps(generator.config.to_dict()),
-        "sha256": _checksum(tensors),
+        "sha256": checksum(tensors),
     }
     save_file(tensors, path, metadata=metadata)
 
@@ -52,7 +52,7 @@ def load_generator(path: Path) -> Generator:
     _check_header(metadata, path)
     if not all(value.dtype == torch.float32 for value in tensors.values()):
         raise InputError("the enhancer's weights are not in single precision", where=path, remedy=_REMEDY)
-    if _checksum(tensors) != metadata.get("sha256"):
+    if checksum(tensors) != metadata.get("sha256"):
         raise InputError("the enhancer's weights are damaged (wrong checksum)", where=path, remedy=_REMEDY)
     if not all(torch.isfinite(value).all() for value in tensors.values()):
         raise InputError("the enhancer's weights are not all finite", where=path, remedy=_REMEDY)
@@ -92,16 +92,6 @@ def _shapes(network: Callable[[GeneratorConfig], nn.Module], config: GeneratorCo
     """Of the weights that a network of `config` has, found out without room for them."""
     with torch.device("meta"):
         return {name: value.shape for name, value in network(config).state_dict().items()}
-
-
-def _checksum(tensors: dict[str, Tensor]) -> str:
-    """SHA-256 over names, types, shapes and values."""
-    digest = hashlib.sha256()
-    for name in sorted(tensors):
-        value = tensors[name].contiguous()
-        digest.update(f"{name} {value.dtype} {tuple(value.shape)}\n".encode())
-        digest.update(value.view(-1).view(torch.uint8).numpy().tobytes())
-    return digest.hexdigest()
 
 
 _REINSTALL = "install cvdgs again, or give your own weights as a file: --enhancer FILE.safetensors"

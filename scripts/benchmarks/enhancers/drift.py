@@ -23,10 +23,9 @@ from ....core.capture.reader import read_capture
 from ....core.color.simulation import Observer
 from ....core.consistency import Correspondences, CorrespondenceSettings, SceneCorrespondences, relative_warping_error
 from ....core.demo import SHOWROOM
-from ....core.enhance import Enhancer
+from ....core.enhance import Enhancer, enhance_bytes
 from ....core.evaluate.evaluation import SceneMatches, Split, spread
 from ....core.evaluate.scores import Scorer
-from ....core.files.images import to_bytes
 from ....core.files.untrusted import replacing
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter, StageSpan
@@ -101,7 +100,7 @@ def _measure_views(capture: Capture, matches: SceneMatches, enhancer: Enhancer, 
     enhancer.fit([view.image for view in training], alphas=[view.alpha for view in training])
     views = [capture.views[i] for i in matches.views]
     originals = [view.image for view in views]
-    enhanced = [to_bytes(enhancer(image)) for image in originals]
+    enhanced = [enhance_bytes(enhancer, view.image, view.alpha) for view in views]
     contrasts = []
     for i in spread(range(len(views)), _SCORED_VIEWS):
         alpha, seen_as = views[i].alpha, Observer(observer.cvd, observer.severity, ENHANCED_FOR)

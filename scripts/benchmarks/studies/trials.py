@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ....core.capture.model import Capture
 from ....core.consistency import relative_warping_error
-from ....core.enhance import Enhancer
+from ....core.enhance import Enhancer, enhance_bytes
 from ....core.evaluate.advice import advise
 from ....core.evaluate.evaluation import MOST_SCORED_VIEWS, Evaluation, SceneMatches, enhanced_path, spread
 from ....core.files.images import to_bytes, write_png
@@ -244,7 +244,8 @@ class CaptureTrials:
         """Write the enhanced judged photographs that evaluations compare with."""
         needed = {*spread(self.subject.judged_split.test, MOST_SCORED_VIEWS), *self._matches.views}
         for view in (self.subject.judged.views[i] for i in sorted(needed)):
-            write_png(enhanced_path(enhanced.judged, layer, view), to_bytes(enhanced.enhancer(view.image)))
+            pixels = enhance_bytes(enhanced.enhancer, view.image, view.alpha)
+            write_png(enhanced_path(enhanced.judged, layer, view), pixels)
 
 
 def recipe_folder(folder: Path, recipe: Recipe) -> Path:

@@ -171,7 +171,7 @@ def test_a_fitted_enhancer_saves_its_table_and_exports_it_at_its_strength(tmp_pa
     ("arguments", "said"),
     [
         (("weights/best.safetensors", "deutan", 1.0), "best.safetensors.*cannot be read"),
-        (("magic", "deutan", 1.0), "magic.*cgan, lut, none or a .safetensors file"),
+        (("magic", "deutan", 1.0), "magic.*scene, lut, cgan, none or a .safetensors file"),
         (("lut", "deutan", 1.5), "severity"),
         (("none", "nobody", 1.0), "nobody"),
         (("lut", "tritan", 1.0, "vienot"), "tritan"),

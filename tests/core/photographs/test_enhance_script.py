@@ -16,7 +16,8 @@ import pytest
 from PIL import Image
 
 from cvdgs.core.bootstrap import ROOT
-from cvdgs.core.enhance import LutEnhancer
+from cvdgs.core.enhance import LutEnhancer, SceneNetworkEnhancer
+from cvdgs.core.enhance.scene.fit import FitSettings
 from cvdgs.core.enhance.teacher import TeacherSettings
 from cvdgs.core.errors import InputError
 from cvdgs.core.photographs.front import EnhanceRequest, earlier_files, enhance
@@ -45,7 +46,14 @@ def brief_fits(monkeypatch: pytest.MonkeyPatch) -> None:
     """The LUT, fitted in a tenth of the time."""
 
     def make(
-        name: str, cvd: str, severity: float, simulation: str, strength: float, seed: int, device: str
+        name: str,
+        cvd: str,
+        severity: float,
+        simulation: str,
+        strength: float,
+        seed: int,
+        device: str,
+        budget: float | None,
     ) -> LutEnhancer:
         assert name == "lut"
         return LutEnhancer(cvd, severity, simulation, strength, seed, BRIEF)
@@ -107,12 +115,51 @@ def test_photographs_of_one_scene_get_one_colour_map_and_separate_ones_their_own
     blue[:, 24:] = (200, 190, 90)
     blue[:4, :4] = TARTAN[0, 0]
     both = [save(tmp_path / "tartan.png"), save(tmp_path / "blue.png", blue)]
-    run(tmp_path / "together", *both, enhancer="lut")
+    recorder = run(tmp_path / "together", *both, enhancer="lut", together=True)
+    assert recorder.warnings == {}
     together = [pixels(tmp_path / "together" / f"{name}.png")[0, 0] for name in ("tartan", "blue")]
     np.testing.assert_array_equal(*together)
     run(tmp_path / "apart", *both, enhancer="lut", separately=True)
     apart = [pixels(tmp_path / "apart" / f"{name}.png")[0, 0].astype(int) for name in ("tartan", "blue")]
     assert np.abs(apart[0] - apart[1]).max() > 4
+
+
+@pytest.mark.usefixtures("brief_fits")
+def test_photographs_whose_colours_have_nothing_in_common_are_scenes_of_their_own_and_that_is_said(
+    tmp_path: Path,
+) -> None:
+    blue = np.full((48, 48, 3), (40, 60, 160), np.uint8)
+    blue[:, 24:] = (200, 190, 90)
+    tartans = [save(tmp_path / f"{shift}.png", textiles.tartan(size=48, stripe=8, shift=shift)) for shift in (0, 3, 6)]
+    recorder = run(tmp_path / "mixed", *tartans, save(tmp_path / "blue.png", blue), enhancer="lut")
+    assert "2 scenes, the largest of 3 photographs," in recorder.warnings["several-scenes"]
+    assert "--together" in recorder.warnings["several-scenes"]
+    run(tmp_path / "tartans", *tartans, enhancer="lut")
+    run(tmp_path / "blue", tmp_path / "blue.png", enhancer="lut")
+    for alone, name in (("tartans", "3.png"), ("blue", "blue.png")):
+        np.testing.assert_array_equal(pixels(tmp_path / "mixed" / name), pixels(tmp_path / alone / name))
+
+
+def test_together_and_separately_at_once_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="together and separately"):
+        run(tmp_path / "out", save(tmp_path / "a.png"), together=True, separately=True)
+
+
+def test_a_photograph_is_enhanced_by_the_network_of_a_run_and_a_damaged_one_is_refused(tmp_path: Path) -> None:
+    photograph, network = save(tmp_path / "a.png"), tmp_path / "layer.deutan-1.0.safetensors"
+    brief = FitSettings(size=48, start_steps=4, table_steps=4, steps=12)
+    enhancer = SceneNetworkEnhancer("deutan", 1.0, settings=brief)
+    enhancer.fit([TARTAN])
+    enhancer.save(network)
+    run(tmp_path / "out", photograph, enhancer=str(network))
+    np.testing.assert_array_equal(pixels(tmp_path / "out" / "a.png"), enhancer.enhance_bytes(TARTAN))
+    network.write_bytes(network.read_bytes()[:-100])
+    process = start(photograph, "--out", tmp_path / "refused", "--enhancer", network)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert network.name in errors.splitlines()[-1]
+    assert "Traceback" not in errors
+    assert not (tmp_path / "refused").exists()
 
 
 @pytest.mark.usefixtures("brief_fits")
@@ -138,7 +185,7 @@ def test_rotated_deep_grey_and_tiny_photographs_are_handled_and_said(tmp_path: P
     save(tmp_path / "in" / "grey.jpg", mode="L")
     save(tmp_path / "in" / "one.png", TARTAN[:1, :1])
     save(tmp_path / "in" / "palette.png", mode="P")
-    recorder = run(tmp_path / "out", tmp_path / "in", enhancer="lut")
+    recorder = run(tmp_path / "out", tmp_path / "in", enhancer="lut", together=True)
     assert set(recorder.warnings) == {"exif-rotated", "deep-colour"}
     assert pixels(tmp_path / "out" / "turned.png").shape == (48, 40, 3)
     assert pixels(tmp_path / "out" / "one.png").shape == (1, 1, 3)

@@ -12,6 +12,7 @@ import pytest
 from cvdgs.core.bootstrap import ROOT
 from cvdgs.core.capture.reader import read_capture
 from cvdgs.core.demo import SHOWROOM
+from cvdgs.core.enhance import enhance_bytes, make_enhancer
 from cvdgs.core.files.images import read_png
 from cvdgs.core.splats.io.ply import read_ply
 
@@ -130,6 +131,19 @@ def test_the_trained_network_enhances_a_run_too(tmp_path):
     enhanced = read_png(tmp_path / "out" / "enhanced" / "protan-1.0" / path.name)
     assert 0.5 < np.abs(read_png(path).astype(float) - enhanced).mean() < 40
     assert list((tmp_path / "out").glob("*.cube"))  # the scene's LUT, which the network starts from
+
+
+def test_a_network_fitted_to_the_scene_is_kept_in_the_run_and_enhances_its_photographs_again(tmp_path):
+    out = tmp_path / "out"
+    options = ("--enhancer", "scene", "--change-budget", "2", "--cvd", "tritan")
+    run(SHOWROOM, out, "--max-size", "64", "--iterations", "2", *options)
+    assert (out / "layer.tritan-1.0.cube").is_file()
+    enhancer = make_enhancer(str(out / "layer.tritan-1.0.safetensors"), "tritan", 1.0)
+    assert enhancer.fitted.budget == 2.0
+    path = next((out / "capture" / "images").glob("*.png"))
+    photograph, enhanced = (read_png(one) for one in (path, out / "enhanced" / "tritan-1.0" / path.name))
+    np.testing.assert_array_equal(enhance_bytes(enhancer, photograph[..., :3]), enhanced)
+    assert np.abs(photograph.astype(float) - enhanced).mean() > 0.5
 
 
 def test_an_empty_folder_is_one_line_and_exit_code_2(tmp_path):

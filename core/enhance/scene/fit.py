@@ -1,0 +1,299 @@
+"""Fits the scene network to the views of a scene: which of two starts, then the table alone, then all of it.
+
+The weight of naturalness follows a budget, the mean ΔE00 by which colours may change: it rises while they change more
+and falls while they change less (dual ascent), so that the budget is spent where it brings back most contrast.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional
+
+from ...color.simulation import Observer
+from ...errors import InputError
+from ...runtime.protocol import Reporter
+from ..pairs import Alphas, Images
+from ..teacher import initial_residual, one_thread
+from .network import SceneNetwork, features
+from .objective import Objective, ObjectiveWeights, lost_contrast
+
+STAGE = "enhance"
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Constants of the fit.
+
+    Attributes:
+        size: longer side of the views that it sees, in pixels.
+        judged_size: longer side of the views on which it is counted how much contrast is lost, in pixels.
+        views: the most views that it sees, spread over the scene.
+        shifts: starts that are tried: the share of the coordinate of CIELAB that an observer loses which is given to a
+            visible one. Colours that look alike can be moved apart in either direction.
+        start_steps, start_rate: Adam steps with the table alone from each start, and their rate.
+        table_steps: with the table alone from the better one; what they give is the scene's LUT.
+        steps: with the whole network.
+        rate: of Adam, at its highest.
+        start_weight: of naturalness for the starts.
+        weight: of naturalness at first.
+        roughness: weight of the table's roughness.
+        budget_share, budget_base: the budget where none is given is `budget_base` + `budget_share` · what is lost: of
+            the contrast between distinct neighbours, or, where that is more, `coarse_share` of what is lost between
+            surfaces. The digit of a colour plate differs from its ground in hue alone, but dots from their neighbours
+            in lightness: all contrast seems to be there.
+        objective: weights of its terms.
+    """
+
+    size: int = 160
+    judged_size: int = 384
+    views: int = 6
+    shifts: tuple[float, ...] = (0.3, -0.3)
+    start_steps: int = 16
+    start_rate: float = 8e-3
+    table_steps: int = 24
+    steps: int = 120
+    rate: float = 4e-3
+    start_weight: float = 0.05
+    weight: float = 0.1
+    roughness: float = 1000.0
+    budget_share: float = 12.0
+    budget_base: float = 0.2
+    coarse_share: float = 0.7
+    objective: ObjectiveWeights = field(default_factory=ObjectiveWeights)
+
+
+_RAMP = 10  # steps over which the rate rises
+_BETAS = (0.9, 0.99)  # of Adam; short, because a fit is
+_SLOWNESS = 0.8  # of the mean change that the weight of naturalness follows
+_GAIN, _MOST_EXCESS = 0.1, 0.5  # how fast that weight follows, and the relative excess beyond which no faster
+_LEAST_WEIGHT, _MOST_WEIGHT = 0.003, 5.0
+_LAX_WEIGHT = 0.02  # of naturalness; where it sinks below, the budget is not spent, and structure is eased too
+_LEAST_EASE = 0.5
+_FINEST = 8  # larger images lose pixels before they are reduced, in units of the size that is asked for
+_LEAST_COVERAGE = 1 / 255
+_SCALINGS = 4  # at most, of a change that exceeds the budget; ΔE00 is not quite proportional to it
+
+
+@dataclass(frozen=True)
+class FittedNetwork:
+    """What a fit gives.
+
+    Attributes:
+        network: fitted.
+        table: (N, N, N, 3), what a table alone can do, for tools that know nothing of surroundings.
+        budget: mean ΔE00 that it was fitted to.
+        change: mean ΔE00 of the views that the fit saw.
+    """
+
+    network: SceneNetwork
+    table: Tensor
+    budget: float
+    change: float
+
+
+def fit_network(
+    images: Images,
+    observer: Observer,
+    *,
+    alphas: Alphas = None,
+    budget: float | None = None,
+    start: SceneNetwork | None = None,
+    settings: FitSettings = FitSettings(),
+    seed: int = 0,
+    reporter: Reporter | None = None,
+) -> FittedNetwork:
+    """Fit a network to a scene's views; deterministic for a seed.
+
+    Args:
+        images, alphas: the views; at most `settings.views` of them are looked at.
+        observer: who is to tell things apart, of a severity above 0.
+        budget: mean ΔE00 by which colours may change; None to take it from how much contrast the observer loses.
+        start: a network for the observer, such as a predicted one, to go on from; it is left as it is.
+
+    Raises:
+        InputError: no view has a covered pixel.
+    """
+    with one_thread():
+        return _Fit(images, observer, alphas, budget, settings, seed, reporter or Reporter()).run(start)
+
+
+@dataclass(frozen=True)
+class _View:
+    """A view as the fit sees it: its objective, colours (P, 3) and features (P, 25), and its `lost_contrast`."""
+
+    objective: Objective
+    colors: Tensor
+    features: Tensor
+    lost: tuple[float, float]
+
+    def shown(self, network: SceneNetwork, *, whole: bool) -> Tensor:
+        """(3, H, W) the enhanced view, not clipped; `whole`: with the perceptron."""
+        shown = network(self.colors, self.features if whole else None)
+        return shown.T.reshape(self.objective.image.shape)
+
+
+class _Fit:
+    """One fit."""
+
+    def __init__(
+        self,
+        images: Images,
+        observer: Observer,
+        alphas: Alphas,
+        budget: float | None,
+        settings: FitSettings,
+        seed: int,
+        reporter: Reporter,
+    ) -> None:
+        self._observer, self._settings, self._reporter = observer, settings, reporter
+        self._torch_generator = torch.Generator().manual_seed(seed)
+        self._generator = np.random.default_rng(seed)
+        self._views = self._prepare(images, alphas)
+        self._budget = self._default_budget() if budget is None else budget
+        self._weight = settings.weight
+        self._mean_change: float | None = None
+        self._total = len(settings.shifts) * settings.start_steps + settings.table_steps + settings.steps
+        self._done = 0
+
+    def run(self, start: SceneNetwork | None) -> FittedNetwork:
+        """Fit, from a start or from the better of the settings' own."""
+        network, alone = SceneNetwork(self._observer), SceneNetwork(self._observer)
+        if start is None:
+            self._initialise(network)
+            alone.table.data.copy_(self._best_start())
+        else:
+            network.load_state_dict(start.state_dict())
+            alone.table.data.copy_(start.table.data)
+        self._optimise(alone, [alone.table], self._settings.table_steps, whole=False)
+        if start is None:
+            network.table.data.copy_(alone.table.data)
+        table = self._within_budget(alone, whole=False).table.detach()
+        self._weight, self._mean_change = self._settings.weight, None
+        self._optimise(network, list(network.parameters()), self._settings.steps, whole=True)
+        network = self._within_budget(network, whole=True)
+        self._reporter.progress(STAGE, 1.0)
+        return FittedNetwork(network.requires_grad_(False), table, self._budget, self._change(network, whole=True))
+
+    def _prepare(self, images: Images, alphas: Alphas) -> list[_View]:
+        alphas = [None] * len(images) if alphas is None else alphas
+        visible = [i for i, alpha in enumerate(alphas) if alpha is None or alpha.any()]
+        if not visible:
+            raise InputError("no view has a visible pixel", remedy="check the alpha channels of the photographs")
+        places = np.linspace(0, len(visible) - 1, min(self._settings.views, len(visible))).round().astype(int)
+        return [self._view(images[i], alphas[i]) for i in np.array(visible)[np.unique(places)]]
+
+    def _view(self, image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None) -> _View:
+        pixels, coverage = _reduced(image, alpha, self._settings.size)
+        objective = Objective(pixels, self._observer, coverage, self._torch_generator, self._settings.objective)
+        return _View(
+            objective,
+            pixels.flatten(1).T.contiguous(),
+            features(pixels, self._observer, coverage),
+            self._lost(image, alpha),
+        )
+
+    def _lost(self, image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None) -> tuple[float, float]:
+        pixels, coverage = _reduced(image, alpha, self._settings.judged_size)
+        return lost_contrast(pixels, self._observer, coverage)
+
+    def _default_budget(self) -> float:
+        fine, coarse = (sum(one) / len(self._views) for one in zip(*(view.lost for view in self._views), strict=True))
+        lost = max(fine, self._settings.coarse_share * coarse)
+        return self._settings.budget_base + self._settings.budget_share * lost
+
+    def _initialise(self, network: SceneNetwork) -> None:
+        """Random hidden layers from the seed, as torch's own initialisation would draw them."""
+        for layer in (network.first, network.second):
+            bound = 1.0 / math.sqrt(layer.in_features)
+            for values in (layer.weight, layer.bias):
+                torch.nn.init.uniform_(values, -bound, bound, generator=self._torch_generator)
+
+    def _best_start(self) -> Tensor:
+        """The table of the start with the least objective after a few steps."""
+        tables = []
+        for shift in self._settings.shifts:
+            network = SceneNetwork(self._observer)
+            network.table.data.copy_(initial_residual(self._observer, network.table.shape[0], shift))
+            optimiser = torch.optim.Adam([network.table], self._settings.start_rate)
+            for step in range(self._settings.start_steps):
+                view = self._views[step % len(self._views)]
+                self._descend(
+                    optimiser, network, view.objective(view.shown(network, whole=False), self._settings.start_weight)
+                )
+            with torch.no_grad():
+                shown = [(view.objective, view.shown(network, whole=False)) for view in self._views]
+                score = sum(float(objective(one, self._settings.start_weight)) for objective, one in shown)
+            tables.append((score, network.table.detach()))
+        return min(tables, key=lambda pair: pair[0])[1]
+
+    def _optimise(self, network: SceneNetwork, parameters: Sequence[Tensor], steps: int, *, whole: bool) -> None:
+        """Adam on one view a step, while the weight of naturalness follows the budget."""
+        optimiser = torch.optim.Adam(parameters, self._settings.rate, _BETAS)
+        for step in range(steps):
+            rate = self._settings.rate * min(1.0, (step + 1) / _RAMP, 2.0 * (1.0 - step / steps) + 0.02)
+            for group in optimiser.param_groups:
+                group["lr"] = rate
+            view = self._views[self._generator.integers(len(self._views))]
+            shown = view.shown(network, whole=whole)
+            ease = min(max(self._weight / _LAX_WEIGHT, _LEAST_EASE), 1.0)
+            self._descend(optimiser, network, view.objective(shown, self._weight, ease))
+            self._follow_budget(view.objective.change(shown))
+
+    def _descend(self, optimiser: torch.optim.Optimizer, network: SceneNetwork, loss: Tensor) -> None:
+        optimiser.zero_grad()
+        (loss + self._settings.roughness * network.table_roughness()).backward()
+        optimiser.step()
+        self._done += 1
+        self._reporter.progress(STAGE, self._done / self._total)
+
+    def _follow_budget(self, change: float) -> None:
+        mean = self._mean_change
+        self._mean_change = change if mean is None else _SLOWNESS * mean + (1.0 - _SLOWNESS) * change
+        excess = min(max(self._mean_change / self._budget - 1.0, -_MOST_EXCESS), _MOST_EXCESS)
+        self._weight = min(max(self._weight * math.exp(_GAIN * excess), _LEAST_WEIGHT), _MOST_WEIGHT)
+
+    def _within_budget(self, network: SceneNetwork, *, whole: bool) -> SceneNetwork:
+        """A copy whose change is scaled down where it exceeds the budget."""
+        copy = SceneNetwork(self._observer)
+        copy.load_state_dict(network.state_dict())
+        for _ in range(_SCALINGS):
+            change = self._change(copy, whole=whole)
+            if change <= self._budget:
+                break
+            copy.scale(self._budget / change)
+        return copy
+
+    def _change(self, network: SceneNetwork, *, whole: bool) -> float:
+        with torch.no_grad():
+            changes = [view.objective.change(view.shown(network, whole=whole)) for view in self._views]
+        return sum(changes) / len(changes)
+
+
+def _reduced(image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None, size: int) -> tuple[Tensor, Tensor | None]:
+    """(3, H, W) in [0, 1] with a longer side of at most `size` pixels, and (H, W) coverage where there is some.
+
+    Pixels that are not covered have the mean colour of the others: windows and squares reach across the border.
+    """
+    longer = max(image.shape[:2])
+    thinning = np.s_[:: max(longer // (_FINEST * size), 1)]
+    pixels = torch.from_numpy(np.ascontiguousarray(image[thinning, thinning].transpose(2, 0, 1))).float() / 255.0
+    shape = [max(round(side * min(size / longer, 1.0)), 1) for side in image.shape[:2]]
+
+    def reduce(maps: Tensor) -> Tensor:
+        return functional.interpolate(maps[None], shape, mode="bilinear", antialias=True)[0]
+
+    if alpha is None:
+        return reduce(pixels), None
+    coverage = torch.from_numpy(np.ascontiguousarray(alpha[thinning, thinning])).float()[None] / 255.0
+    mean = (coverage * pixels).sum((1, 2)) / coverage.sum()
+    *premultiplied, covered = reduce(torch.cat([coverage * pixels, coverage]))
+    straight = torch.stack(premultiplied) / covered.clamp(min=_LEAST_COVERAGE)
+    is_covered = covered >= _LEAST_COVERAGE
+    return torch.where(is_covered, straight, mean[:, None, None]), covered * is_covered
