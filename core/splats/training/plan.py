@@ -16,6 +16,7 @@ from ..raster import LearningRates
 from ..strategy import Strategy
 from .decisions import GrowthRule, ShDegreeRule, StopRule
 from .initialise import InitialGaussians
+from .start import StartRule
 
 T = TypeVar("T")
 
@@ -35,6 +36,7 @@ class TrainingPlan:
             reached exponentially.
         coarse: (fraction of the run, factor) pairs: until then the photographs are reduced by the factor.
         initial: how the Gaussians are initialised.
+        start: whether dense stereo adds to them.
         strategy: of densification; None takes `MultiViewConsistent`.
         growth: when there are enough Gaussians.
         stopping: early stopping; None runs all steps.
@@ -61,6 +63,7 @@ class TrainingPlan:
     lr_final_factor: float = 0.2
     coarse: tuple[tuple[float, int], ...] = ((0.2, 2),)
     initial: InitialGaussians = field(default_factory=InitialGaussians)
+    start: StartRule = field(default_factory=StartRule)
     strategy: Strategy | None = None
     growth: GrowthRule = field(default_factory=GrowthRule)
     stopping: StopRule | None = field(default_factory=StopRule)
