@@ -48,7 +48,7 @@ def agreeing(maps: DepthMaps, tolerance: float, least: int) -> DensePoints:
     Args:
         tolerance: relative difference of depth that still agrees.
     """
-    positions, colors, footprints = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros(0)]
+    found = [DensePoints.none()]
     for index, view in enumerate(maps.views):
         inverse = maps.inverse_depths[index]
         y, x = np.nonzero(inverse > 0.0)
@@ -62,13 +62,13 @@ def agreeing(maps: DepthMaps, tolerance: float, least: int) -> DensePoints:
             theirs = maps.inverse_depths[other][row, column]
             votes[inside] += np.abs(theirs * seen_depth[inside] - 1.0) < tolerance
         kept = votes >= max(min(least, len(neighbours)), 1)
-        positions.append(places[kept])
-        colors.append(view.image[y, x, :3][kept])
-        footprints.append(depth[kept] / np.sqrt(view.camera.fx * view.camera.fy))
+        footprint = depth[kept] / np.sqrt(view.camera.fx * view.camera.fy)
+        colors = view.image[y, x, :3][kept]
+        found.append(DensePoints(places[kept].astype(np.float32), colors, footprint.astype(np.float32)))
     return DensePoints(
-        np.concatenate(positions).astype(np.float32),
-        np.concatenate(colors).astype(np.float32),
-        np.concatenate(footprints).astype(np.float32),
+        np.concatenate([points.positions for points in found]),
+        np.concatenate([points.colors for points in found]),
+        np.concatenate([points.footprints for points in found]),
     )
 
 

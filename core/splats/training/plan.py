@@ -79,10 +79,10 @@ class TrainingPlan:
         """Whether anything is left for validation views to decide."""
         return self.stopping is not None or self.limit is None or self.sh_degree is None
 
-    def learning_rates_at(self, progress: float) -> LearningRates:
-        """The learning rates at the fraction `progress` of the run."""
+    def learning_rates_at(self, progress: float, means_reach: float = 1.0) -> LearningRates:
+        """The learning rates at the fraction `progress` of the run; that of the means times `means_reach`."""
         rest = self.learning_rates.scaled(self.lr_final_factor**progress)
-        return replace(rest, means=self.learning_rates.means * self.means_lr_final_factor**progress)
+        return replace(rest, means=self.learning_rates.means * means_reach * self.means_lr_final_factor**progress)
 
     def curve_subset(self, held_out: Sequence[T]) -> list[T]:
         """The held-out views on which the curve is measured, about `curve_views` of them."""

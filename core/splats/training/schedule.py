@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from ..raster import LearningRates
 from ..strategy import Schedule
 from .plan import TrainingPlan
@@ -59,5 +57,4 @@ class TrainingSchedule:
 
     def learning_rates(self, step: int) -> LearningRates:
         """The learning rates at `step`."""
-        rates = self._plan.learning_rates_at(self.progress(step))
-        return replace(rates, means=rates.means * self.means_reach)
+        return self._plan.learning_rates_at(self.progress(step), self.means_reach)
