@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -13,11 +14,10 @@ from ..gaussians import Gaussians
 from ..raster import LearningRates, RasterCamera, Rasterizer
 from ..scene_frame import SceneFrame
 from ..targets import Background, TrainingView, ViewOrder
+from .decisions import GrowthRule
 from .fitting import Fit
 from .initialise import DenseStart, InitialGaussians
 
-_FEWEST_VIEWS = 4  # with fewer, none can be spared for a trial
-_ONE_IN = 8  # of them is spared, if there are no validation views
 _SAMPLED = 2000  # Gaussians by which the visible share is told
 _LARGEST_REACH = 16.0  # with more, means no longer settle
 
@@ -31,7 +31,8 @@ class StartRule:
         steps: of a trial, as a share of the run's, at the lowest resolution; within `fewest_steps`, since small
             Gaussians first have to become opaque, and `most_steps`.
         largest_share: of the run's steps; if a trial would take more, none is made, and sparse points are taken.
-        gain: dB on validation views from which the dense start is taken.
+        doubling_gain: dB on validation views that each doubling of the Gaussians at the start has to gain, as in
+            `GrowthRule`: what a run starts with, it mostly keeps.
     """
 
     dense: DenseStart | None = field(default_factory=DenseStart)
@@ -39,7 +40,7 @@ class StartRule:
     fewest_steps: int = 100
     most_steps: int = 200
     largest_share: float = 0.2
-    gain: float = 0.0
+    doubling_gain: float = GrowthRule.doubling_gain
 
     def trial_steps(self, steps: int) -> int:
         """Steps of a trial in a run of `steps`; 0 if the run is too short for one."""
@@ -68,7 +69,7 @@ class StartTrial:
         rasterizer: renders the views.
         background: behind the Gaussians.
         fitted: views to fit.
-        validation: views that judge; if there are none, some of those to fit are kept from the trial.
+        validation: training views that judge; without any, there is no trial.
         reduction: factor by which views are reduced while they are fitted.
         steps: of each trial.
         ssim_weight: of the loss.
@@ -88,16 +89,13 @@ class StartTrial:
 
     def psnr(self, start: Gaussians) -> float:
         """dB on the views that judge, after a trial from `start`."""
-        fitted, judging = list(self.fitted), list(self.validation)
-        if not judging:
-            judging, fitted = fitted[::_ONE_IN], [v for i, v in enumerate(fitted) if i % _ONE_IN]
-        cameras = [view.at(1)[1] for view in fitted]
+        cameras = [view.at(1)[1] for view in self.fitted]
         rates = replace(self.learning_rates, means=self.learning_rates.means * means_reach(start.means, cameras))
         fit = Fit(self.rasterizer, start, self.background, self.ssim_weight)
-        order = ViewOrder(len(fitted), np.random.default_rng(self.seed))
+        order = ViewOrder(len(self.fitted), np.random.default_rng(self.seed))
         for _ in range(self.steps):
-            fit.step(fitted[order.next()], self.reduction, rates)
-        return fit.psnr(judging)
+            fit.step(self.fitted[order.next()], self.reduction, rates)
+        return fit.psnr(self.validation)
 
 
 def choose_start(
@@ -123,14 +121,16 @@ def choose_start(
         return replace(initial, dense=dense).make(views, points, colors, frame, rng, limit)
 
     sparse = made(None)
-    if rule.dense is None or len(views) < _FEWEST_VIEWS or not trial.steps:
+    if rule.dense is None or not trial.validation or not trial.steps:
         return StartChoice(sparse)
     dense = made(rule.dense)
     if len(dense) <= len(sparse):
         return StartChoice(sparse)
     gain = trial.psnr(dense) - trial.psnr(sparse)
-    if gain < rule.gain:
-        return StartChoice(sparse, f"sparse points: dense stereo would have lost {-gain:.2f} dB in a trial")
+    if gain < rule.doubling_gain * math.log2(len(dense) / max(len(sparse), 1)):
+        return StartChoice(
+            sparse, f"sparse points: dense stereo gained {gain:.2f} dB in a trial, too little for its number"
+        )
     return StartChoice(dense, f"dense stereo, which gained {gain:.2f} dB in a trial")
 
 

@@ -92,10 +92,10 @@ class Trainer:
     def _choose_start(
         self, views: Sequence[View], points: NDArray[np.float32], colors: NDArray[np.uint8], seed: int
     ) -> StartChoice:
-        plan, fitted = self._plan, self._targets[: self._fitted_count]
+        plan, fitted, judging = self._plan, self._targets[: self._fitted_count], self._targets[self._fitted_count :]
         steps = plan.start.trial_steps(plan.steps)
         trial = StartTrial(
-            *(self._rasterizer, self._background, fitted, self._validation, self._schedule.coarsest, steps),
+            *(self._rasterizer, self._background, fitted, judging, self._schedule.coarsest, steps),
             *(plan.ssim_weight, plan.learning_rates, seed),
         )
         return choose_start(plan.initial, plan.start, trial, views, points, colors, self._frame, self._limit)
