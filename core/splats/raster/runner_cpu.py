@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import queue
-import threading
-import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 import warp as wp
@@ -15,13 +12,12 @@ from ...runtime.resources import available_processors
 from .frame import CAMERA_FLOATS
 from .kernels_cpu import KERNELS, Stage
 from .runner import MOMENTS, SPLAT_FLOATS, Runner
+from .workers import WorkerPool
 
 _SORT_HISTOGRAM = 3 * 2048  # passes x buckets; as in stages_cpu.h
 _STRIP_ROWS = 48  # as in loss_cpu.h
 _FEW = 1024  # Gaussians; fewer are not worth waking the other threads for
 _SEGMENTED = 4096  # Gaussians from which binning is split into segments
-
-Task = Callable[[], None]
 
 
 class CpuRunner(Runner):
@@ -112,48 +108,6 @@ class CpuRunner(Runner):
 
     def adam(self) -> None:
         self.run(Stage.ADAM, self.state.gaussians >= _FEW)
-
-
-class WorkerPool:
-    """A pool of `threads` workers, counting the calling thread; waiting costs no processor time."""
-
-    def __init__(self, threads: int) -> None:
-        self.threads = threads
-        self._tasks: list[queue.SimpleQueue[Task | None]] = [queue.SimpleQueue() for _ in range(threads - 1)]
-        self._results: queue.SimpleQueue[BaseException | None] = queue.SimpleQueue()
-        for tasks in self._tasks:
-            threading.Thread(target=_serve, args=(tasks, self._results), daemon=True, name="raster").start()
-        weakref.finalize(self, _stop, self._tasks)
-
-    def run(self, tasks: Sequence[Task]) -> None:
-        """Run at most `threads` tasks at once, the first in the calling thread; returns when all have ended."""
-        first, *others = tasks
-        started = 0
-        try:
-            for inbox, task in zip(self._tasks, others, strict=False):
-                inbox.put(task)
-                started += 1
-            first()
-        finally:  # also if a signal handler raises: nothing may keep running on the caller's arrays
-            errors = [self._results.get() for _ in range(started)]
-        for error in errors:
-            if error is not None:
-                raise error
-
-
-def _serve(tasks: queue.SimpleQueue[Task | None], results: queue.SimpleQueue[BaseException | None]) -> None:
-    while (task := tasks.get()) is not None:
-        try:
-            task()
-        except BaseException as error:  # raised again in the calling thread
-            results.put(error)
-        else:
-            results.put(None)
-
-
-def _stop(queues: Sequence[queue.SimpleQueue[Task | None]]) -> None:
-    for tasks in queues:
-        tasks.put(None)
 
 
 def _loss_scratch_floats(width: int) -> int:

@@ -17,6 +17,7 @@ from ..raster import ContrastPlan, LearningRates
 from ..strategy import Strategy
 from .decisions import GrowthRule, ShDegreeRule, StopRule
 from .initialise import InitialGaussians
+from .start import StartRule
 
 T = TypeVar("T")
 
@@ -41,6 +42,7 @@ class TrainingPlan:
             reached exponentially.
         coarse: (fraction of the run, factor) pairs: until then the photographs are reduced by the factor.
         initial: how the Gaussians are initialised.
+        start: whether dense stereo adds to them.
         strategy: of densification; None takes `MultiViewConsistent`.
         growth: when there are enough Gaussians.
         stopping: early stopping; None runs all steps.
@@ -69,6 +71,7 @@ class TrainingPlan:
     lr_final_factor: float = 0.2
     coarse: tuple[tuple[float, int], ...] = ((0.2, 2),)
     initial: InitialGaussians = field(default_factory=InitialGaussians)
+    start: StartRule = field(default_factory=StartRule)
     strategy: Strategy | None = None
     growth: GrowthRule = field(default_factory=GrowthRule)
     stopping: StopRule | None = field(default_factory=StopRule)
@@ -86,10 +89,10 @@ class TrainingPlan:
         """Whether anything is left for validation views to decide."""
         return self.stopping is not None or self.limit is None or self.sh_degree is None
 
-    def learning_rates_at(self, progress: float) -> LearningRates:
-        """The learning rates at the fraction `progress` of the run."""
+    def learning_rates_at(self, progress: float, means_reach: float = 1.0) -> LearningRates:
+        """The learning rates at the fraction `progress` of the run; that of the means times `means_reach`."""
         rest = self.learning_rates.scaled(self.lr_final_factor**progress)
-        return replace(rest, means=self.learning_rates.means * self.means_lr_final_factor**progress)
+        return replace(rest, means=self.learning_rates.means * means_reach * self.means_lr_final_factor**progress)
 
     def curve_subset(self, held_out: Sequence[T]) -> list[T]:
         """The held-out views on which the curve is measured, about `curve_views` of them."""

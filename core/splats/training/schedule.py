@@ -16,6 +16,7 @@ class TrainingSchedule:
 
     Attributes:
         steps: the run's length.
+        means_reach: factor of the learning rate of the means (`start.means_reach`).
     """
 
     def __init__(self, plan: TrainingPlan, densification: Schedule) -> None:
@@ -23,6 +24,7 @@ class TrainingSchedule:
         self._densification = densification
         self._growth_ended = False
         self.steps = plan.steps
+        self.means_reach = 1.0
 
     def end_growth(self) -> None:
         """Stop densifying for good, earlier than planned."""
@@ -59,4 +61,4 @@ class TrainingSchedule:
 
     def learning_rates(self, step: int) -> LearningRates:
         """The learning rates at `step`."""
-        return self._plan.learning_rates_at(self.progress(step))
+        return self._plan.learning_rates_at(self.progress(step), self.means_reach)

@@ -30,6 +30,7 @@ from .fitting import Fit
 from .losses import GuidedLoss, KeptContrast
 from .plan import TrainingPlan, TrainingResult
 from .schedule import TrainingSchedule
+from .start import StartChoice, StartTrial, choose_start, means_reach
 
 __all__ = ["STAGE", "Trainer"]
 
@@ -75,8 +76,9 @@ class Trainer:
         self._limit = plan.limit or plan.growth.ceiling(sum(v.camera.width * v.camera.height for v in fitted))
         self._strategy = plan.strategy or MultiViewConsistent()
         self._schedule = TrainingSchedule(plan, self._strategy.schedule)
-        initial = plan.initial.make(fitted, points, colors, self._frame, self._rng, self._limit)
-        initial = initial.take(morton_order(initial.means))
+        start = self._choose_start(fitted, points, colors, seed)
+        initial = start.gaussians.take(morton_order(start.gaussians.means))
+        self._schedule.means_reach = means_reach(initial.means, [v.at(1)[1] for v in self._targets[: len(fitted)]])
         self._initial_count = len(initial)
         self.fit = Fit(rasterizer, initial.with_sh_degree(plan.sh_degree or 0), background, plan.ssim_weight)
         self._corrections = ViewCorrections(
@@ -87,6 +89,18 @@ class Trainer:
         self._degree_undecided = plan.sh_degree is None
         self._curve: list[dict[str, float | None]] = []
         self._log = DecisionLog(self._split.reason, type(self._strategy).__name__, plan.steps, plan.limit)
+        self._start = start.words
+
+    def _choose_start(
+        self, views: Sequence[View], points: NDArray[np.float32], colors: NDArray[np.uint8], seed: int
+    ) -> StartChoice:
+        plan, fitted, judging = self._plan, self._targets[: self._fitted_count], self._targets[self._fitted_count :]
+        steps = plan.start.trial_steps(plan.steps)
+        trial = StartTrial(
+            *(self._rasterizer, self._background, fitted, judging, self._schedule.coarsest, steps),
+            *(plan.ssim_weight, plan.learning_rates, seed),
+        )
+        return choose_start(plan.initial, plan.start, trial, views, points, colors, self._frame, self._limit)
 
     def _prepare_views(self, training: Sequence[View], held_out: Sequence[View]) -> None:
         """Targets of the views; of the training views, those that are fitted from the start come first."""
@@ -127,6 +141,8 @@ class Trainer:
         reporter.progress(STAGE, 1.0, f"{len(self.fit):,} Gaussians")
         self._warn(step, reporter)
         decision = self._log.in_words(step, self._initial_count, self.fit) | self._corrections.in_words()
+        if self._start:
+            decision["start"] = self._start
         if self._aligned_held_out:
             decision["poses"] += "; the held-out views were then aligned with the finished scene"
         return TrainingResult(

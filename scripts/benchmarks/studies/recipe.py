@@ -11,6 +11,7 @@ from ....core.pipeline.stages import Plans
 from ....core.settings import Layer, Settings
 from ....core.splats.training.layers import LayerPlan
 from ....core.splats.training.plan import TrainingPlan
+from ....core.splats.training.start import StartRule
 from ..baselines import Drifting, MatchedGain
 from ..enhancers.methods import GAIN, LUT, method_factory, method_label
 from ..strategies import CloneSplitPrune
@@ -19,11 +20,14 @@ NOT_MEASURED = float("nan")
 DEUTAN = Layer("deutan", 1.0)
 PLAIN = Plans(
     lens=None,
-    training=TrainingPlan(strategy=CloneSplitPrune(), exposure=None, stopping=None, poses=None),
+    training=TrainingPlan(
+        strategy=CloneSplitPrune(), start=StartRule(dense=None), exposure=None, stopping=None, poses=None
+    ),
     layer=LayerPlan(multi_view_weight=0.0),
     guided=False,
 )
-"""Plain Gaussian splatting: clone and split by gradients, no corrections of photographs or cameras, no L_mv."""
+"""Plain Gaussian splatting: from sparse points, clone and split by gradients, no corrections of photographs or cameras,
+no L_mv."""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,158 @@
+"""Which Gaussians a run starts from, and how far these have to be able to move."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...capture.model import View
+from ..gaussians import Gaussians
+from ..raster import LearningRates, RasterCamera, Rasterizer
+from ..scene_frame import SceneFrame
+from ..targets import Background, TrainingView, ViewOrder
+from .decisions import GrowthRule
+from .fitting import Fit
+from .initialise import DenseStart, InitialGaussians
+
+_SAMPLED = 2000  # Gaussians by which the visible share is told
+_LARGEST_REACH = 16.0  # with more, means no longer settle
+
+
+@dataclass(frozen=True)
+class StartRule:
+    """Chooses between a start from sparse points and one with dense stereo, by short trials of both.
+
+    Attributes:
+        dense: how dense stereo adds points; None to start from sparse points without asking.
+        steps: of a trial, as a share of the run's, at the lowest resolution; within `fewest_steps`, since small
+            Gaussians first have to become opaque, and `most_steps`.
+        largest_share: of the run's steps; if a trial would take more, none is made, and sparse points are taken.
+        doubling_gain: dB on validation views that each doubling of the Gaussians at the start has to gain, as in
+            `GrowthRule`: what a run starts with, it mostly keeps.
+    """
+
+    dense: DenseStart | None = field(default_factory=DenseStart)
+    steps: float = 0.05
+    fewest_steps: int = 100
+    most_steps: int = 200
+    largest_share: float = 0.2
+    doubling_gain: float = GrowthRule.doubling_gain
+
+    def trial_steps(self, steps: int) -> int:
+        """Steps of a trial in a run of `steps`; 0 if the run is too short for one."""
+        trial = min(max(round(self.steps * steps), self.fewest_steps), self.most_steps)
+        return trial if trial <= self.largest_share * steps else 0
+
+
+@dataclass(frozen=True)
+class StartChoice:
+    """What a run starts from.
+
+    Attributes:
+        gaussians: in the frame.
+        words: for the report; empty if there was nothing to choose.
+    """
+
+    gaussians: Gaussians
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class StartTrial:
+    """What a trial needs.
+
+    Attributes:
+        rasterizer: renders the views.
+        background: behind the Gaussians.
+        fitted: views to fit.
+        validation: training views that judge; without any, there is no trial.
+        reduction: factor by which views are reduced while they are fitted.
+        steps: of each trial.
+        ssim_weight: of the loss.
+        learning_rates: the initial ones.
+        seed: of the order of the views.
+    """
+
+    rasterizer: Rasterizer
+    background: Background
+    fitted: Sequence[TrainingView]
+    validation: Sequence[TrainingView]
+    reduction: int
+    steps: int
+    ssim_weight: float
+    learning_rates: LearningRates
+    seed: int
+
+    def psnr(self, start: Gaussians) -> float:
+        """dB on the views that judge, after a trial from `start`."""
+        cameras = [view.at(1)[1] for view in self.fitted]
+        rates = replace(self.learning_rates, means=self.learning_rates.means * means_reach(start.means, cameras))
+        fit = Fit(self.rasterizer, start, self.background, self.ssim_weight)
+        order = ViewOrder(len(self.fitted), np.random.default_rng(self.seed))
+        for _ in range(self.steps):
+            fit.step(self.fitted[order.next()], self.reduction, rates)
+        return fit.psnr(self.validation)
+
+
+def choose_start(
+    initial: InitialGaussians,
+    rule: StartRule,
+    trial: StartTrial,
+    views: Sequence[View],
+    points: NDArray[np.float32],
+    colors: NDArray[np.uint8],
+    frame: SceneFrame,
+    limit: int,
+) -> StartChoice:
+    """The Gaussians of SH degree 0 from which validation views are matched better after a short trial.
+
+    Args:
+        views: those that are fitted.
+        points, colors: (P, 3) sparse points in world units and their (P, 3) uint8 sRGB colours.
+        limit: largest number of Gaussians.
+    """
+
+    def made(dense: DenseStart | None) -> Gaussians:
+        rng = np.random.default_rng(trial.seed)
+        return replace(initial, dense=dense).make(views, points, colors, frame, rng, limit)
+
+    sparse = made(None)
+    if rule.dense is None or not trial.validation or not trial.steps:
+        return StartChoice(sparse)
+    dense = made(rule.dense)
+    if len(dense) <= len(sparse):
+        return StartChoice(sparse)
+    gain = trial.psnr(dense) - trial.psnr(sparse)
+    if gain < rule.doubling_gain * math.log2(len(dense) / max(len(sparse), 1)):
+        return StartChoice(
+            sparse, f"sparse points: dense stereo gained {gain:.2f} dB in a trial, too little for its number"
+        )
+    return StartChoice(dense, f"dense stereo, which gained {gain:.2f} dB in a trial")
+
+
+def means_reach(means: NDArray[np.float32], cameras: Sequence[RasterCamera]) -> float:
+    """The factor of the means' learning rate that makes up for steps in which a Gaussian is out of view; at least 1.
+
+    Only the Gaussians in view move in a step. Where cameras go round an object, that is nearly all of them; in a room
+    that is walked through, one in seven. So that they get as far in as many steps, the rate is divided by the share of
+    views that have a Gaussian in their image, on average.
+
+    Args:
+        means: (N, 3) in the frame of the cameras.
+    """
+    if not len(means) or not cameras:
+        return 1.0
+    sample = means[:: max(len(means) // _SAMPLED, 1)].astype(np.float64)
+    seen = 0
+    for camera in cameras:
+        pose = camera.world_to_camera
+        local = sample @ pose[:3, :3].T + pose[:3, 3]
+        depth = np.where(local[:, 2] > 1e-6, local[:, 2], np.inf)
+        x, y = local[:, 0] / depth * camera.fx + camera.cx, local[:, 1] / depth * camera.fy + camera.cy
+        inside = (local[:, 2] > 1e-6) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
+        seen += int(inside.sum())
+    return float(np.clip(len(cameras) * len(sample) / max(seen, 1), 1.0, _LARGEST_REACH))

@@ -1,0 +1,119 @@
+"""What a run starts from: sparse points, or these and dense stereo, as a trial decides; and how far means move."""
+
+import numpy as np
+import pytest
+
+from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.core.splats.raster import RasterCamera, Rasterizer
+from cvdgs.core.splats.scene_frame import SceneFrame
+from cvdgs.core.splats.targets import Background, prepare_targets
+from cvdgs.core.splats.training.initialise import InitialGaussians
+from cvdgs.core.splats.training.plan import TrainingPlan
+from cvdgs.core.splats.training.start import StartRule, StartTrial, choose_start, means_reach
+from cvdgs.core.splats.training.trainer import Trainer
+
+from ..stereo.scenes import plain, views_of_wall
+
+BLACK = Background((0.0, 0.0, 0.0))
+LIMIT = 4000
+DEFAULT = StartRule(doubling_gain=0.0)
+
+
+def sparse_points(count: int = 60) -> tuple[np.ndarray, np.ndarray]:
+    """Points on the wall and one grey for all of them."""
+    places = np.random.default_rng(0).uniform([-1.5, -1.2, 0.0], [1.5, 1.2, 0.0], (count, 3))
+    return places.astype(np.float32), np.full((count, 3), 128, np.uint8)
+
+
+@pytest.fixture(scope="module")
+def rasterizer():
+    return Rasterizer("cpu")
+
+
+@pytest.fixture(scope="module")
+def views():
+    return views_of_wall(8, size=(64, 48))
+
+
+def chosen(rasterizer, views, points, rule=DEFAULT, validation=(2, 5)):
+    frame = SceneFrame.around(views, points[0])
+    fitted = [view for i, view in enumerate(views) if i not in validation]
+    targets, judging = (
+        prepare_targets(rasterizer, chosen, frame, BLACK) for chosen in (fitted, [views[i] for i in validation])
+    )
+    trial = StartTrial(rasterizer, BLACK, targets, judging, 1, 100, 0.2, TrainingPlan().learning_rates, seed=0)
+    return choose_start(InitialGaussians(minimum=0), rule, trial, fitted, *points, frame, LIMIT)
+
+
+def test_where_few_points_are_known_dense_stereo_is_taken(rasterizer, views):
+    choice = chosen(rasterizer, views, sparse_points())
+    assert LIMIT / 3 < len(choice.gaussians) <= LIMIT / 2
+    assert choice.words.startswith("dense stereo, which gained")
+
+
+def test_a_gain_below_what_is_asked_for_leaves_the_sparse_points(rasterizer, views):
+    choice = chosen(rasterizer, views, sparse_points(), StartRule(doubling_gain=100.0))
+    assert len(choice.gaussians) == 60
+    assert choice.words.startswith("sparse points")
+
+
+@pytest.mark.parametrize("rule", [StartRule(dense=None), DEFAULT])
+def test_nothing_is_said_where_there_is_nothing_to_choose(rasterizer, rule):
+    choice = chosen(rasterizer, views_of_wall(8, colors=plain, size=(64, 48)), sparse_points(), rule)
+    assert (len(choice.gaussians), choice.words) == (60, "")
+
+
+def test_points_enough_are_not_added_to(rasterizer, views):
+    choice = chosen(rasterizer, views, sparse_points(LIMIT // 2))
+    assert (len(choice.gaussians), choice.words) == (LIMIT // 2, "")
+
+
+def test_a_short_run_makes_no_trial():
+    assert [DEFAULT.trial_steps(steps) for steps in (5, 300, 499, 500, 3000, 30_000)] == [0, 0, 0, 100, 150, 200]
+
+
+def test_without_views_that_judge_there_is_no_trial(rasterizer, views):
+    choice = chosen(rasterizer, views, sparse_points(), validation=())
+    assert (len(choice.gaussians), choice.words) == (60, "")
+
+
+def test_the_same_seed_starts_the_same_way(rasterizer, views):
+    first, second = (chosen(rasterizer, views, sparse_points()) for _ in range(2))
+    np.testing.assert_array_equal(first.gaussians.means, second.gaussians.means)
+    assert first.words == second.words
+
+
+@pytest.mark.parametrize(
+    ("rule", "most"), [(StartRule(doubling_gain=-100.0), LIMIT / 2), (StartRule(doubling_gain=100.0), LIMIT / 3)]
+)
+def test_a_run_starts_from_what_was_chosen_and_says_so(rasterizer, views, rule, most):
+    plan = TrainingPlan(steps=500, limit=LIMIT, poses=None, exposure=None, coarse=(), start=rule)
+    trainer = Trainer(rasterizer, views, [], *sparse_points(), plan, BLACK, seed=0)
+    result = trainer.train(Reporter())
+    assert result.initial <= most
+    assert result.decision["start"].startswith("dense stereo" if rule.doubling_gain < 0.0 else "sparse points")
+
+
+def cameras(turns: np.ndarray) -> list[RasterCamera]:
+    """From the origin, turned about the vertical axis by these angles; 90 degrees wide."""
+    poses = np.tile(np.eye(4), (len(turns), 1, 1))
+    poses[:, 0, 0] = poses[:, 2, 2] = np.cos(turns)
+    poses[:, 0, 2], poses[:, 2, 0] = np.sin(turns), -np.sin(turns)
+    return [RasterCamera(64, 64, 32.0, 32.0, 32.0, 32.0, pose) for pose in poses]
+
+
+def test_what_every_view_shows_moves_at_the_planned_rate():
+    means = np.array([[0.0, 0.0, 2.0], [0.2, 0.1, 3.0]], np.float32)
+    assert means_reach(means, cameras(np.zeros(5))) == 1.0
+
+
+def test_what_a_fourth_of_the_views_show_moves_four_times_as_fast():
+    angles = np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
+    ring = np.stack([np.cos(angles), np.zeros(400), np.sin(angles)], axis=1).astype(np.float32)
+    assert means_reach(ring, cameras(angles[::10] + 1e-3)) == pytest.approx(4.0, rel=0.05)
+
+
+def test_what_no_view_shows_has_a_finite_rate():
+    behind = np.array([[0.0, 0.0, -2.0]], np.float32)
+    assert 1.0 < means_reach(behind, cameras(np.zeros(5))) < 100.0
+    assert means_reach(behind[:0], cameras(np.zeros(5))) == 1.0
