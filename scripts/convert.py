@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load(modules=("numpy",))
-from cvdgs.core.errors import InputError
+from cvdgs.core.errors import InputError, one_line
 from cvdgs.core.runtime.cli import OneLineParser, exit_code
 from cvdgs.core.splats.io.files import read_layers, require_known_suffix, write_layers
 from cvdgs.core.splats.io.layers import TO_Y_UP
@@ -73,7 +73,7 @@ def convert(options: argparse.Namespace) -> str:
     first = next(iter(layers.values()))
     said = f"wrote {target}: {len(first):,} Gaussians, {target.stat().st_size / 1e6:.1f} MB"
     if len(layers) > 1:
-        said += f"; layers {', '.join(layers)}"
+        said += f"; layers {one_line(', '.join(layers))}"  # a .glb can call them anything
     if target.suffix.lower() == ".splat" and first.sh_degree:
         said += f"; .splat holds no view-dependent colours (degree {first.sh_degree} before)"
     return said

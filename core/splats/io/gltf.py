@@ -27,7 +27,7 @@ from ...color.srgb import decode
 from ...errors import InputError
 from ...files.untrusted import opened, parse_json, writing_whole
 from ..gaussians import HIGHEST_SH_DEGREE, MOST_FILE_BYTES, Gaussians, require_room
-from .layers import TO_Y_UP
+from .layers import TO_Y_UP, first_of
 from .splat_file import logarithm, normalised
 
 MAGIC = b"glTF"
@@ -69,9 +69,7 @@ def write_glb(path: str | Path, layers: Mapping[str, Gaussians], up: str = "") -
     """
     path = Path(path)
     document = _Writer()
-    first = next(iter(layers.values()))
-    if not len(first):
-        raise InputError("there are no Gaussians to write", where=path)
+    first = first_of(layers, path)
     geometry = {
         _POSITION: document.add(first.means, extremes=True),
         _ROTATION: document.add(normalised(first.quaternions)[:, [1, 2, 3, 0]]),

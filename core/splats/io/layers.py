@@ -38,6 +38,18 @@ def layer_name(path: Path) -> str:
     return layer if name == layer_gaussians_file(layer) else path.stem
 
 
+def first_of(layers: Mapping[str, Gaussians], where: Path) -> Gaussians:
+    """The layer whose geometry is everyone's.
+
+    Raises:
+        InputError: it has no Gaussians, which the formats with layers do not allow.
+    """
+    first = next(iter(layers.values()))
+    if not len(first):
+        raise InputError("there are no Gaussians to write", where=where, remedy="keep at least one")
+    return first
+
+
 def sharing_geometry(first: Gaussians, other: Gaussians, where: Path) -> Gaussians:
     """`other`, with the arrays of `first` in place of its own but for the colours.
 

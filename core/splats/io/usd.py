@@ -17,7 +17,7 @@ import numpy as np
 from ...errors import InputError
 from ...files.untrusted import replacing
 from ..gaussians import Gaussians
-from .layers import TO_Y_UP
+from .layers import TO_Y_UP, first_of
 from .splat_file import normalised
 
 SUFFIXES = (".usd", ".usda", ".usdc")
@@ -47,10 +47,12 @@ def write_usd(path: str | Path, layers: Mapping[str, Gaussians], up: str = "") -
             Without it the scene stands as it is, in a stage whose Y points up.
 
     Raises:
-        InputError: OpenUSD is not here, two layers would be called alike, or the file cannot be written.
+        InputError: OpenUSD is not here, there are no Gaussians, two layers would be called alike, or the file cannot be
+            written.
     """
     path = Path(path)
     pxr = _library(path)
+    first = first_of(layers, path)
     variants = {variant_name(name): gaussians for name, gaussians in layers.items()}
     if len(variants) < len(layers):
         raise InputError("two layers have names that USD cannot tell apart", where=path, remedy="rename one")
@@ -58,7 +60,7 @@ def write_usd(path: str | Path, layers: Mapping[str, Gaussians], up: str = "") -
         with replacing(path) as temporary:
             temporary.touch()  # OpenUSD would make the folder
             stage = pxr.Usd.Stage.CreateNew(str(temporary))
-            _fill(pxr, stage, variants, up)
+            _fill(pxr, stage, first, variants, up)
             stage.GetRootLayer().Save()
             del stage  # closes the file, which Windows wants before it gets its name
     except (OSError, pxr.Tf.ErrorException) as error:
@@ -84,8 +86,7 @@ def _library(where: Path) -> Any:
     return pxr
 
 
-def _fill(pxr: Any, stage: Any, variants: Mapping[str, Gaussians], up: str) -> None:
-    first = next(iter(variants.values()))
+def _fill(pxr: Any, stage: Any, first: Gaussians, variants: Mapping[str, Gaussians], up: str) -> None:
     is_z_up = up == "z"
     pxr.UsdGeom.SetStageUpAxis(stage, pxr.UsdGeom.Tokens.z if is_z_up else pxr.UsdGeom.Tokens.y)
     pxr.UsdGeom.SetStageMetersPerUnit(stage, 1.0)

@@ -341,3 +341,11 @@ def test_the_script_gathers_a_run_in_one_file_and_takes_it_apart(tmp_path):
         assert not (tmp_path / arguments[0]).exists()
     assert run(tmp_path / "s.glb", tmp_path / "a.ply", "--layer", "deutan-1.0").returncode == 0
     np.testing.assert_array_equal(read_gaussians(tmp_path / "a.ply").sh, original["deutan-1.0"].sh)
+
+
+def test_a_terminal_is_not_sent_what_a_file_calls_its_layers(tmp_path):
+    write_glb(tmp_path / "s.glb", layers(3, 0, "\x1b[2J\n\ud800"))
+    done = run(tmp_path / "s.glb", tmp_path / "t.glb")
+    assert done.returncode == 0
+    assert done.stdout.strip().isprintable()
+    assert list(read_glb(tmp_path / "t.glb")) == ["original", "\x1b[2J\n\ud800"]

@@ -106,6 +106,13 @@ def test_layers_that_usd_cannot_tell_apart_are_refused(tmp_path):
         write_layers(tmp_path / "s.usda", {"deutan-0.5": gaussians, "deutan-0_5": gaussians})
 
 
+def test_no_gaussians_are_not_written(tmp_path):
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    with pytest.raises(InputError, match="no Gaussians to write"):
+        write_gaussians(tmp_path / "s.usda", cloud(0))
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_folder_that_is_not_there_is_refused(tmp_path):
     pytest.importorskip("pxr", reason="usd-core is not installed")
     with pytest.raises(InputError, match="cannot be written") as caught:
