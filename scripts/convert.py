@@ -1,11 +1,14 @@
-"""Gaussians from one file format to another: 3DGS .ply, .spz (Niantic) and .splat (web viewers).
+"""Gaussians from one file format to another: 3DGS .ply, .spz (Niantic), .splat (web viewers), .glb (glTF) and .usd.
 
     python scripts/convert.py IN OUT [--drop-damaged]
+    python scripts/convert.py IN... OUT.glb|OUT.usd [--up AXIS]
 
-For example: python scripts/convert.py out/demo/splats.deutan-1.0.ply showroom.spz
+For example: python scripts/convert.py out/demo/splats.ply out/demo/splats.deutan-1.0.ply showroom.glb
 
 The endings say what is written. A .ply holds everything; a .spz is about ten times smaller and rounds; a .splat rounds
-too and holds no colours that depend on the direction. IN stays as it is. Needs numpy.
+too and holds no colours that depend on the direction. A .glb or .usd holds the colours of several files of the same
+Gaussians, a scene or a variant each. .usd, .usda and .usdc are written only, and need the extra 'usd'. IN stays as it
+is. Needs numpy.
 """
 
 from __future__ import annotations
@@ -18,9 +21,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
 import bootstrap
 
 bootstrap.load(modules=("numpy",))
-from cvdgs.core.errors import InputError
+from cvdgs.core.errors import InputError, one_line
 from cvdgs.core.runtime.cli import OneLineParser, exit_code
-from cvdgs.core.splats.io.files import read_gaussians, require_known_suffix, write_gaussians
+from cvdgs.core.splats.io.files import read_layers, require_known_suffix, write_layers
+from cvdgs.core.splats.io.layers import TO_Y_UP
 
 
 def main(arguments: list[str]) -> int:
@@ -28,32 +32,50 @@ def main(arguments: list[str]) -> int:
 
     def work() -> None:
         options = build_parser().parse_args(arguments)
-        print(convert(options.source, options.target, drop_damaged=options.drop_damaged))
+        print(convert(options))
 
     return exit_code("convert.py", work)
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """Two paths and an option."""
+    """Paths and options."""
     parser = OneLineParser(
         prog="convert.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
-    parser.add_argument("source", type=Path, metavar="IN", help=".ply, .spz or .splat")
-    parser.add_argument("target", type=Path, metavar="OUT", help="likewise; replaced if it is there")
+    parser.add_argument("sources", type=Path, nargs="+", metavar="IN", help=".ply, .spz, .splat or .glb")
+    parser.add_argument("target", type=Path, metavar="OUT", help="likewise, or .usd; replaced if it is there")
     parser.add_argument("--drop-damaged", action="store_true", help="drop Gaussians with values that are not finite")
+    parser.add_argument("--layer", default="", metavar="NAME", help="write this layer of IN alone")
+    parser.add_argument(
+        "--up",
+        default="",
+        choices=tuple(TO_Y_UP),
+        help="axis of the scene that points up in a .glb or .usd; otherwise it stands as it is",
+    )
     return parser
 
 
-def convert(source: Path, target: Path, *, drop_damaged: bool) -> str:
-    """Read `source`, write `target`, and say in a line what was done."""
+def convert(options: argparse.Namespace) -> str:
+    """Read the sources, write the target, and say in a line what was done."""
+    target: Path = options.target
     require_known_suffix(target)  # before anything long
-    if target.exists() and source.exists() and target.samefile(source):
-        raise InputError("is also the input", where=target, remedy="name another file to write")
-    gaussians = read_gaussians(source, drop_damaged=drop_damaged)
-    write_gaussians(target, gaussians)
-    said = f"wrote {target}: {len(gaussians):,} Gaussians, {target.stat().st_size / 1e6:.1f} MB"
-    if target.suffix.lower() == ".splat" and gaussians.sh_degree:
-        said += f"; .splat holds no view-dependent colours (degree {gaussians.sh_degree} before)"
+    for source in options.sources:
+        if target.exists() and source.exists() and target.samefile(source):
+            raise InputError("is also the input", where=target, remedy="name another file to write")
+    layers = read_layers(options.sources, drop_damaged=options.drop_damaged)
+    if options.layer:
+        if options.layer not in layers:
+            raise InputError(
+                f"there is no layer '{options.layer}'", where=options.sources[0], remedy=f"name {' or '.join(layers)}"
+            )
+        layers = {options.layer: layers[options.layer]}
+    write_layers(target, layers, up=options.up)
+    first = next(iter(layers.values()))
+    said = f"wrote {target}: {len(first):,} Gaussians, {target.stat().st_size / 1e6:.1f} MB"
+    if len(layers) > 1:
+        said += f"; layers {one_line(', '.join(layers))}"  # a .glb can call them anything
+    if target.suffix.lower() == ".splat" and first.sh_degree:
+        said += f"; .splat holds no view-dependent colours (degree {first.sh_degree} before)"
     return said
 
 

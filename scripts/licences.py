@@ -31,6 +31,8 @@ DEVELOPMENT_REQUIREMENTS = bootstrap.ROOT / "requirements-dev.txt"
 COMPATIBLE = (
     r"0BSD|([23]-Clause )?BSD|BSD[- ][23][- ]Clause( License)?|BSD License|MIT( License)?|MIT-CMU|HPND|ISC|Zlib|"
     r"Unlicense|CC0-1\.0|Apache[- ]2\.0( WITH LLVM-exception)?|Apache Software License|BSL-1\.0|PSF-2\.0|"
+    # OpenUSD's: Apache 2.0 but for its section on trademarks.
+    r"LicenseRef-TOST-1\.0|"
     r"Python Software Foundation License|MPL-2\.0|Mozilla Public License 2\.0 \(MPL 2\.0\)|"
     r"L?GPL-(2\.[01]|3\.0)-or-later|L?GPL-3\.0(-only)?|GNU General Public License v3 or later \(GPLv3\+\)"
 )

@@ -174,6 +174,7 @@ def _graphics_card() -> Finding:
 OPTIONAL = {
     "distributed": ("distributed", "batches with --cluster"),
     "openjd.cli": ("openjd-cli", "running what --export openjd writes"),
+    "pxr": ("usd-core", "convert.py to .usd"),
 }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +19,7 @@ from cvdgs.core.photographs.front import EnhanceRequest
 from cvdgs.core.runtime.protocol import JsonReporter
 from cvdgs.core.settings import Settings
 from cvdgs.core.splats.gaussians import Gaussians
+from cvdgs.core.splats.io.gltf import write_glb
 from cvdgs.core.splats.io.ply import write_ply
 from cvdgs.core.splats.io.splat_file import write_splat
 from cvdgs.core.splats.io.spz import write_spz
@@ -62,6 +64,12 @@ def spzs() -> list[bytes]:
 
 def splats() -> list[bytes]:
     return [written("s.splat", lambda path: write_splat(path, gaussians(3, 0)))]
+
+
+def glbs() -> list[bytes]:
+    original = gaussians(3, 1)
+    layers = {"original": original, "deutan-1.0": replace(original, sh=gaussians(3, 0).sh)}
+    return [written("s.glb", lambda path: write_glb(path, layers))]
 
 
 def point_clouds() -> list[bytes]:

@@ -255,6 +255,7 @@ TARGETS: tuple[Target, ...] = (
     _gaussians(".ply", examples.gaussian_plys),
     _gaussians(".spz", examples.spzs),
     _gaussians(".splat", examples.splats),
+    _gaussians(".glb", examples.glbs),
     *(_picture(suffix) for suffix in (".png", ".jpg", ".tif", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm")),
     Target("weights.safetensors", _read_weights, examples.weights),
     Target("lut.safetensors", _read_lut, examples.luts),

@@ -27,6 +27,7 @@ from cvdgs.core.photographs.front import earlier_files
 from cvdgs.core.runs.folder import RunFolder
 from cvdgs.core.runs.report import read_report
 from cvdgs.core.splats.io.files import read_gaussians
+from cvdgs.core.splats.io.gltf import write_glb
 
 from . import examples
 from .targets import SECONDS
@@ -151,10 +152,28 @@ def _gzip_bomb() -> bytes:
     return gzip.compress(header + np.random.default_rng(0).bytes(4 << 20), 1)
 
 
+def _glb_bomb() -> bytes:
+    """A file of 3 MB whose layers, 5 GB of them, are all made of the same numbers."""
+    one = examples.gaussians(40_000, 0)
+    data = examples.written("a.glb", lambda path: write_glb(path, {"original": one}))
+    (length,) = struct.unpack_from("<I", data, 12)
+    document = json.loads(data[20 : 20 + length])
+    (primitive,) = document["meshes"][0]["primitives"]
+    colors = primitive["attributes"]["KHR_gaussian_splatting:SH_DEGREE_0_COEF_0"]
+    terms = [f"KHR_gaussian_splatting:SH_DEGREE_{n}_COEF_{i}" for n in range(4) for i in range(2 * n + 1)]
+    primitive["attributes"] |= dict.fromkeys(terms, colors)
+    document["meshes"] = [{"primitives": [primitive]}] * 700
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + length :]
+    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
+
+
 BOMBS: dict[str, tuple[str, Callable[[], bytes], str]] = {
     "ply": ("a.ply", lambda: _claiming_a_trillion(examples.gaussian_plys()[1], 3), "read_gaussians"),
     "points": ("a.ply", lambda: _claiming_a_trillion(examples.point_clouds()[0], 4), "read_point_cloud"),
     "spz": ("a.spz", _gzip_bomb, "read_gaussians"),
+    "glb": ("a.glb", _glb_bomb, "read_gaussians"),
 }
 
 _CHILD = """

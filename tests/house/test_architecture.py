@@ -15,8 +15,8 @@ STANDARD_LIBRARY_ONLY = (
     *("__main__", "bootstrap", "errors", "settings", "files/untrusted", "pipeline/launch", "photographs/front"),
     *("batch/*", "rendering/*", "runs/*", "runtime/*", "doctor/*"),
 )
-# Run by an interpreter that may have more; an engine that an optional package brings; zstandard, where Python has it.
-EXCEPTIONS = {"doctor/probe", "batch/dask", "splats/io/spz", "batch/page_markup", "runs/report_page"}
+# Run by an interpreter that may have more; an engine that an optional package brings; zstandard and USD, if there.
+EXCEPTIONS = {"doctor/probe", "batch/dask", "splats/io/spz", "splats/io/usd", "batch/page_markup", "runs/report_page"}
 NUMPY_ONLY = (
     *("files/ply", "capture/model", "color/matrices", "color/machado2009", "color/srgb"),
     *("splats/gaussians", "splats/scene_frame", "splats/io/*", "splats/strategy/*"),

@@ -5,8 +5,8 @@ The format is recognised by the content when a file is read, and chosen by the s
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +14,25 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files.untrusted import opened
+from ...runs.layout import ORIGINAL
 from ..gaussians import MOST_FILE_BYTES, Gaussians
+from .gltf import MAGIC as GLTF_MAGIC
+from .gltf import read_glb, write_glb
+from .layers import layer_name, sharing_geometry
 from .ply import EXPORT_PLAIN, read_ply, write_ply
 from .splat_file import read_splat, write_splat
 from .spz import GZIP_MAGIC, MAGIC, read_spz, write_spz
+from .usd import SUFFIXES as USD_SUFFIXES
+from .usd import require_usd, write_usd
 
 _WRITERS: dict[str, Callable[[Path, Gaussians], None]] = {".ply": write_ply, ".spz": write_spz, ".splat": write_splat}
-SUFFIXES = tuple(_WRITERS)
+# These hold several layers, and what points up.
+_WRITERS_OF_LAYERS: dict[str, Callable[[Path, Mapping[str, Gaussians], str], None]] = {
+    ".glb": write_glb,
+    **dict.fromkeys(USD_SUFFIXES, write_usd),
+}
+SUFFIXES = (*_WRITERS, ".glb")  # of what is read and written
+_WRITTEN = (*_WRITERS, *_WRITERS_OF_LAYERS)
 # Other formats of splat programs, by suffix; most have no magic bytes.
 _OTHER_FORMATS = {
     ".sog": "SOG (PlayCanvas, SuperSplat)",
@@ -28,15 +40,14 @@ _OTHER_FORMATS = {
     ".lcc": "LCC (XGRIDS)",
     ".spx": "SPX (Reall3D)",
     ".rad": "RAD (Spark)",
-    ".glb": "glTF",
-    ".gltf": "glTF",
+    ".gltf": "glTF in several files",
+    **dict.fromkeys(USD_SUFFIXES, "USD"),
 }
-_GLTF_MAGIC = b"glTF"
 _HIGHEST_LOGIT = 30.0  # exporters write an opacity of one as an infinite logit; from 17 on, float32 opacities are one
 
 
 def read_gaussians(path: str | Path, *, drop_damaged: bool = False) -> Gaussians:
-    """Read a 3DGS .ply (text or binary), a .spz (version 2 to 4) or a .splat file.
+    """Read a 3DGS .ply (text or binary), a .spz (version 2 to 4), a .splat or the first layer of a .glb file.
 
     Infinite opacity logits become large ones, and rotations of length zero the identity. All returned values are
     finite.
@@ -48,58 +59,107 @@ def read_gaussians(path: str | Path, *, drop_damaged: bool = False) -> Gaussians
     Raises:
         InputError: none of these formats, empty, cut short, a mesh, or damaged.
     """
-    path = Path(path)
-    gaussians = _reader(path)(path)
-    if not len(gaussians):
-        raise InputError("it holds no Gaussians", where=path, remedy="export it again")
-    np.clip(gaussians.opacity_logits, -_HIGHEST_LOGIT, _HIGHEST_LOGIT, out=gaussians.opacity_logits)
-    gaussians.quaternions[~gaussians.quaternions.any(axis=1), 0] = 1.0
-    damaged = _damaged(gaussians)
+    return next(iter(read_layers([path], drop_damaged=drop_damaged).values()))
+
+
+def read_layers(paths: Sequence[str | Path], *, drop_damaged: bool = False) -> dict[str, Gaussians]:
+    """Read files of the same Gaussians in several colours: a layer each, named after the file, or the layers of a .glb.
+
+    The layers share the arrays of their geometry; otherwise as `read_gaussians`.
+
+    Raises:
+        InputError: also where the geometries differ or two layers have one name.
+    """
+    layers: dict[str, Gaussians] = {}
+    sources: dict[str, Path] = {}
+    for path in map(Path, paths):
+        for name, gaussians in _read(path).items():
+            if name in layers:
+                raise InputError(f"a second layer called '{name}'", where=path, remedy="rename one of the files")
+            if not len(gaussians):
+                raise InputError("it holds no Gaussians", where=path, remedy="export it again")
+            first = next(iter(layers.values()), gaussians)
+            layers[name] = gaussians if first is gaussians else sharing_geometry(first, gaussians, path)
+            sources[name] = path
+    first = next(iter(layers.values()))
+    np.clip(first.opacity_logits, -_HIGHEST_LOGIT, _HIGHEST_LOGIT, out=first.opacity_logits)
+    first.quaternions[~first.quaternions.any(axis=1), 0] = 1.0
+    damaged = np.zeros(len(first), bool)
+    for name, gaussians in layers.items():
+        damaged |= _damaged(gaussians)
+        if damaged.any() and not drop_damaged:
+            raise InputError(
+                f"{damaged.sum():,} of {len(gaussians):,} Gaussians have values that are not finite numbers",
+                where=sources[name],
+                remedy="export it again, or drop them (scripts/convert.py --drop-damaged)",
+            )
     if not damaged.any():
-        return gaussians
-    if not drop_damaged:
-        raise InputError(
-            f"{damaged.sum():,} of {len(gaussians):,} Gaussians have values that are not finite numbers",
-            where=path,
-            remedy="export it again, or drop them (scripts/convert.py --drop-damaged)",
-        )
-    return gaussians.take(~damaged)
+        return layers
+    kept = first.take(~damaged)
+    return {name: replace(kept, sh=gaussians.sh[~damaged]) for name, gaussians in layers.items()}
 
 
 def write_gaussians(path: str | Path, gaussians: Gaussians) -> None:
-    """Write `gaussians` in the format of the suffix of `path`: .ply, .spz (version 3) or .splat.
+    """Write `gaussians` in the format of the suffix of `path`: .ply, .spz (version 3), .splat, .glb or .usd.
 
     A .splat file holds colours of degree 0 only. The file is written completely or not at all.
 
     Raises:
         InputError: an unknown suffix, or the file cannot be written.
     """
+    write_layers(path, {ORIGINAL: gaussians})
+
+
+def write_layers(path: str | Path, layers: Mapping[str, Gaussians], *, up: str = "") -> None:
+    """Write `layers`, whose geometry is the first one's, as `write_gaussians` does.
+
+    Args:
+        up: the axis of the scene that points up, one of `layers.TO_Y_UP`, or nothing where that is not known.
+
+    Raises:
+        InputError: also for several layers, or `up`, in a format that has no place for them.
+    """
     path = Path(path)
     require_known_suffix(path)
-    _WRITERS[path.suffix.lower()](path, gaussians)
+    suffix = path.suffix.lower()
+    if suffix in _WRITERS_OF_LAYERS:
+        _WRITERS_OF_LAYERS[suffix](path, layers, up)
+        return
+    if up or len(layers) > 1:
+        what = "cannot say what is up" if up else f"holds one layer, not {len(layers)}"
+        remedy = "write .glb or .usd" if up else "write .glb or .usd, or choose one (scripts/convert.py --layer)"
+        raise InputError(f"a {suffix} file {what}", where=path, remedy=remedy)
+    (gaussians,) = layers.values()
+    _WRITERS[suffix](path, gaussians)
 
 
 def require_known_suffix(path: Path) -> None:
     """Raise `InputError` unless `write_gaussians` can write to a file with the suffix of `path`."""
-    if path.suffix.lower() not in _WRITERS:
+    suffix = path.suffix.lower()
+    if suffix not in _WRITTEN:
         raise InputError(
-            f"'{path.suffix}' is not a format for Gaussians", where=path, remedy=f"name the file {', '.join(SUFFIXES)}"
+            f"'{path.suffix}' is not a format for Gaussians", where=path, remedy=f"name the file {', '.join(_WRITTEN)}"
         )
+    if suffix in USD_SUFFIXES:
+        require_usd(path)
 
 
-def _reader(path: Path) -> Callable[[Path], Gaussians]:
+def _read(path: Path) -> dict[str, Gaussians]:
+    """The layers as they are in the file."""
     with opened(path, most_bytes=MOST_FILE_BYTES) as file:
         start = file.read(4)
     if not start:
         raise InputError("the file is empty", where=path, remedy="copy or export it again")
     if start[:3] == b"ply":
-        return read_ply
+        return {layer_name(path): read_ply(path)}
     if start == MAGIC or start[:2] == GZIP_MAGIC:
-        return read_spz
+        return {layer_name(path): read_spz(path)}
+    if start == GLTF_MAGIC:
+        return read_glb(path)
     # A .splat file has no magic bytes: only its suffix tells.
     if path.suffix.lower() == ".splat":
-        return read_splat
-    suffix = ".glb" if start == _GLTF_MAGIC else path.suffix.lower()
+        return {layer_name(path): read_splat(path)}
+    suffix = path.suffix.lower()
     if suffix in _OTHER_FORMATS:
         raise InputError(f"{_OTHER_FORMATS[suffix]} cannot be read", where=path, remedy=EXPORT_PLAIN)
     raise InputError(

@@ -58,17 +58,17 @@ def read_splat(path: str | Path) -> Gaussians:
     sh = ((records["color"] / np.float32(255.0) - 0.5) / SH_C0)[:, None]
     return Gaussians(
         means=np.ascontiguousarray(records["mean"]),
-        log_scales=_logarithm(records["scale"]),
+        log_scales=logarithm(records["scale"]),
         quaternions=(records["quaternion"].astype(np.float32) - 128.0) / 128.0,
         opacity_logits=bytes_to_opacity_logits(records["opacity"]),
         sh=sh.astype(np.float32),
     )
 
 
-def _logarithm(scales: np.ndarray) -> np.ndarray:
+def logarithm(scales: np.ndarray) -> np.ndarray:
     """Logarithms of `scales`; NaN for negative ones, which no writer produces."""
     with np.errstate(invalid="ignore"):
-        return np.log(np.where(scales >= 0.0, np.maximum(scales, np.float32(_SMALLEST_SCALE)), scales))
+        return np.log(np.where(scales >= 0.0, np.maximum(scales, scales.dtype.type(_SMALLEST_SCALE)), scales))
 
 
 def to_bytes(values: NDArray) -> NDArray[np.uint8]:

@@ -93,7 +93,7 @@ def test_content_and_not_the_ending_decides_how_a_file_is_read(tmp_path):
     np.testing.assert_array_equal(read_gaussians(tmp_path / "really.splat").sh, original.sh)
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".spz", ".splat", ".SPZ"])
+@pytest.mark.parametrize("suffix", [".ply", ".spz", ".splat", ".glb", ".SPZ"])
 def test_the_ending_decides_what_is_written(tmp_path, suffix):
     original = cloud(5)
     write_gaussians(tmp_path / f"s{suffix}", original)
@@ -123,7 +123,7 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path):
         ("a.splat", b"", "the file is empty"),
         ("a.sog", b"PK\3\4", "SOG .* - export a plain PLY"),
         ("a.KSPLAT", bytes(4096), "KSPLAT .* - export a plain PLY"),
-        ("a.glb", b"glTF\2\0\0\0", "glTF .* - export a plain PLY"),
+        ("a.usda", b"#usda 1.0\n", "USD cannot be read - export a plain PLY"),
         ("a.gltf", b"{}", "glTF .* - export a plain PLY"),
         (
             "a.compressed.ply",

@@ -18,7 +18,8 @@ def test_files_are_timed_in_all_rounds_and_in_blender_where_there_is_one(tmp_pat
     found = time_files(200, 50, 2, Reporter())
     text = write_file_times(tmp_path, 200, 50, found)
     files = re.findall(r"^\| (\.\w+|COLMAP, \w+|Blender) \|", text, re.MULTILINE)
-    assert files == [".ply", ".spz", ".splat", "COLMAP, binary", "COLMAP, text", *(["Blender"] if HAS_BLENDER else [])]
+    models = ["COLMAP, binary", "COLMAP, text"]
+    assert files == [".ply", ".spz", ".splat", ".glb", *models, *(["Blender"] if HAS_BLENDER else [])]
     assert {timing.round for timing in found} == {1, 2}
     assert all(timing.seconds > 0.0 for timing in found)
     assert (tmp_path / "files.csv").read_text().count("\n") == len(found) + 1
