@@ -32,8 +32,8 @@ class Rasterizer:
         >>> scene = read_gaussians("red.ply")  # or a .spz or .splat file
         >>> camera = RasterCamera(64, 48, fx=60.0, fy=60.0, cx=32.0, cy=24.0, world_to_camera=np.eye(4))
         >>> frame = Rasterizer().render(ParameterSet.from_gaussians(scene), camera)
-        >>> frame.color.numpy()[24, 32].round(1)  # in the middle; sRGB
-        array([0.7, 0.5, 0.2], dtype=float32)
+        >>> print(*frame.color.numpy()[24, 32].round(1))  # in the middle; sRGB
+        0.7 0.5 0.2
     """
 
     def __init__(self, device: str = "cpu", threads: int | None = None) -> None:

@@ -30,8 +30,8 @@ class LayerPlan:
         contrast: the hinge that keeps the contrast of the enhanced views for the layer's observer.
     """
 
-    epochs: int = 2
-    minimum_steps: int = 200
+    epochs: int = 3
+    minimum_steps: int = 300
     learning_rate: float = 5e-2
     lr_final_factor: float = 0.05
     ssim_weight: float = 0.5
