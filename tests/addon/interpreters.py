@@ -60,8 +60,11 @@ def interpreter(folder: Path, *bodies: str) -> str:
 
 
 def finishing(run: Path, report: dict[str, Any] = REPORT) -> str:
-    """Body of a worker whose run leaves the files of the folder `run`."""
+    """Body of a worker whose run leaves the files of the folder `run`, and that has nothing to say of its page."""
     return f"""
+        if request["job"] == "report-page":
+            emit("result")
+            raise SystemExit
         emit("status", stage="start", message="loading")
         emit("progress", stage="geometry", fraction=0.5, seconds_left=3.0, message="12 Gaussians")
         shutil.copytree({str(run)!r}, request["folder"], dirs_exist_ok=True)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -96,6 +97,8 @@ def test_the_zip_holds_the_package_and_only_that(extension):
     assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
 
 
+worker = pytest.mark.skipif(find_spec("torch") is None, reason="needs what the worker needs")
+
 IMPORT_ALL = """
 import importlib, os, pathlib, sys
 root = pathlib.Path(sys.argv[1])
@@ -111,11 +114,13 @@ os._exit(0)
 """
 
 
+@worker
 def test_nothing_that_the_worker_imports_is_left_out(installed):
     result = subprocess.run([sys.executable, "-I", "-c", IMPORT_ALL, installed], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
 
 
+@worker
 def test_the_worker_runs_from_the_zip_alone(installed):
     request = json.dumps({"job": "inspect", "capture": str(installed / "core" / "demo" / "showroom")})
     command = [sys.executable, installed / "core" / "__main__.py"]
