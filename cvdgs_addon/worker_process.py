@@ -91,16 +91,19 @@ def _end_on_signal(clean_up: Callable[[], None]) -> None:
 
 
 def _clean_up_and_end(clean_up: Callable[[], None]) -> NoReturn:
-    clean_up()
-    _end(EXIT_CANCELLED)
+    _end(EXIT_CANCELLED, clean_up)
 
 
-def _end(code: int) -> NoReturn:
-    """End at once, because Blender 4.5 can hang in its own clean-up; what that would have removed is removed here."""
+def _end(code: int, clean_up: Callable[[], None] = lambda: None) -> NoReturn:
+    """End at once, because Blender 4.5 can hang in its own clean-up; what that would have removed is removed here.
+
+    `clean_up` comes last: until the process has ended, another thread may still write.
+    """
     bpy = sys.modules.get("bpy")
     if bpy is not None and getattr(bpy, "app", None) is not None:
         shutil.rmtree(bpy.app.tempdir, ignore_errors=True)
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):
             stream.flush()
+    clean_up()
     os._exit(code)
