@@ -30,8 +30,8 @@ class Action:
         return not reason
 
     def act(self, context: bpy.types.Context) -> set[str] | None:
-        """Do it, for a script too; may return Blender's result where that is not "finished"."""
-        raise NotImplementedError
+        """Do it, for a script too; each operator its own way. May return Blender's result if not "finished"."""
+        return None
 
     def on_click(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str] | None:
         """Do it for somebody who clicked, who must not be held up and can be asked."""

@@ -32,8 +32,7 @@ class GaussiansPanel(SidePanel):
             self.draw_for(context, splats)
 
     def draw_for(self, context: bpy.types.Context, splats: bpy.types.Object) -> None:
-        """Draw the sub-panel for `splats`."""
-        raise NotImplementedError
+        """Draw the sub-panel for `splats`. Each panel has its own."""
 
 
 def split_column(layout: bpy.types.UILayout) -> bpy.types.UILayout:
