@@ -121,7 +121,7 @@ class Settings:
         high=1.0,
         trains=True,
     )
-    enhancer: str = _option("lut", "|".join(ENHANCERS) + f"|FILE{WEIGHTS_SUFFIX}", metavar="NAME", trains=True)
+    enhancer: str = _option("scene", "|".join(ENHANCERS) + f"|FILE{WEIGHTS_SUFFIX}", metavar="NAME", trains=True)
     change_budget: float | None = _option(
         None,
         "mean ΔE00 that --enhancer scene may change colours by",

@@ -150,12 +150,12 @@ class RunProperties(bpy.types.PropertyGroup):
             name="Enhancer",
             description="The method that finds the new colours",
             items=(
-                ("lut", "Colour Mapping", "One smooth mapping of the scene's colours, fitted to the photographs"),
                 (
                     "scene",
                     "Scene Network",
                     "A small network fitted to the photographs, which sees each pixel's surroundings",
                 ),
+                ("lut", "Colour Mapping", "One smooth mapping of the scene's colours, fitted to the photographs"),
                 ("cgan", "Network", "The mapping, refined by a trained network that may treat regions differently"),
             ),
         )

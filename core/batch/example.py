@@ -22,7 +22,7 @@ retries = 1                             # how often a failed task is tried again
 
 [train]                                 # options of scripts/run.py for items that are captures
 iterations = 1500                       # 5000 for the real thing
-enhancer = "lut"
+enhancer = "scene"
 
 [turntable]
 frames = 24                             # of a turn

@@ -28,7 +28,7 @@ def files(out: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def post(tmp_path_factory) -> Path:
     out = tmp_path_factory.mktemp("post") / "out"
-    run(SHOWROOM, out, *SMALL, "--mode", "post")
+    run(SHOWROOM, out, *SMALL, "--mode", "post", "--enhancer", "lut")
     return out
 
 
@@ -95,7 +95,13 @@ def test_a_layer_is_added_without_touching_what_is_there(post, added):
         name: before[name] for name in before.keys() - rewritten
     }
     new = {name.split("/")[0] for name in after.keys() - before.keys()}
-    assert new == {"enhanced", "layer.protan-1.0.cube", "renders", "splats.protan-1.0.ply"}
+    assert new == {
+        "enhanced",
+        "layer.protan-1.0.cube",
+        "layer.protan-1.0.safetensors",
+        "renders",
+        "splats.protan-1.0.ply",
+    }
     for name in GEOMETRY:
         np.testing.assert_array_equal(
             getattr(read_ply(added / "splats.ply"), name), getattr(read_ply(added / "splats.protan-1.0.ply"), name)
@@ -105,7 +111,7 @@ def test_a_layer_is_added_without_touching_what_is_there(post, added):
 def test_the_report_tells_of_the_addition(post, added):
     before, after = report_of(post), report_of(added)
     assert after["layers"]["deutan-1.0"] == before["layers"]["deutan-1.0"]
-    assert (after["layers"]["protan-1.0"]["enhancer"], after["layers"]["protan-1.0"]["strength"]) == ("lut", 0.5)
+    assert (after["layers"]["protan-1.0"]["enhancer"], after["layers"]["protan-1.0"]["strength"]) == ("scene", 0.5)
     assert [layer["cvd"] for layer in after["settings"]["layers"]] == ["deutan", "protan"]
     assert after["seconds"] == before["seconds"]
     (addition,) = after["resumed"]

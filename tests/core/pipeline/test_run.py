@@ -55,7 +55,9 @@ def test_everything_that_the_contract_names_is_there(finished):
         "capture",
         "enhanced",
         "layer.deutan-0.6.cube",
+        "layer.deutan-0.6.safetensors",
         "layer.tritan-0.6.cube",
+        "layer.tritan-0.6.safetensors",
         "renders",
         "report.html",
         "report.json",
@@ -85,7 +87,7 @@ def test_the_report_can_be_read_by_a_program(report):
 
 
 def test_the_report_says_how_a_layer_and_the_geometry_came_about(report):
-    assert all((layer["enhancer"], layer["strength"]) == ("lut", 1.0) for layer in report["layers"].values())
+    assert all((layer["enhancer"], layer["strength"]) == ("scene", 1.0) for layer in report["layers"].values())
     assert {"gaussians", "steps", "sh_degree"} <= set(report["decision"])
     assert report["skipped_steps"] == 0
 
