@@ -14,6 +14,7 @@ from ..files.untrusted import is_file
 from ..runtime.protocol import Reporter
 from .colmap_files import ColmapModel, read_model
 from .files import Spelling, list_images, quote_first, resolve_inside
+from .shared_lens import describe, may_share_lens, share_lens
 from .source import SourceModel, SourceView, rigid_pose
 
 _MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", "colmap_sparse", ".")  # the last but one is instant-ngp's
@@ -61,22 +62,27 @@ def find_colmap(folder: Path, *, search: bool = True) -> ColmapFolder | None:
     return ColmapFolder(folder, largest, tuple(path for path in nested if path != largest))
 
 
-def read_colmap(found: ColmapFolder, reporter: Reporter | None = None) -> SourceModel:
+def read_colmap(found: ColmapFolder, reporter: Reporter | None = None, *, adjusted: bool = False) -> SourceModel:
     """Read a COLMAP model; views without a pose or an image file are left out, and counted in a warning.
 
     Args:
         reporter: told how far its points are read.
+        adjusted: fit one lens to views that have a camera each, where `share_lens` finds it as good; takes seconds.
 
     Raises:
         InputError: a file is missing, cut or damaged, or a name leaves the image folder.
     """
-    read = read_model(found.model, reporter)
+    read = read_model(found.model, reporter, observed=adjusted)
     model = SourceModel("colmap", found.model, [])
     if found.others:
         names = quote_first(path.name for path in found.others)
         model.warn(
             "several-models", f"{found.model}: the largest of {len(found.others) + 1} models is used, not {names}"
         )
+    check_cameras(read, found.model)
+    if adjusted and may_share_lens(read) and (lens := share_lens(read)) and lens.views:
+        model.warn("shared-lens", describe(lens, found.model))
+        read = lens.model
     add_model(model, read, _image_folder(found, read), found.root)
     return model
 
@@ -85,8 +91,7 @@ def add_model(model: SourceModel, read: ColmapModel, image_folder: Path, root: P
     """Add the images of `read` whose files exist below `image_folder`, inside `root`, and its points."""
     images = read.images
     _refuse_repeated_names([image.name for image in images], model.file)
-    for number, camera in read.cameras.items():
-        check_camera(camera, frame=f"camera {number}", where=model.file)
+    check_cameras(read, model.file)
     spelling = Spelling(image.name for image in images)
     missing = []
     reshaped = []
@@ -201,6 +206,12 @@ def _image_folder(found: ColmapFolder, read: ColmapModel) -> Path:
             if best is not None and count(best):
                 return best
     return next(folder for folder in usual if folder.is_dir())
+
+
+def check_cameras(read: ColmapModel, where: Path) -> None:
+    """`check_camera` for every camera of a model."""
+    for number, camera in read.cameras.items():
+        check_camera(camera, frame=f"camera {number}", where=where)
 
 
 def check_camera(camera: pycolmap.Camera, *, frame: str, where: Path) -> None:

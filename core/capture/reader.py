@@ -85,7 +85,7 @@ def read_capture(
 @contextmanager
 def _source_model(folder: Path, sfm: bool, reporter: Reporter) -> Iterator[SourceModel]:
     """The cameras that the folder gives, else estimated ones while their temporary files exist."""
-    model = read_cameras(folder, reporter)
+    model = read_cameras(folder, reporter, adjusted=True)
     if model is not None:
         yield model
         return
@@ -139,7 +139,7 @@ def _by_frequency(sizes: Counter[tuple[int, int]]) -> tuple[tuple[int, int, int]
 MIN_VIEWS = 2
 
 
-def read_cameras(path: Path, reporter: Reporter | None = None) -> SourceModel | None:
+def read_cameras(path: Path, reporter: Reporter | None = None, *, adjusted: bool = False) -> SourceModel | None:
     """The cameras of a capture, or None for a folder of photographs without any.
 
     Where there are a COLMAP model and a transforms.json, COLMAP is taken if it has as many views, because it brings
@@ -148,6 +148,7 @@ def read_cameras(path: Path, reporter: Reporter | None = None) -> SourceModel | 
     Args:
         path: a capture folder, a COLMAP model's folder, or a transforms.json.
         reporter: told how far the points of a COLMAP model are read.
+        adjusted: see `read_colmap`.
 
     Raises:
         InputError: nothing is there, or a camera file is damaged.
@@ -160,7 +161,7 @@ def read_cameras(path: Path, reporter: Reporter | None = None) -> SourceModel | 
         raise InputError("not a capture", where=path, remedy="give the folder with the photographs")
     transforms_file = find_transforms(path)
     colmap_folder = find_colmap(path, search=transforms_file is None)
-    colmap = read_colmap(colmap_folder, reporter) if colmap_folder else None
+    colmap = read_colmap(colmap_folder, reporter, adjusted=adjusted) if colmap_folder else None
     transforms = read_transforms(transforms_file) if transforms_file else None
     if colmap and transforms:
         return _with_enough_views(colmap if len(colmap.views) >= len(transforms.views) else transforms)
