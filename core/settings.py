@@ -40,6 +40,31 @@ _TYPE_NAMES: Mapping[type, str] = {
 
 
 @dataclass(frozen=True)
+class Quality:
+    """How fine a run becomes, by one word: in the panel, and for ``--quality``.
+
+    Attributes:
+        name: of the choice in Blender's data; in lower case that of the command line.
+        label, description: as the user reads them.
+        iterations: steps of the geometry stage.
+        max_size: longer side of the training images in pixels.
+    """
+
+    name: str
+    label: str
+    description: str
+    iterations: int
+    max_size: int
+
+
+QUALITIES = (
+    Quality("DRAFT", "Draft", "A quick look: coarse, but the colours are right", 450, 320),
+    Quality("STANDARD", "Standard", "For stills and turntables at the photographs' usual sizes", 3000, 640),
+    Quality("FINE", "Fine", "Longer training on larger photographs", 7000, 960),
+)
+
+
+@dataclass(frozen=True)
 class Option:
     """How a setting is asked for.
 

@@ -10,30 +10,7 @@ import math
 import os
 from dataclasses import dataclass
 
-
-@dataclass(frozen=True)
-class Quality:
-    """A choice in the panel.
-
-    Attributes:
-        name: of the choice in Blender's data.
-        label, description: as the user reads them.
-        iterations: steps of the geometry stage.
-        max_size: longer side of the training images in pixels.
-    """
-
-    name: str
-    label: str
-    description: str
-    iterations: int
-    max_size: int
-
-
-QUALITIES = (
-    Quality("DRAFT", "Draft", "A quick look: coarse, but the colours are right", 450, 320),
-    Quality("STANDARD", "Standard", "For stills and turntables at the photographs' usual sizes", 3000, 640),
-    Quality("FINE", "Fine", "Longer training on larger photographs", 7000, 960),
-)
+from ..core.settings import QUALITIES, Quality
 
 REFERENCE_PROCESSORS = 2  # of the reference machine, an AMD EPYC without a GPU
 

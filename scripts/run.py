@@ -28,7 +28,7 @@ bootstrap.require_python()
 from cvdgs.core.errors import InputError
 from cvdgs.core.pipeline.launch import run_in_console
 from cvdgs.core.runtime.cli import OneLineParser, add_settings, script_arguments
-from cvdgs.core.settings import CVD_TYPES, OPTIONS, Layer, Settings
+from cvdgs.core.settings import CVD_TYPES, OPTIONS, QUALITIES, Layer, Settings
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -39,6 +39,9 @@ def build_parser() -> argparse.ArgumentParser:
     add("--out", required=True, metavar="DIR", help="folder for the results; replaced only when the run succeeds")
     add("--cvd", action="append", metavar="TYPE", help=f"{'|'.join(CVD_TYPES)}; repeat for several layers (deutan)")
     add("--severity", action="append", type=float, metavar="0..1", help="one for all layers, or one per --cvd (1)")
+    words = {quality.name.lower(): quality for quality in QUALITIES}
+    steps = ", ".join(f"{word} {one.iterations} steps at {one.max_size} pixels" for word, one in words.items())
+    add("--quality", choices=words, help=f"--iterations and --max-size by one word: {steps}")
     add_settings(parser, OPTIONS)
     add("--json", action="store_true", help="events on stdout, one JSON object per line, instead of a progress bar")
     add(
@@ -47,6 +50,17 @@ def build_parser() -> argparse.ArgumentParser:
         help="instead of a run, show what is installed, what is missing and how to get it; also with --json",
     )
     return parser
+
+
+def parse_options(arguments: list[str]) -> argparse.Namespace:
+    """The options, with those that ``--quality`` stands for where they are not given themselves."""
+    parser = build_parser()
+    options = parser.parse_args(arguments)
+    for quality in QUALITIES:
+        if quality.name.lower() == options.quality:
+            parser.set_defaults(iterations=quality.iterations, max_size=quality.max_size)
+            options = parser.parse_args(arguments)
+    return options
 
 
 def parse_settings(options: argparse.Namespace) -> Settings:
@@ -68,7 +82,7 @@ def parse_settings(options: argparse.Namespace) -> Settings:
 def main(arguments: list[str]) -> int:
     """Parse, run, and return the exit code of the contract."""
     try:
-        options = build_parser().parse_args(arguments)
+        options = parse_options(arguments)
         settings = parse_settings(options)
     except InputError as error:
         print(f"run.py: {error}", file=sys.stderr)

@@ -19,8 +19,7 @@ import pandas as pd
 from ....core.errors import InputError
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
-from ....core.settings import Settings
-from ....cvdgs_addon.quality import QUALITIES
+from ....core.settings import QUALITIES, Settings
 from ..charts import SeriesStyle, Theme, logarithmic, picture, plot_series, plot_stars, write_charts
 from ..enhancers.methods import GAIN, NETWORK, NONE, PER_VIEW_LUT
 from ..options import Part, add_study_arguments, chosen_sources, names, shown_command, with_quick_defaults, work_folder

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from cvdgs.core.settings import Settings
+
 from ...patience import SOON
 from ..workers import REPORT, ROOT, start_run
 
@@ -144,6 +146,7 @@ def test_ctrl_c_ends_the_run_soon_and_leaves_nothing(run, tmp_path, stubborn):
         (["--cvd", "deutan", "--cvd", "protan", "--severity", "1", "--severity", "1", "--severity", "1"], "--severity"),
         (["--iterations", "many"], "--iterations"),
         (["--mode", "both"], "--mode"),
+        (["--quality", "superb"], "--quality"),
         (["--colour", "red"], "--colour"),
     ],
 )
@@ -153,6 +156,24 @@ def test_unusable_options_are_one_line_and_exit_code_2(run, tmp_path, options, m
     assert len(result.err.splitlines()) == 1
     assert mentions in result.err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "iterations", "max_size"),
+    [
+        ((), Settings.iterations, None),
+        (("--quality", "draft"), 450, 320),
+        (("--quality", "fine"), 7000, 960),
+        (("--iterations", "20", "--quality", "draft"), 20, 320),
+        (("--quality", "standard", "--max-size", "auto"), 3000, None),
+    ],
+)
+def test_a_quality_stands_for_steps_and_size_unless_these_are_given(run, tmp_path, options, iterations, max_size):
+    asked = "{key: request['settings'][key] for key in ('iterations', 'max_size')}"
+    result = run(f"emit('result', report={{**REPORT, 'settings': {asked} | {{'capture': 'photos'}}}})", *options)
+    assert result.returncode == 0, result.err
+    settings = json.loads((tmp_path / "out" / "report.json").read_text())["settings"]
+    assert (settings["iterations"], settings["max_size"]) == (iterations, max_size)
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="needs a folder that even root cannot write to")
