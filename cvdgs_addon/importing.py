@@ -13,6 +13,7 @@ from typing import Any
 
 import bpy
 
+from ..core.capture.folder import is_normalised
 from ..core.errors import InputError
 from ..core.runs.folder import RunFolder
 from ..core.runs.layout import CAMERAS_FILE, CAPTURE_FOLDER, IMAGES_FOLDER, POINTS_FILE
@@ -24,7 +25,6 @@ from .environment import make_workers
 from .folders import folder_beside, normalised_folder
 from .making import remember_for_undo
 from .messages import show_information, show_problem
-from .scene.capture_folder import is_normalised
 from .scene.import_capture import CaptureObjects, ImportOptions, import_capture
 
 JOB = "import"

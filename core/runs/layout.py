@@ -16,6 +16,7 @@ BLEND_FILE = "scene.blend"
 SIMULATED_FOLDER, SIMULATED_INPUT_FOLDER = "simulated", "simulated_input"
 REPORT_FILE = "report.json"
 REPORT_PAGE = "report.html"
+VIEWER_PAGE = "viewer.html"
 LOG_FILE = "run.log"
 
 # Of a capture in the normalised form, which the capture folder has (core/capture/normalised.py).
@@ -37,6 +38,7 @@ NAMES = (
     GAUSSIANS_FILE,
     REPORT_FILE,
     REPORT_PAGE,
+    VIEWER_PAGE,
     LOG_FILE,
 )
 PATTERNS = (LAYER_GAUSSIANS_PATTERN, "layer.*.cube", "layer.*.safetensors")

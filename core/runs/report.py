@@ -86,6 +86,18 @@ def write_report(folder: Path, report: dict[str, Any]) -> None:
     (folder / REPORT_FILE).write_text(json.dumps(report, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
+def gained(layer: str, figures: Mapping[str, Any]) -> str:
+    """What the observer of `layer` gained, as a sentence, by the layer's figures in the report; "" if not measured."""
+    ccpr = figures["ccpr"]
+    if ccpr["input"] is None or ccpr["rendered"] is None:
+        return ""
+    observer = layer.partition("-")[0]
+    return (
+        f"{'An' if observer == 'achromat' else 'A'} {observer} could tell apart {100 * ccpr['input']:.0f} of 100 "
+        f"neighbouring colours in the photographs, {100 * ccpr['rendered']:.0f} in the finished scene."
+    )
+
+
 def latest_seconds(report: dict[str, Any]) -> dict[str, float | None]:
     """The seconds of each stage of the run that wrote the report last: the first, or one that added layers."""
     return (report.get("resumed") or [report])[-1]["seconds"]

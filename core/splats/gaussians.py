@@ -18,6 +18,8 @@ MOST_FILE_BYTES = 3 * MOST_BYTES
 HIGHEST_SH_DEGREE = 3
 SH_TERMS = (0, 3, 8, 15, 24)  # per channel above degree 0, by SH degree; files may have one degree more than ours
 _BASE_NUMBERS = 14  # per Gaussian of SH degree 0
+# The radius of a scene is taken inside this part of the Gaussians: a few always float far away.
+_CORE_PERCENTILES = (5.0, 95.0)
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,11 @@ class Gaussians:
         """(N,) in (0, 1)."""
         return (1.0 / (1.0 + np.exp(-self.opacity_logits.astype(np.float64)))).astype(np.float32)
 
+    @property
+    def importance(self) -> NDArray[np.float32]:
+        """(N,) what each contributes to pictures: its opacity times the area of its two longest axes."""
+        return self.opacities * np.exp(self.log_scales.sum(axis=1) - self.log_scales.min(axis=1))
+
     def take(self, index: NDArray[np.integer] | NDArray[np.bool_]) -> Gaussians:
         """Copies of the Gaussians at (M,) indices, or of those selected by an (N,) mask."""
         return Gaussians(**{name: values[index] for name, values in vars(self).items()})
@@ -71,6 +78,12 @@ class Gaussians:
         sh = np.zeros((len(self), (degree + 1) ** 2, 3), np.float32)
         sh[:, : self.sh.shape[1]] = self.sh
         return replace(self, sh=sh)
+
+
+def core_bounds(positions: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
+    """Centre (3,) and radius of the part of the scene that holds most of the (N, 3) positions, floaters left out."""
+    low, high = np.percentile(positions.astype(np.float64), _CORE_PERCENTILES, axis=0)
+    return (low + high) / 2.0, max(float(np.linalg.norm(high - low)) / 2.0, float(np.finfo(np.float32).eps))
 
 
 def require_room(count: int, rest: int, where: Path) -> None:

@@ -10,20 +10,21 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ...core.capture.folder import CaptureView
 from ...core.color import srgb
 from ...core.errors import InputError
 from ...core.runs.layout import BLEND_FILE, ORIGINAL, STILLS_FOLDER
 from ...core.runtime.progress import Clock
 from ...core.runtime.protocol import Reporter
+from ...core.splats.gaussians import core_bounds
 from .cameras import use_camera
-from .capture_folder import CaptureView
 from .display import BACKGROUND_PROPERTY
 from .finished_run import PARTIAL_FOLDER, RUN_PROPERTY, FinishedRun, read_run
 from .import_capture import add_cameras
 from .placement import placement
 from .render_settings import Display, display_of, set_background, set_cycles, set_display
 from .splat_nodes import Input
-from .splats import add_gaussians, check_gaussians, core_bounds, set_input, show_layer
+from .splats import add_gaussians, check_gaussians, set_input, show_layer
 from .stills import is_full, render_still, turned_to
 
 STAGE = "blender"

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...core.color import srgb
 from ...core.errors import InputError
+from ...core.splats.gaussians import core_bounds
 from .native_splats import add_native_splats, has_native_splats, native_splats_of, why_not_native
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import (
@@ -25,7 +26,7 @@ from .render_settings import (
 from .sparse_points import is_sparse_points, show_as_light
 from .splat_attributes import point_positions
 from .splat_nodes import Input
-from .splats import MODIFIER_NAME, core_bounds, get_input, is_splats, set_input
+from .splats import MODIFIER_NAME, get_input, is_splats, set_input
 
 BACKGROUND_PROPERTY = "cvdgs_background"
 """Custom property of a Gaussians' object: sRGB of what they were trained over."""

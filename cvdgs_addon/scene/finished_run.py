@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.capture.folder import CaptureView, read_capture_folder
 from ...core.errors import InputError
 from ...core.runs.layout import CAPTURE_FOLDER, GAUSSIANS_FILE, LAYER_GAUSSIANS_PATTERN, layer_of
 from ...core.splats.gaussians import Gaussians
 from ...core.splats.io.ply import read_ply
-from .capture_folder import CaptureView, read_capture_folder
 
 PARTIAL_FOLDER = ".blender.partial"
 """Where the conversion makes its files before it moves them into place; to be deleted whenever nothing runs."""

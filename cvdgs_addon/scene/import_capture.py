@@ -11,13 +11,14 @@ import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.capture.folder import CaptureView, read_capture_folder, read_points
+from ...core.splats.gaussians import core_bounds
 from .cameras import Clip, add_camera, camera_intrinsics, camera_to_world, is_capture_camera
-from .capture_folder import CaptureView, read_capture_folder, read_points
 from .display import match_display
 from .placement import Placing, add_empty, camera_distance, is_capture, near_depth, placement
 from .sparse_points import add_sparse_points, is_sparse_points
 from .splat_attributes import point_positions
-from .splats import core_bounds, is_splats
+from .splats import is_splats
 
 _CLIP_END = 500.0  # far end of the cameras' range in distances to the subject: generous, yet well inside float32
 # Display sizes of the capture's Empty, of cameras and of sparse points, in distances to the subject.

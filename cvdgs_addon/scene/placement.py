@@ -11,7 +11,7 @@ import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
-from .capture_folder import CaptureView
+from ...core.capture.folder import CaptureView
 
 EMPTY_NAME = "Capture"
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.runs.layout import ORIGINAL
-from ...core.splats.gaussians import SH_C0, Gaussians
+from ...core.splats.gaussians import SH_C0, Gaussians, core_bounds
 from .color_nodes import coefficient_attribute, coefficient_count
 from .nodes import InputValue, get_modifier_input, modifier_input_path, modifier_input_property, set_modifier_input
 from .splat_attributes import Attribute, Frame, color_attribute, opaque, write_attribute
@@ -32,8 +32,7 @@ MODIFIER_NAME = "Gaussians"
 
 _RUN_AGAIN = "train it again"
 
-# The scene's radius is taken inside this part of the Gaussians: a few always float far away.
-_CORE_PERCENTILES = (5.0, 95.0)
+
 
 
 def add_gaussians(
@@ -148,12 +147,6 @@ def is_splats(candidate: bpy.types.Object) -> bool:
     return group is not None and group.name.startswith(GROUP_NAME)
 
 
-def core_bounds(positions: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
-    """Centre (3,) and radius of the part of the scene that holds most of the Gaussians, floaters left out."""
-    low, high = np.percentile(positions.astype(np.float64), _CORE_PERCENTILES, axis=0)
-    return (low + high) / 2.0, max(float(np.linalg.norm(high - low)) / 2.0, float(np.finfo(np.float32).eps))
-
-
 def _fill_mesh(mesh: bpy.types.Mesh, gaussians: Gaussians, layers: Mapping[str, NDArray[np.float32]]) -> None:
     """The points of the Gaussians, then the four of the frame, with their attributes."""
     # With view-dependent terms to come, the constant one may be negative.
@@ -188,14 +181,9 @@ def _fill_mesh(mesh: bpy.types.Mesh, gaussians: Gaussians, layers: Mapping[str, 
 
 
 def _ranks(gaussians: Gaussians, size: int) -> NDArray[np.int32]:
-    """(size,) place of each Gaussian by what it contributes to pictures, the largest first; 0 beyond the Gaussians.
-
-    What it contributes is its opacity times the area of its two longest axes.
-    """
-    log_scales = gaussians.log_scales
-    importance = gaussians.opacities * np.exp(log_scales.sum(axis=1) - log_scales.min(axis=1))
+    """(size,) place of each Gaussian by its importance, the largest first; 0 beyond the Gaussians."""
     ranks = np.zeros(size, np.int32)
-    ranks[np.argsort(-importance, kind="stable")] = np.arange(len(gaussians), dtype=np.int32)
+    ranks[np.argsort(-gaussians.importance, kind="stable")] = np.arange(len(gaussians), dtype=np.int32)
     return ranks
 
 

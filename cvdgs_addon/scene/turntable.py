@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.splats.gaussians import core_bounds
 from ..activity import scene_by_uid
 from .cameras import SENSOR_WIDTH, is_capture_camera
 from .display import match_display
@@ -21,7 +22,7 @@ from .remembered_settings import Setting, change_settings, changes, restore_sett
 from .render_settings import Engine, engine_settings, png_settings
 from .sparse_points import is_sparse_points
 from .splat_attributes import point_positions
-from .splats import core_bounds, is_splats
+from .splats import is_splats
 
 _RENDER = "cvdgs_turntable_render"
 _IS_RIG = "cvdgs_turntable"  # custom property of the Empty

@@ -10,10 +10,10 @@ import bpy
 import numpy as np
 import pytest
 
+from cvdgs.core.capture.folder import read_capture_folder, read_points
 from cvdgs.core.errors import InputError
 from cvdgs.cvdgs_addon import importing
 from cvdgs.cvdgs_addon.scene import cameras
-from cvdgs.cvdgs_addon.scene.capture_folder import read_capture_folder, read_points
 from cvdgs.cvdgs_addon.scene.import_capture import ImportOptions, capture_of, import_capture, place_again
 from cvdgs.cvdgs_addon.scene.placement import Placing, Up
 from cvdgs.ui.capture import CVDGS_PT_import_capture

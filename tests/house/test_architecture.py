@@ -18,7 +18,7 @@ STANDARD_LIBRARY_ONLY = (
 # Run by an interpreter that may have more; an engine that an optional package brings; zstandard and USD, if there.
 EXCEPTIONS = {"doctor/probe", "batch/dask", "splats/io/spz", "splats/io/usd", "batch/page_markup", "runs/report_page"}
 NUMPY_ONLY = (
-    *("files/ply", "capture/model", "color/matrices", "color/machado2009", "color/srgb"),
+    *("files/ply", "capture/model", "capture/folder", "color/matrices", "color/machado2009", "color/srgb"),
     *("splats/gaussians", "splats/scene_frame", "splats/io/*", "splats/strategy/*"),
 )
 # The rooms of core/, from the ground up: none imports from one above it.

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.capture.model import PinholeCamera
-from ...core.errors import InputError
-from ...core.files.ply import VertexTable
-from ...core.files.untrusted import explained, opened, read_json
-from ...core.runs.layout import CAMERAS_FILE, POINTS_FILE
+from ..errors import InputError
+from ..files.ply import VertexTable
+from ..files.untrusted import explained, opened, read_json
+from ..runs.layout import CAMERAS_FILE, POINTS_FILE
+from .model import PinholeCamera
 
 _RUN_AGAIN = "choose the output folder of a finished run"
 _IMPORT_AGAIN = "import the capture again"

@@ -1,0 +1,86 @@
+"""The web page of a finished run: its layers, cameras, captions and stills. numpy only."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ...capture.folder import read_capture_folder
+from ...files.untrusted import is_file
+from ...rendering.requests import seen_by
+from ...runs.layout import (
+    CAPTURE_FOLDER,
+    GAUSSIANS_FILE,
+    ORIGINAL,
+    RENDERS_FOLDER,
+    REPORT_FILE,
+    SIMULATED_FOLDER,
+    VIEWER_PAGE,
+    layer_gaussians_file,
+)
+from ...runs.report import CAMERAS, check_finished_run, gained, read_report
+from ...settings import SIMULATIONS
+from ..io.files import read_layers
+from .page import Still, Surroundings, write_web_page
+
+_MOST_STILL_BYTES = 2 << 20
+
+
+def write_viewer(folder: Path) -> None:
+    """Write ``viewer.html`` into the folder of a finished run.
+
+    Raises:
+        InputError: the run is damaged, or the file cannot be written.
+    """
+    names = check_finished_run(folder)
+    layers = read_layers([folder / GAUSSIANS_FILE, *(folder / layer_gaussians_file(name) for name in names)])
+    write_web_page(folder / VIEWER_PAGE, layers, surroundings=surroundings_of(folder))
+
+
+def is_finished_run(folder: Path) -> bool:
+    """Whether `surroundings_of` can say anything of `folder`."""
+    return is_file(folder / REPORT_FILE) and is_file(folder / CAMERAS)
+
+
+def surroundings_of(folder: Path) -> Surroundings:
+    """What the page of the run in `folder` says and shows.
+
+    Raises:
+        InputError: its report or its cameras cannot be used.
+    """
+    report = read_report(folder)
+    capture = read_capture_folder(folder / CAPTURE_FOLDER)
+    shown = report["views_shown"]
+    start = shown[len(shown) // 2] if shown else ""
+    name = Path(report["settings"]["capture"]).name or "capture"
+    model = report["settings"].get("simulation")
+    return Surroundings(
+        title=f"{name} in colours for everyone" if report["layers"] else name,
+        lead=_lead(report),
+        captions={layer: gained(layer, report["layers"][layer]) for layer in report["layers"]},
+        credit=f"The scene belongs to whoever owns the photographs of {name}. "
+        f"Made with cvdgs {report['versions'].get('cvdgs', '')}; the viewer in this page is free software "
+        "under GPL-3.0-or-later.",
+        views=capture.views,
+        start=start,
+        background=(1.0, 1.0, 1.0) if capture.is_cut_out else (0.0, 0.0, 0.0),
+        model=model if model in SIMULATIONS else SIMULATIONS[0],
+        stills=_stills(folder, list(report["layers"]), start),
+    )
+
+
+def _lead(report: dict[str, Any]) -> str:
+    views, psnr = report["capture"], report["reconstruction"]["psnr"]
+    quality = "" if psnr is None else f", {psnr:.1f} dB on {'held-out' if views['test'] else 'training'} views"
+    return f"From {views['views']} photographs: {report['gaussians']:,} Gaussians{quality}."
+
+
+def _stills(folder: Path, layers: list[str], view: str) -> list[Still]:
+    renders, file = folder / RENDERS_FOLDER, f"{view}.png"
+    stills = [Still(renders / ORIGINAL / file, "Original colours")]
+    for layer in layers:
+        stills += [
+            Still(renders / layer / file, f"Enhanced for {layer}"),
+            Still(renders / layer / SIMULATED_FOLDER / file, seen_by("Enhanced", layer)),
+        ]
+    return [still for still in stills if still.path.is_file() and still.path.stat().st_size <= _MOST_STILL_BYTES]
