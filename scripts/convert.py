@@ -1,14 +1,15 @@
-"""Gaussians from one file format to another: 3DGS .ply, .spz (Niantic), .splat (web viewers), .glb (glTF) and .usd.
+"""Gaussians from file to file: 3DGS .ply, .spz (Niantic), .splat (web viewers), .glb (glTF), .usd, and a web page.
 
     python scripts/convert.py IN OUT [--drop-damaged]
-    python scripts/convert.py IN... OUT.glb|OUT.usd [--up AXIS]
+    python scripts/convert.py IN... OUT.glb|OUT.usd|OUT.html [--up AXIS]
 
 For example: python scripts/convert.py out/demo/splats.ply out/demo/splats.deutan-1.0.ply showroom.glb
 
 The endings say what is written. A .ply holds everything; a .spz is about ten times smaller and rounds; a .splat rounds
 too and holds no colours that depend on the direction. A .glb or .usd holds the colours of several files of the same
-Gaussians, a scene or a variant each. .usd, .usda and .usdc are written only, and need the extra 'usd'. IN stays as it
-is. Needs numpy.
+Gaussians, a scene or a variant each. .usd, .usda and .usdc are written only, and need the extra 'usd'. An .html shows
+the scene in a browser, from the disk, with a slider from the first file's colours to the others'; files of a finished
+run bring its cameras and figures. IN stays as it is. Needs numpy.
 """
 
 from __future__ import annotations
@@ -23,8 +24,13 @@ import bootstrap
 bootstrap.load(modules=("numpy",))
 from cvdgs.core.errors import InputError, one_line
 from cvdgs.core.runtime.cli import OneLineParser, exit_code
-from cvdgs.core.splats.io.files import read_layers, require_known_suffix, write_layers
+from cvdgs.core.splats.io.files import most_important, read_layers, require_known_suffix, write_layers
 from cvdgs.core.splats.io.layers import TO_Y_UP
+from cvdgs.core.splats.web.finished_run import is_finished_run, surroundings_of
+from cvdgs.core.splats.web.page import SUFFIX as WEB_PAGE_SUFFIX
+from cvdgs.core.splats.web.page import write_web_page
+
+_MANY_FOR_A_PAGE = 500_000  # Gaussians; some 20 MB
 
 
 def main(arguments: list[str]) -> int:
@@ -43,14 +49,20 @@ def build_parser() -> argparse.ArgumentParser:
         prog="convert.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
     parser.add_argument("sources", type=Path, nargs="+", metavar="IN", help=".ply, .spz, .splat or .glb")
-    parser.add_argument("target", type=Path, metavar="OUT", help="likewise, or .usd; replaced if it is there")
+    parser.add_argument("target", type=Path, metavar="OUT", help="likewise, .usd or .html; replaced if it is there")
     parser.add_argument("--drop-damaged", action="store_true", help="drop Gaussians with values that are not finite")
     parser.add_argument("--layer", default="", metavar="NAME", help="write this layer of IN alone")
     parser.add_argument(
         "--up",
         default="",
         choices=tuple(TO_Y_UP),
-        help="axis of the scene that points up in a .glb or .usd; otherwise it stands as it is",
+        help="axis of the scene that points up in a .glb, .usd or .html; otherwise it stands as it is",
+    )
+    parser.add_argument(
+        "--gaussians",
+        type=int,
+        metavar="N",
+        help="write the N Gaussians that contribute most to pictures",
     )
     return parser
 
@@ -59,6 +71,8 @@ def convert(options: argparse.Namespace) -> str:
     """Read the sources, write the target, and say in a line what was done."""
     target: Path = options.target
     require_known_suffix(target)  # before anything long
+    if options.gaussians is not None and options.gaussians < 1:
+        raise InputError("that leaves nothing to write", where="--gaussians", remedy="give a number from 1 on")
     for source in options.sources:
         if target.exists() and source.exists() and target.samefile(source):
             raise InputError("is also the input", where=target, remedy="name another file to write")
@@ -69,11 +83,19 @@ def convert(options: argparse.Namespace) -> str:
                 f"there is no layer '{options.layer}'", where=options.sources[0], remedy=f"name {' or '.join(layers)}"
             )
         layers = {options.layer: layers[options.layer]}
-    write_layers(target, layers, up=options.up)
+    if options.gaussians:
+        layers = most_important(layers, options.gaussians)
+    folders = {source.resolve().parent for source in options.sources}
+    if target.suffix.lower() == WEB_PAGE_SUFFIX and len(folders) == 1 and is_finished_run(*folders):
+        write_web_page(target, layers, options.up, surroundings_of(*folders))
+    else:
+        write_layers(target, layers, up=options.up)
     first = next(iter(layers.values()))
     said = f"wrote {target}: {len(first):,} Gaussians, {target.stat().st_size / 1e6:.1f} MB"
     if len(layers) > 1:
         said += f"; layers {one_line(', '.join(layers))}"  # a .glb can call them anything
+    if target.suffix.lower() == WEB_PAGE_SUFFIX and len(first) > _MANY_FOR_A_PAGE:
+        said += f"; heavy for a phone, --gaussians {_MANY_FOR_A_PAGE} makes it lighter"
     if target.suffix.lower() == ".splat" and first.sh_degree:
         said += f"; .splat holds no view-dependent colours (degree {first.sh_degree} before)"
     return said

@@ -5,6 +5,7 @@ Nothing is fetched from anywhere, so it opens from a disk.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from urllib.parse import quote
 from ..files.pages import embed, write_page
 from ..files.untrusted import replacing
 from ..rendering.requests import PageArguments, seen_by, vision
-from ..runs.layout import picture_name
+from ..runs.layout import VIEWER_PAGE, picture_name
 from ..runs.report import SCORED_PICTURES, report_or_nothing
 from .page import shown_turntables
 from .previews import Preview, PreviewFiles, preview_files
@@ -58,9 +59,16 @@ class _Turn:
 
 @dataclass(frozen=True)
 class _Item:
+    """An item on the page.
+
+    Attributes:
+        viewer: from the batch's folder, the page of its run that shows the scene; "" where there is none.
+    """
+
     name: str
     turns: list[_Turn]
     lead: list[str]
+    viewer: str
 
     @property
     def is_complete(self) -> bool:
@@ -114,7 +122,17 @@ def _shown_item(item: Mapping[str, Any], out: Path) -> _Item:
         size = _size(out / preview.columns[0] / picture_name(1)) if files is not None else (4, 3)
         figures = (report.get("layers") or {}).get(turn["layer"]) or {}
         turns.append(_Turn(name, preview, files, size, figures, list(_links(turn, item["sheet"], out))))
-    return _Item(item["name"], turns, list(_lead(report)))
+    return _Item(item["name"], turns, list(_lead(report)), _viewer(out / item["run"], out))
+
+
+def _viewer(run: Path, out: Path) -> str:
+    page = run / VIEWER_PAGE
+    if not page.is_file():
+        return ""
+    try:
+        return quote(Path(os.path.relpath(page, out)).as_posix())
+    except ValueError:  # on another drive
+        return page.resolve().as_uri()
 
 
 def _lead(report: Mapping[str, Any]) -> Iterator[str]:

@@ -29,7 +29,7 @@ from ..rendering.requests import (
     beside_each_other,
     seen_by,
 )
-from ..runs.layout import GAUSSIANS_FILE, ORIGINAL, REPORT_FILE, layer_gaussians_file, pictures
+from ..runs.layout import GAUSSIANS_FILE, ORIGINAL, REPORT_FILE, VIEWER_PAGE, layer_gaussians_file, pictures
 from ..runs.report import CAMERAS
 from ..settings import Settings
 from .model import Batch, Item, Needs, Output, layer_of
@@ -196,7 +196,7 @@ class _PlannedItem:
     def shown_files(self) -> Iterator[str]:
         """Files that the page shows, where they are there."""
         frames = self.item.turntable.frames
-        yield f"{self.run}/{REPORT_FILE}"
+        yield from (f"{self.run}/{name}" for name in (REPORT_FILE, VIEWER_PAGE))
         for turn in self.turns:
             for folder in (turn.frames, *turn.simulated.values()):
                 yield pictures(folder, 1, frames)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
 
 from ..files.pages import write_page
 from ..files.untrusted import read_json
-from .layout import REPORT_FILE, REPORT_PAGE, evenly_spread, picture_name
-from .report import SCORED_PICTURES, SECOND_PHOTOGRAPHS
+from .layout import ORIGINAL, RENDERS_FOLDER, REPORT_FILE, REPORT_PAGE, VIEWER_PAGE, evenly_spread, picture_name
+from .report import SCORED_PICTURES, SECOND_PHOTOGRAPHS, gained
 
 _TURNTABLE_FRAMES = 4  # that the page shows
+_MOST_EMBEDDED_BYTES = 24 << 20  # of the scene's page; a larger one is loaded from its file
 # Distinguishable for all kinds of colour vision by lightness (Okabe-Ito, ordered from dark to light).
 _STAGE_COLORS = ("#000000", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
 _WIDTH, _HEIGHT, _MARGIN = 560, 220, 44  # of the chart, in pixels
@@ -25,6 +27,9 @@ def write_report_page(folder: Path) -> None:
         OSError: the page cannot be written.
     """
     report = read_json(folder / REPORT_FILE)
+    shown = report["views_shown"]
+    middle = shown[len(shown) // 2] if shown else ""
+    layer = next(iter(report["layers"]), ORIGINAL)
     count = (report.get("turntable") or {}).get("frames", 0)
     write_page(
         folder / REPORT_PAGE,
@@ -34,9 +39,25 @@ def write_report_page(folder: Path) -> None:
         title=f"cvdgs: {Path(report['settings']['capture']).name or 'capture'}",
         kinds=SCORED_PICTURES | SECOND_PHOTOGRAPHS,
         colors=_STAGE_COLORS,
+        gained=gained,
+        viewer=_viewer(folder),
+        viewer_file=VIEWER_PAGE,
+        middle=middle,
+        poster=folder / RENDERS_FOLDER / layer / f"{middle}.png",
         curve=_curve(report["curve"]),
         turntable_frames=[(number, picture_name(number)) for number in evenly_spread(count, _TURNTABLE_FRAMES)],
     )
+
+
+def _viewer(folder: Path) -> dict[str, Any]:
+    """The page beside the report that shows the scene; empty where there is none, without text where it is large."""
+    page = folder / VIEWER_PAGE
+    if not page.is_file():
+        return {}
+    size = page.stat().st_size
+    # Within a script, where "<" could end it.
+    text = json.dumps(page.read_text(encoding="utf-8")).replace("<", "\\u003c") if size <= _MOST_EMBEDDED_BYTES else ""
+    return {"file": VIEWER_PAGE, "megabytes": size / 1e6, "text": text}
 
 
 def _curve(curve: list[dict[str, float]]) -> dict[str, Any]:

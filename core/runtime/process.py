@@ -283,8 +283,8 @@ class Workers:
         return self.start_command([self.require_python(), str(WORKER)], request, log)
 
     def start_page(self, request: Event, log: Callable[[str], None] = lambda _: None) -> Job:
-        """As `start`, for a job that needs no more than Jinja2: by this very Python where that has it."""
-        python = sys.executable if _has_modules("jinja2") else self.require_python()
+        """As `start`, for a job that needs no more than Jinja2 and numpy: by this very Python where that has them."""
+        python = sys.executable if _has_modules("jinja2", "numpy") else self.require_python()
         return self.start_command([python, str(WORKER)], request, log)
 
     def start_command(

@@ -33,8 +33,6 @@ MODIFIER_NAME = "Gaussians"
 _RUN_AGAIN = "train it again"
 
 
-
-
 def add_gaussians(
     gaussians: Gaussians,
     layers: Mapping[str, NDArray[np.float32]],

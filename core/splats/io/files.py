@@ -16,6 +16,8 @@ from ...errors import InputError
 from ...files.untrusted import opened
 from ...runs.layout import ORIGINAL
 from ..gaussians import MOST_FILE_BYTES, Gaussians
+from ..web.page import SUFFIX as WEB_PAGE_SUFFIX
+from ..web.page import write_web_page
 from .gltf import MAGIC as GLTF_MAGIC
 from .gltf import read_glb, write_glb
 from .layers import layer_name, sharing_geometry
@@ -30,6 +32,7 @@ _WRITERS: dict[str, Callable[[Path, Gaussians], None]] = {".ply": write_ply, ".s
 _WRITERS_OF_LAYERS: dict[str, Callable[[Path, Mapping[str, Gaussians], str], None]] = {
     ".glb": write_glb,
     **dict.fromkeys(USD_SUFFIXES, write_usd),
+    WEB_PAGE_SUFFIX: write_web_page,
 }
 SUFFIXES = (*_WRITERS, ".glb")  # of what is read and written
 _WRITTEN = (*_WRITERS, *_WRITERS_OF_LAYERS)
@@ -100,7 +103,7 @@ def read_layers(paths: Sequence[str | Path], *, drop_damaged: bool = False) -> d
 
 
 def write_gaussians(path: str | Path, gaussians: Gaussians) -> None:
-    """Write `gaussians` in the format of the suffix of `path`: .ply, .spz (version 3), .splat, .glb or .usd.
+    """Write `gaussians` in the format of the suffix of `path`: .ply, .spz (version 3), .splat, .glb, .usd or .html.
 
     A .splat file holds colours of degree 0 only. The file is written completely or not at all.
 
@@ -127,10 +130,21 @@ def write_layers(path: str | Path, layers: Mapping[str, Gaussians], *, up: str =
         return
     if up or len(layers) > 1:
         what = "cannot say what is up" if up else f"holds one layer, not {len(layers)}"
-        remedy = "write .glb or .usd" if up else "write .glb or .usd, or choose one (scripts/convert.py --layer)"
+        able = ".glb, .usd or .html"
+        remedy = f"write {able}" if up else f"write {able}, or choose one (scripts/convert.py --layer)"
         raise InputError(f"a {suffix} file {what}", where=path, remedy=remedy)
     (gaussians,) = layers.values()
     _WRITERS[suffix](path, gaussians)
+
+
+def most_important(layers: Mapping[str, Gaussians], count: int) -> dict[str, Gaussians]:
+    """The `count` Gaussians of every layer that contribute most to pictures, in their order; all if they are fewer."""
+    first = next(iter(layers.values()))
+    if len(first) <= count:
+        return dict(layers)
+    kept = np.sort(np.argsort(-first.importance, kind="stable")[:count])
+    taken = first.take(kept)
+    return {name: replace(taken, sh=gaussians.sh[kept]) for name, gaussians in layers.items()}
 
 
 def require_known_suffix(path: Path) -> None:

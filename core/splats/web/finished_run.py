@@ -7,7 +7,7 @@ from typing import Any
 
 from ...capture.folder import read_capture_folder
 from ...files.untrusted import is_file
-from ...rendering.requests import seen_by
+from ...rendering.requests import seen_by, vision
 from ...runs.layout import (
     CAPTURE_FOLDER,
     GAUSSIANS_FILE,
@@ -58,6 +58,7 @@ def surroundings_of(folder: Path) -> Surroundings:
         title=f"{name} in colours for everyone" if report["layers"] else name,
         lead=_lead(report),
         captions={layer: gained(layer, report["layers"][layer]) for layer in report["layers"]},
+        names={layer: vision(layer) for layer in report["layers"]},
         credit=f"The scene belongs to whoever owns the photographs of {name}. "
         f"Made with cvdgs {report['versions'].get('cvdgs', '')}; the viewer in this page is free software "
         "under GPL-3.0-or-later.",
@@ -71,8 +72,8 @@ def surroundings_of(folder: Path) -> Surroundings:
 
 def _lead(report: dict[str, Any]) -> str:
     views, psnr = report["capture"], report["reconstruction"]["psnr"]
-    quality = "" if psnr is None else f", {psnr:.1f} dB on {'held-out' if views['test'] else 'training'} views"
-    return f"From {views['views']} photographs: {report['gaussians']:,} Gaussians{quality}."
+    quality = "" if psnr is None else f"; {psnr:.1f} dB on {'held-out' if views['test'] else 'training'} views"
+    return f"made from {views['views']} photographs{quality}"
 
 
 def _stills(folder: Path, layers: list[str], view: str) -> list[Still]:
@@ -80,7 +81,7 @@ def _stills(folder: Path, layers: list[str], view: str) -> list[Still]:
     stills = [Still(renders / ORIGINAL / file, "Original colours")]
     for layer in layers:
         stills += [
-            Still(renders / layer / file, f"Enhanced for {layer}"),
+            Still(renders / layer / file, f"Enhanced for {vision(layer)}"),
             Still(renders / layer / SIMULATED_FOLDER / file, seen_by("Enhanced", layer)),
         ]
     return [still for still in stills if still.path.is_file() and still.path.stat().st_size <= _MOST_STILL_BYTES]

@@ -7,7 +7,7 @@ import html
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +31,7 @@ _MARK = re.compile(r"\{\{ (\w+) \}\}")
 _ENOUGH_TO_SORT = 1 << 24  # more Gaussians than any graphics card's texture of 4096 texels a row holds
 _SEVERITIES = len(next(iter(MATRICES.values())))
 _UPRIGHT_TOLERANCE = np.radians(25.0)  # +Z within this angle of the cameras' mean is up
-_AXES = {sign + axis: scale * row for sign, scale in (("", 1.0), ("-", -1.0)) for axis, row in zip("xyz", np.eye(3))}
+_AXES = dict(zip(("x", "y", "z", "-x", "-y", "-z"), (*np.eye(3), *-np.eye(3)), strict=True))
 _USUAL_UP = "-y"  # of scenes from structure from motion
 _NEAR = 0.05  # smallest depth drawn, of the farthest camera's distance from their mean: as trained (core/splats/raster)
 _FIELD_OF_VIEW = 0.9  # radians, where no camera is known
@@ -56,8 +56,9 @@ class Surroundings:
 
     Attributes:
         title: of the page.
-        lead: a line on what this is; may be "".
+        lead: how the Gaussians were made; may be "".
         captions: by layer, a sentence on what it gained.
+        names: by layer, whom it is for; otherwise it is called as it is.
         credit: whose the scene is and how it was made; "" leaves that out.
         views: the capture's cameras; none: the scene is looked at from one side.
         start: the view in which the page begins.
@@ -69,6 +70,7 @@ class Surroundings:
     title: str = "A scene"
     lead: str = ""
     captions: Mapping[str, str] = field(default_factory=dict)
+    names: Mapping[str, str] = field(default_factory=dict)
     credit: str = ""
     views: Sequence[CaptureView] = ()
     start: str = ""
@@ -103,6 +105,7 @@ def write_web_page(
     scene = {
         **streams.description,
         "captions": [surroundings.captions.get(name, "") for name in layers],
+        "names": [surroundings.names.get(name, name) for name in layers],
         "radius": radius,
         "background": surroundings.background,
         "simulation": _simulations(surroundings.model),
@@ -110,7 +113,7 @@ def write_web_page(
     }
     texts = {
         "title": html.escape(surroundings.title),
-        "lead": html.escape(surroundings.lead),
+        "lead": html.escape(f"{len(first):,} Gaussians" + f", {surroundings.lead}" * bool(surroundings.lead)),
         "credit": html.escape(surroundings.credit),
         "stills": "".join(map(_figure, surroundings.stills)),
         "style": _part("viewer.css"),
@@ -126,16 +129,6 @@ def write_web_page(
         for name, data in streams.data.items():
             file.write(f'<script type="text/plain" id="data-{name}">{data}</script>\n'.encode())
         file.write(_filled(after, texts))
-
-
-def most_important(layers: Mapping[str, Gaussians], count: int) -> dict[str, Gaussians]:
-    """The `count` Gaussians that contribute most to pictures, in their order, of every layer; all where there are fewer."""
-    first = next(iter(layers.values()))
-    if len(first) <= count:
-        return dict(layers)
-    kept = np.sort(np.argsort(-first.importance, kind="stable")[:count])
-    taken = first.take(kept)
-    return {name: replace(taken, sh=gaussians.sh[kept]) for name, gaussians in layers.items()}
 
 
 def up_of(views: Sequence[CaptureView]) -> NDArray[np.float64]:
@@ -188,10 +181,11 @@ def _simulations(model: str) -> dict[str, Any]:
     for cvd in CVD_TYPES:
         able = "brettel" if (model, cvd) == ("vienot", "tritan") else model
         steps = [linear_simulation(cvd, min(SEVERITY_STEP * step, 1.0), able) for step in range(_SEVERITIES)]
+        below = [step.matrix if step.matrix_below is None else step.matrix_below for step in steps]
         normal = steps[-1].separator
         result[cvd] = {
             "above": [step.matrix.ravel().tolist() for step in steps],
-            "below": [(step.matrix if step.matrix_below is None else step.matrix_below).ravel().tolist() for step in steps],
+            "below": [matrix.ravel().tolist() for matrix in below],
             "separator": [0.0, 0.0, 0.0] if normal is None else normal.tolist(),
         }
     return result
@@ -200,7 +194,8 @@ def _simulations(model: str) -> dict[str, Any]:
 def _figure(still: Still) -> str:
     caption = html.escape(still.caption)
     picture = base64.b64encode(still.path.read_bytes()).decode("ascii")
-    return f'<figure><img alt="{caption}" src="data:image/png;base64,{picture}"><figcaption>{caption}</figcaption></figure>'
+    image = f'<img alt="{caption}" src="data:image/png;base64,{picture}">'
+    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>\n"
 
 
 def _part(name: str) -> str:

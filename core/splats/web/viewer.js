@@ -213,7 +213,7 @@ class Viewer {
 
   describe() {
     const amount = Number(find("amount").value);
-    const name = this.scene.layers[this.layer].name;
+    const name = this.scene.names[this.layer];
     const colours = !this.hasLayers || amount === 0 ? "Original colours"
       : `${this.wipes ? "Original beside e" : "E"}nhanced for ${name}${amount < 100 ? `, ${amount} %` : ""}`;
     return colours + this.seen();
@@ -244,14 +244,14 @@ function connect(viewer) {
     const amount = find("amount");
     find("amount-text").value = `${amount.value} %`;
     amount.setAttribute("aria-valuetext", amount.value === "0" ? "original" : `${amount.value} percent enhanced`);
-    find("severity-text").value = Number(find("severity").value).toFixed(2);
+    find("severity-text").value = `severity ${Number(find("severity").value).toFixed(2)}`;
     find("severity-row").hidden = viewer.observer === "normal";
-    find("budget-text").value = viewer.count.toLocaleString("en");
+    find("budget-text").value = `${viewer.count.toLocaleString("en")} Gaussians`;
     find("wipe-row").hidden = find("divider").hidden = find("tag-left").hidden = !viewer.wipes;
     find("divider").style.left = `${find("wipe").value}%`;
     find("tag-left").textContent = `Original${viewer.seen()}`;
     find("tag-right").textContent = viewer.wipes
-      ? `Enhanced for ${scene.layers[viewer.layer].name}${viewer.seen()}` : viewer.describe();
+      ? `Enhanced for ${scene.names[viewer.layer]}${viewer.seen()}` : viewer.describe();
     find("caption").textContent = scene.captions[viewer.layer];
     viewer.request();
   };
@@ -262,7 +262,7 @@ function connect(viewer) {
   };
 
   find("colours").hidden = !viewer.hasLayers;
-  const layers = scene.layers.slice(1).map(({ name }, number) => [number + 1, `for ${name}`]);
+  const layers = scene.names.slice(1).map((name, number) => [number + 1, `for ${name}`]);
   if (layers.length > 1) choices(find("layers"), "layer", layers, 1, (value) => { viewer.layer = value; show(); tell(); });
   choices(find("observers"), "observer", Object.entries(OBSERVERS), "normal", (value) => {
     viewer.observer = value;

@@ -5,8 +5,10 @@ from __future__ import annotations
 import base64
 import json
 import re
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -138,6 +140,17 @@ def test_every_control_has_a_name_of_its_own_and_one_choice_is_made(made):
     assert len(set(identifiers)) == len(identifiers)
     targets = {link["href"].removeprefix("#") for link in made.all("a") if link["href"].startswith("#")}
     assert targets <= set(identifiers)
+
+
+def test_the_page_of_an_items_scene_is_offered_where_its_run_has_one(batch, made, tmp_path):
+    assert not [link for link in made.all("a") if link["href"].endswith("viewer.html")]
+    run = tmp_path / "a run"
+    shutil.copytree(batch / "run", run)
+    (run / "viewer.html").write_text("the scene")
+    write_batch_page(PageArguments("Autumn", ({**SOFA, "run": str(run)},), "open.html"), batch)
+    offered = Elements((batch / "open.html").read_text(encoding="utf-8"))
+    (link,) = [a for a in offered.all("a") if a["href"].endswith("viewer.html")]
+    assert (batch / unquote(link["href"])).read_text() == "the scene"
 
 
 def test_names_are_text_and_not_markup(made):
