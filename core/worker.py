@@ -163,10 +163,11 @@ def _enhance(request: Request, reporter: Reporter) -> Mapping[str, Any]:
 
 def _write_report_page(request: Request, reporter: Reporter) -> Mapping[str, Any]:
     from .runs.report_page import write_report_page
-    from .splats.web.finished_run import write_viewer
+    from .splats.web.finished_run import is_finished_run, write_viewer
 
     folder = Path(request["folder"])
-    write_viewer(folder)  # the report shows it
+    if is_finished_run(folder):
+        write_viewer(folder)  # the report shows it
     write_report_page(folder)
     return {}
 

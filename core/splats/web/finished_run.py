@@ -20,9 +20,10 @@ from ...runs.layout import (
 )
 from ...runs.report import CAMERAS, check_finished_run, gained, read_report
 from ...settings import SIMULATIONS
-from ..io.files import read_layers
+from ..io.files import most_important, read_layers
 from .page import Still, Surroundings, write_web_page
 
+_MOST_GAUSSIANS = 2_000_000  # of a page that nobody chose the size of: some 80 MB
 _MOST_STILL_BYTES = 2 << 20
 
 
@@ -34,12 +35,13 @@ def write_viewer(folder: Path) -> None:
     """
     names = check_finished_run(folder)
     layers = read_layers([folder / GAUSSIANS_FILE, *(folder / layer_gaussians_file(name) for name in names)])
+    layers = most_important(layers, _MOST_GAUSSIANS)
     write_web_page(folder / VIEWER_PAGE, layers, surroundings=surroundings_of(folder))
 
 
 def is_finished_run(folder: Path) -> bool:
-    """Whether `surroundings_of` can say anything of `folder`."""
-    return is_file(folder / REPORT_FILE) and is_file(folder / CAMERAS)
+    """Whether `folder` holds a run with what a page of it needs."""
+    return all(is_file(folder / name) for name in (REPORT_FILE, CAMERAS, GAUSSIANS_FILE))
 
 
 def surroundings_of(folder: Path) -> Surroundings:

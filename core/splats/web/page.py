@@ -34,6 +34,7 @@ _UPRIGHT_TOLERANCE = np.radians(25.0)  # +Z within this angle of the cameras' me
 _AXES = dict(zip(("x", "y", "z", "-x", "-y", "-z"), (*np.eye(3), *-np.eye(3)), strict=True))
 _USUAL_UP = "-y"  # of scenes from structure from motion
 _NEAR = 0.05  # smallest depth drawn, of the farthest camera's distance from their mean: as trained (core/splats/raster)
+_MOST_CAMERAS = 500  # in a page: those of more photographs are thinned out
 _FIELD_OF_VIEW = 0.9  # radians, where no camera is known
 
 
@@ -152,10 +153,12 @@ def _cameras(around: Surroundings, up: str, center: NDArray[np.float64], radius:
         }
     positions = np.stack([view.camera_to_world[:3, 3] for view in around.views])
     extent = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    names = [view.key for view in around.views]
+    every = -(-len(around.views) // _MOST_CAMERAS)
+    shown = [view for n, view in enumerate(around.views) if n % every == 0 or view.key == around.start]
+    names = [view.key for view in shown]
     return {
         "up": (_AXES[up] if up else up_of(around.views)).tolist(),
-        "cameras": [_camera(view, center) for view in around.views],
+        "cameras": [_camera(view, center) for view in shown],
         "start": names.index(around.start) if around.start in names else 0,
         "near": _NEAR * (extent if extent > 1e-6 * radius else radius),
         "fieldOfView": _FIELD_OF_VIEW,
