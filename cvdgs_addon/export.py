@@ -14,15 +14,18 @@ from ..core.errors import InputError
 from ..core.runs.layout import ORIGINAL, layer_cube_file
 from ..core.splats.gaussians import SH_C0, Gaussians
 from ..core.splats.io.files import write_gaussians
+from ..core.splats.web.finished_run import is_finished_run, surroundings_of
+from ..core.splats.web.page import Surroundings, write_web_page
 from .scene.color_nodes import coefficient_attribute, coefficient_count
 from .scene.splat_attributes import Attribute, Frame, color_attribute, read_attribute, vertex_positions
 from .scene.splat_nodes import Input
-from .scene.splats import get_input
+from .scene.splats import get_input, layer_names
 from .shown import require_object_mode, run_of, shown_layer
 
 # A logit beyond this is as good as 0 or 1, and finite.
 _LARGEST_LOGIT = 15.0
 _SMALLEST_SCALE = 1e-12
+_SCENES_UP = "z"  # in Blender
 # A linear map that differs from a uniform scale by less than this turns nothing that could be seen.
 _TURN_TOLERANCE = 1e-5
 
@@ -96,6 +99,11 @@ def proposed_name(splats: bpy.types.Object) -> str:
     return name if layer == ORIGINAL or enhanced in (0.0, 1.0) else f"{name} at {100 * enhanced:.0f} percent"
 
 
+def proposed_page_name(splats: bpy.types.Object) -> str:
+    """A file's name for a web page of all layers, without its ending."""
+    return _title(splats)
+
+
 def proposed_cube_name(splats: bpy.types.Object) -> str:
     """A file's name for the LUT of the layer that is shown, without its ending."""
     return f"{_title(splats)} {shown_layer(splats)[0]}"
@@ -117,6 +125,27 @@ def export_gaussians(path: str, exported: ExportedGaussians) -> None:
         write_gaussians(path, exported.gaussians)
     except OSError as error:
         raise _cannot_write(path, error) from error
+
+
+def export_web_page(path: str, splats: bpy.types.Object) -> int:
+    """Write all layers of the Gaussians as they are now, in the capture's axes, as a web page; returns their number.
+
+    The page begins at the run's cameras and has its captions, where the run is there and the Gaussians were not turned.
+
+    Raises:
+        InputError: no Gaussians are left, they are being edited, or the file cannot be written.
+    """
+    names = [ORIGINAL, *(name for name in layer_names(splats) if name != ORIGINAL)]
+    layers = {name: read_gaussians(splats, name, 1.0).gaussians for name in names}
+    run, surroundings = run_of(splats), Surroundings(title=_title(splats))
+    mesh = splats.data
+    in_place = not _turns(
+        _frame_map(vertex_positions(mesh), read_attribute(mesh, Attribute.FRAME), read_attribute(mesh, Attribute.SCALE))
+    )
+    if run and in_place and is_finished_run(Path(run)):
+        surroundings = surroundings_of(Path(run))
+    write_web_page(path, layers, "" if in_place else _SCENES_UP, surroundings)
+    return len(layers[ORIGINAL])
 
 
 def find_cube(folder: str, layer: str) -> Path:

@@ -1,4 +1,4 @@
-"""Operators of the sub-panel "Export": splat files and LUTs for other programs."""
+"""Operators of the sub-panel "Export": splat files and LUTs for other programs, and web pages."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from ..core.runs.layout import ORIGINAL
 from ..cvdgs_addon.export import (
     export_cube,
     export_gaussians,
+    export_web_page,
     find_cube,
     proposed_cube_name,
     proposed_folder,
     proposed_name,
+    proposed_page_name,
     read_gaussians,
 )
 from ..cvdgs_addon.shown import run_of, shown_layer, shown_splats
@@ -56,6 +58,26 @@ class CVDGS_OT_export_gaussians(NeedsGaussians, bpy.types.Operator, ExportHelper
             self.report({"WARNING"}, "Exported without view-dependent colours, because the Gaussians were rotated")
         else:
             self.report({"INFO"}, f"Exported {len(exported.gaussians):,} Gaussians to {self.filepath}")
+
+
+class CVDGS_OT_export_web_page(NeedsGaussians, bpy.types.Operator, ExportHelper):
+    """Export the Gaussians, in all layers, as one web page that shows the scene in any browser, from the disk"""
+
+    bl_idname = "cvdgs.export_web_page"
+    bl_label = "Export Web Page"
+    bl_options = {"REGISTER"}
+
+    filename_ext = ".html"
+
+    filter_glob: bpy.props.StringProperty(default="*.html", options={"HIDDEN"})
+
+    def on_click(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str] | None:
+        _propose(self, context, proposed_page_name(shown_splats(context)))
+        return ExportHelper.invoke(self, context, event)
+
+    def act(self, context: bpy.types.Context) -> None:
+        count = export_web_page(self.filepath, shown_splats(context))
+        self.report({"INFO"}, f"Exported {count:,} Gaussians to {self.filepath}; open it in a browser")
 
 
 class CVDGS_OT_export_cube(NeedsRun, bpy.types.Operator, ExportHelper):
@@ -103,4 +125,4 @@ def _propose(operator: bpy.types.Operator, context: bpy.types.Context, name: str
     operator.filepath = str(Path(folder, name + (Path(last).suffix or operator.filename_ext)))
 
 
-CLASSES: tuple[type, ...] = (CVDGS_OT_export_gaussians, CVDGS_OT_export_cube)
+CLASSES: tuple[type, ...] = (CVDGS_OT_export_gaussians, CVDGS_OT_export_web_page, CVDGS_OT_export_cube)

@@ -58,6 +58,7 @@ class CVDGS_PT_export(GaussiansPanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.operator_context = "INVOKE_DEFAULT"
         column.operator("cvdgs.export_gaussians", text="Gaussians (.ply, .spz, .splat)", icon="EXPORT")
+        column.operator("cvdgs.export_web_page", text="Web Page (.html)", icon="WORLD")
         column.operator("cvdgs.export_cube", text="Colour Mapping (.cube)", icon="COLOR")
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import re
+
 import bpy
 import mathutils
 import numpy as np
@@ -114,6 +117,18 @@ def test_deleted_gaussians_are_gone(addon, run_folder, tmp_path):
     bpy.ops.object.mode_set(mode="OBJECT")
     bpy.ops.cvdgs.export_gaussians(filepath=str(tmp_path / "kept.ply"))
     assert len(read_ply(tmp_path / "kept.ply")) == 300
+
+
+def test_a_web_page_holds_all_layers_as_they_are_now(addon, run_folder, tmp_path):
+    splats = show_run(str(run_folder), bpy.context.scene)
+    add_crop_box(splats).matrix_basis = mathutils.Matrix.Diagonal((0.7, 0.5, 0.9, 1.0))
+    bpy.context.view_layer.update()
+    left = len(read_gaussians(splats, "original", 1.0).gaussians)
+    bpy.ops.cvdgs.export_web_page(filepath=str(tmp_path / "scene.html"))
+    text = (tmp_path / "scene.html").read_text(encoding="utf-8")
+    scene = json.loads(re.search('id="scene">(.*?)</script>', text)[1])
+    assert 0 < scene["count"] == left < 400
+    assert [layer["name"] for layer in scene["layers"]] == ["original", "deutan-1.0", "tritan-0.5"]
 
 
 def test_what_the_crop_box_hides_is_not_exported(scene):

@@ -19,7 +19,7 @@ STANDARD_LIBRARY_ONLY = (
 EXCEPTIONS = {"doctor/probe", "batch/dask", "splats/io/spz", "splats/io/usd", "batch/page_markup", "runs/report_page"}
 NUMPY_ONLY = (
     *("files/ply", "capture/model", "capture/folder", "color/matrices", "color/machado2009", "color/srgb"),
-    *("splats/gaussians", "splats/scene_frame", "splats/io/*", "splats/strategy/*"),
+    *("splats/gaussians", "splats/scene_frame", "splats/io/*", "splats/web/*", "splats/strategy/*"),
 )
 # The rooms of core/, from the ground up: none imports from one above it.
 FLOORS = (
