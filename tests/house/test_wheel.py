@@ -18,6 +18,7 @@ FILES = {"__init__.py", "blender_manifest.toml", "py.typed"}
 NEEDED = {
     *("core/__main__.py", "core/demo/showroom/transforms.json", "core/splats/raster/blend_cpu.h"),
     *("core/batch/page.html", "core/files/templates/base.html", "core/photographs/sheet.html", "core/runs/report.html"),
+    *("core/splats/web/viewer.html", "core/splats/web/renderer.js", "core/splats/web/viewer.css"),
     *("core/batch/page_style.css", "core/enhance/gan/weights/enhancer.safetensors"),
     *("core/enhance/gan/weights/enhancer.safetensors.sha256", "requirements.txt", "requirements-torch.txt"),
 }
