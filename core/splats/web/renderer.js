@@ -308,6 +308,11 @@ class Renderer {
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
   }
 
+  // Wait until what was asked for is drawn.
+  finish() {
+    this.gl.readPixels(0, 0, 1, 1, this.gl.RGBA, this.gl.UNSIGNED_BYTE, new Uint8Array(4));
+  }
+
   corners() {
     const gl = this.gl;
     gl.bindBuffer(gl.ARRAY_BUFFER, this.quad);

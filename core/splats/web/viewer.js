@@ -5,6 +5,7 @@ const find = (id) => document.getElementById(id);
 const OBSERVERS = { normal: "normal vision", protan: "protan", deutan: "deutan", tritan: "tritan", achromat: "achromat" };
 const MANY = 300000;       // Gaussians from which on the detail can be chosen
 const MOST_ON_PHONES = 400000, MOST_ELSEWHERE = 1500000;  // that are drawn at first
+const MOST_PATIENCE = 1000;  // milliseconds that the first picture of many may take; otherwise fewer are drawn
 const SLOW_FRAME = 60;     // milliseconds from one frame to the next, above which moving pictures get coarser
 const STEADY_AFTER = 180;  // milliseconds without a move, after which the picture is drawn in full
 
@@ -155,6 +156,7 @@ class Viewer {
   }
 
   frame(now) {
+    if (this.holds) return;
     const moving = now - this.lastMove < STEADY_AFTER;
     if (moving && this.lastFrame && now - this.lastFrame < 1000) {
       if (now - this.lastFrame > SLOW_FRAME) this.scale = Math.max(0.8 * this.scale, 0.35);
@@ -177,14 +179,17 @@ class Viewer {
     const key = `${row} ${this.count}`;
     if (this.sorting || key === this.sorted) return;
     this.sorting = true;
-    this.renderer.setOrder(await this.sort(row, this.count));
-    this.sorted = key;
+    const order = await this.sort(row, this.count);
     this.sorting = false;
+    if (this.holds) return;
+    this.renderer.setOrder(order);
+    this.sorted = key;
     this.request();
   }
 
   // The picture from `camera` (or from where the page is), sorted and complete.
   async drawNow(camera = null) {
+    this.holds = true;  // whatever else would be drawn meanwhile
     this.fixed = camera;
     this.scale = 1;
     const from = this.camera();
@@ -192,12 +197,23 @@ class Viewer {
     this.renderer.setOrder(await this.sort(row, this.count));
     this.sorted = "";
     this.renderer.draw(from, this.look());
+    this.fixed = null;
+    this.holds = false;
+  }
+
+  // Draw fewer Gaussians where this machine takes too long.
+  async spare() {
+    const started = performance.now();
+    this.renderer.finish();
+    const took = performance.now() - started;
+    if (took <= MOST_PATIENCE) return;
+    this.count = Math.max(Math.round((this.count * MOST_PATIENCE) / took), Math.min(MANY, this.count));
+    await this.drawNow();
   }
 
   async picture(camera = null) {
     await this.drawNow(camera);
-    const blob = await new Promise((done) => this.canvas.toBlob(done, "image/png"));
-    this.fixed = null;
+    const blob = new Promise((done) => this.canvas.toBlob(done, "image/png"));  // of what is drawn now
     this.request();
     return blob;
   }
@@ -221,7 +237,8 @@ class Viewer {
 
   seen() {
     if (this.observer === "normal") return "";
-    return `, as ${OBSERVERS[this.observer]} vision of severity ${find("severity").value} sees it`;
+    const severity = find("severity").value;
+    return `, as ${OBSERVERS[this.observer]} vision${severity === "1" ? "" : ` of severity ${severity}`} sees it`;
   }
 }
 
@@ -331,9 +348,11 @@ async function start() {
     if (!window.DecompressionStream) throw new Error("This browser is too old to open the scene.");
     // Before the scene is read, because that would be in vain.
     if (!document.createElement("canvas").getContext("webgl2")) throw new Error("This browser has no WebGL 2.");
-    const viewer = new Viewer(await readScene());
+    const scene = await readScene();
+    const viewer = new Viewer(scene);
     find("controls").hidden = false;
     await viewer.drawNow();
+    if (scene.count >= MANY) await viewer.spare();
     connect(viewer);
     find("cover").hidden = true;
     window.cvdgs = viewer;

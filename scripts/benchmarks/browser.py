@@ -1,0 +1,80 @@
+"""A web page in a real browser without a window: Chromium or Chrome, drawing in software, driven by playwright."""
+
+from __future__ import annotations
+
+import base64
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cvdgs.core.errors import InputError
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+# Pages are our own, and containers allow no sandbox.
+SOFTWARE_GRAPHICS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+WITHOUT_GRAPHICS = ("--no-sandbox", "--disable-3d-apis")
+OPENING_MAY_TAKE = 120_000.0  # milliseconds
+_PICTURE = """async ([camera, look]) => {
+    cvdgs.observer = look.observer;
+    document.getElementById("amount").value = look.amount;
+    document.getElementById("severity").value = look.severity;
+    cvdgs.layer = look.layer;
+    const blob = await cvdgs.picture(camera);
+    const bytes = new Uint8Array(await new Response(blob).arrayBuffer());
+    return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
+}"""
+
+
+def find_browser() -> str:
+    """The program to drive: $CVDGS_BROWSER, or the first of `NAMES` that is there.
+
+    Raises:
+        InputError: playwright or a browser is missing.
+    """
+    try:
+        import playwright.sync_api  # noqa: F401
+    except ImportError:
+        raise InputError("playwright is missing", remedy="run make venv") from None
+    for name in (os.environ.get("CVDGS_BROWSER", ""), *NAMES):
+        if name and (path := shutil.which(name)):
+            return path
+    raise InputError("there is no Chromium or Chrome", remedy="install one, or name it in CVDGS_BROWSER")
+
+
+@contextmanager
+def browser(arguments: Sequence[str] = SOFTWARE_GRAPHICS) -> Iterator[Browser]:
+    """A browser for the time of the block; raises as `find_browser`."""
+    program = find_browser()
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=program, args=list(arguments))
+        try:
+            yield running
+        finally:
+            running.close()
+
+
+def open_viewer(page: Page, path: Path) -> float:
+    """Open a ``viewer.html`` from the disk; returns after how many seconds its picture is there."""
+    page.goto(path.resolve().as_uri())
+    page.wait_for_selector("html[data-ready]", timeout=OPENING_MAY_TAKE)
+    return float(page.evaluate("document.documentElement.dataset.ready")) / 1000.0
+
+
+def picture_of(
+    page: Page, camera: dict[str, Any], *, observer: str = "normal", severity: float = 1.0, **look: int
+) -> bytes:
+    """PNG of what an open viewer shows from one of its scene's cameras.
+
+    Args:
+        look: ``layer``, its number, and ``amount``, percent of its colours; the first layer's in full unless given.
+    """
+    wanted = {"layer": 0, "amount": 100, **look, "observer": observer, "severity": severity}
+    return base64.b64decode(page.evaluate(_PICTURE, [camera, wanted]))
