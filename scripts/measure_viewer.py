@@ -30,7 +30,6 @@ from cvdgs.core.settings import CVD_TYPES
 from cvdgs.scripts.benchmarks.browser import browser, open_viewer, picture_of
 
 _SEVERITIES = (1.0, 0.55)
-_WINDOW = {"width": 1280, "height": 800}
 
 
 def measure(run: Path, picture: Path | None = None) -> list[str]:
@@ -43,7 +42,7 @@ def measure(run: Path, picture: Path | None = None) -> list[str]:
     if not path.is_file():
         raise InputError("the run has no web page", where=path, remedy="make the run again, or use scripts/convert.py")
     with browser() as running:
-        page = running.new_page(viewport=_WINDOW)
+        page = running.new_page(viewport={"width": 1280, "height": 800})
         asked: list[str] = []
         page.on("request", lambda request: asked.append(request.url))
         seconds = open_viewer(page, path)
