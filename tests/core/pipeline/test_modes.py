@@ -90,7 +90,7 @@ def test_in_joint_the_original_colours_are_those_of_the_photographs(joint):
 
 def test_a_layer_is_added_without_touching_what_is_there(post, added):
     before, after = files(post), files(added)
-    rewritten = {"report.json", "report.html", "run.log"}
+    rewritten = {"report.json", "report.html", "viewer.html", "run.log"}
     assert {name: after[name] for name in before.keys() - rewritten} == {
         name: before[name] for name in before.keys() - rewritten
     }

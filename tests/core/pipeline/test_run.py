@@ -65,6 +65,7 @@ def test_everything_that_the_contract_names_is_there(finished):
         "splats.deutan-0.6.ply",
         "splats.ply",
         "splats.tritan-0.6.ply",
+        "viewer.html",
     }
     for layer in ("deutan-0.6", "tritan-0.6"):
         assert len(list((finished / "enhanced" / layer).glob("*.png"))) == VIEWS

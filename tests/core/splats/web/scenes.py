@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
 from cvdgs.core.capture.folder import CaptureView
 from cvdgs.core.capture.model import PinholeCamera
+from cvdgs.core.files.images import write_png
 from cvdgs.core.splats.gaussians import SH_C0, Gaussians
+from cvdgs.core.splats.io.ply import write_ply
 from cvdgs.core.splats.web.page import Surroundings
 
 CAMERA = PinholeCamera(160, 120, 150.0, 140.0, 84.0, 57.0)
@@ -56,3 +61,56 @@ def surroundings(**others) -> Surroundings:
     captions = {"deutan-1.0": "A deutan could tell apart 60 of 100, then 80.", "tritan-0.5": "A tritan gains too."}
     known = {"title": "Blobs", "captions": captions, "names": {"deutan-1.0": "deutan vision"}, "views": ring()}
     return Surroundings(**{**known, "start": "view1", **others})
+
+
+FIGURES = dict.fromkeys(("input", "enhanced", "unenhanced", "rendered"), 0.7)
+LAYER = {
+    "psnr_to_enhanced": 31.5,
+    "ccpr": {**FIGURES, "input": 0.6, "rendered": 0.8, "tau": 6},
+    "ccpr_mean": FIGURES,
+    "ssim_simulated": FIGURES,
+    "naturalness": {"ssim": 0.9, "psnr": 22.0, "delta_e": 6.1},
+    "rwe": {"ratio": 1.0, "enhanced_ratio": 1.0},
+}
+
+
+def write_run(folder: Path, *, with_layers: bool = True, simulation: str = "machado") -> Path:
+    """A finished run of `layered` and `ring`, with a picture of the second view in every layer."""
+    layers = layered(400) if with_layers else {"original": layered(400)["original"]}
+    picture = np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8)
+    for name, gaussians in layers.items():
+        write_ply(folder / ("splats.ply" if name == "original" else f"splats.{name}.ply"), gaussians)
+        for place in ("", "simulated", "simulated_input"):
+            write_png(folder / "renders" / name / place / "view1.png", picture)
+    write_png(folder / "capture" / "images" / "view1.png", picture // 2)
+    common = {
+        "w": CAMERA.width,
+        "h": CAMERA.height,
+        "fl_x": CAMERA.fx,
+        "fl_y": CAMERA.fy,
+        "cx": CAMERA.cx,
+        "cy": CAMERA.cy,
+    }
+    frames = [
+        {"file_path": f"images/{view.key}.png", **common, "transform_matrix": view.camera_to_world.tolist()}
+        for view in ring()
+    ]
+    (folder / "capture" / "transforms.json").write_text(json.dumps({"camera_model": "PINHOLE", "frames": frames}))
+    report = {
+        "schema": "cvdgs-report-1",
+        "versions": {"cvdgs": "7"},
+        "device": "cpu",
+        "settings": {"capture": "photos/blobs & more", "simulation": simulation, "layers": []},
+        "capture": {"format": "colmap", "views": 4, "train": 3, "test": 1, "width": 160, "height": 120, "points": 5},
+        "gaussians": 400,
+        "seconds": {"total": 22.0},
+        "peak_memory_mb": 800,
+        "reconstruction": {"psnr": 30.0, "ssim": 0.9},
+        "layers": {name: LAYER for name in layers if name != "original"},
+        "views_shown": ["view1"],
+        "curve": [],
+        "notes": {},
+        "warnings": [],
+    }
+    (folder / "report.json").write_text(json.dumps(report))
+    return folder

@@ -16,12 +16,14 @@ from cvdgs.core.color.spaces import delta_e_2000, image_to_tensor
 from cvdgs.core.color.srgb import simulate_bytes
 from cvdgs.core.errors import InputError
 from cvdgs.core.files.images import write_png
+from cvdgs.core.runs.report_page import write_report_page
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.core.splats.raster import ParameterSet, RasterCamera, Rasterizer
+from cvdgs.core.splats.web.finished_run import write_viewer
 from cvdgs.core.splats.web.page import Still, write_web_page
 from cvdgs.scripts.benchmarks.browser import WITHOUT_GRAPHICS, browser, find_browser, open_viewer, picture_of
 
-from .scenes import CAMERA, layered, ring, surroundings
+from .scenes import CAMERA, layered, ring, surroundings, write_run
 
 LEAST_DECIBELS = 45.0  # against the rasteriser; 8 bits a channel allow some 59
 PHONE = {"width": 390, "height": 844}
@@ -242,6 +244,26 @@ def test_a_scene_without_layers_or_cameras_is_shown_too(running, tmp_path):
     assert not page.locator("#colours").is_visible()
     assert not page.locator("#next").is_visible()
     assert shown(page).max() > 100
+    page.close()
+
+
+def test_the_report_opens_the_scene_on_a_click_and_compares_pictures(running, tmp_path):
+    write_viewer(write_run(tmp_path))
+    write_report_page(tmp_path)
+    page = running.new_page()
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto((tmp_path / "report.html").as_uri())
+    line = page.locator(".compare").first
+    left = line.locator(".line").bounding_box()["x"]
+    line.get_by_role("slider").fill("90")
+    assert line.locator(".line").bounding_box()["x"] > left
+    (tmp_path / "viewer.html").unlink()  # the report needs no other file
+    page.get_by_role("button", name="Open the scene").click()
+    page.frame_locator("iframe").locator("html[data-ready]").wait_for()
+    assert [url for url in asked if not url.startswith(("blob:", "data:", "about:"))] == [
+        (tmp_path / "report.html").as_uri()
+    ]
     page.close()
 
 

@@ -1,0 +1,92 @@
+"""The web page of a finished run, by itself, in the report and from the command line."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from cvdgs.core.runs.report_page import write_report_page
+from cvdgs.core.splats.web.finished_run import is_finished_run, write_viewer
+from cvdgs.scripts import convert
+
+from .scenes import write_run
+from .test_page import scene_of
+
+SENTENCE = "A deutan could tell apart 60 of 100 neighbouring colours in the photographs, 80 in the finished scene."
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory) -> Path:
+    folder = write_run(tmp_path_factory.mktemp("run"), simulation="vienot")
+    write_viewer(folder)
+    return folder
+
+
+def text_of(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
+
+
+def test_it_begins_where_the_report_does_and_says_what_it_says(run):
+    scene, text = scene_of(run / "viewer.html"), text_of(run / "viewer.html")
+    assert [layer["name"] for layer in scene["layers"]] == ["original", "deutan-1.0", "tritan-0.5"]
+    assert scene["names"][1:] == ["deutan vision", "tritan vision of severity 0.5"]
+    assert scene["captions"][1] == SENTENCE
+    assert (len(scene["cameras"]), scene["start"]) == (4, 1)
+    assert scene["up"] == [0.0, 0.0, 1.0]
+    for part in (
+        "blobs &amp; more in colours for everyone",
+        "400 Gaussians, made from 4 photographs; 30.0 dB",
+        "cvdgs 7",
+    ):
+        assert part in text
+    assert text.count("<figure>") == 5  # the original, and each layer as everybody and as its observer see it
+
+
+def test_a_run_without_layers_has_one_too(tmp_path):
+    write_viewer(write_run(tmp_path, with_layers=False))
+    assert [layer["name"] for layer in scene_of(tmp_path / "viewer.html")["layers"]] == ["original"]
+
+
+def test_the_report_begins_with_what_was_gained_and_holds_the_scene(run):
+    write_report_page(run)
+    text = text_of(run / "report.html")
+    assert text.index("<h1>") < text.index(SENTENCE) < text.index("4 views (3 for training")
+    assert text.count(SENTENCE) == 1 + 1  # the second is in the scene's page
+    assert text.count("</script>") == 2  # the scene's own are no elements of the report
+
+
+def test_a_large_scene_is_not_in_the_report_but_beside_it(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("cvdgs.core.runs.report_page._MOST_EMBEDDED_BYTES", 1000)
+    shutil.copytree(run, tmp_path / "run")
+    write_report_page(tmp_path / "run")
+    text = text_of(tmp_path / "run" / "report.html")
+    assert 'id="viewer"' not in text
+    assert 'href="viewer.html"' in text
+
+
+def test_files_of_a_run_bring_its_cameras_and_others_do_not(run, tmp_path):
+    sources = [str(run / name) for name in ("splats.ply", "splats.deutan-1.0.ply")]
+    assert convert.main([*sources, str(tmp_path / "scene.html")]) == 0
+    assert scene_of(tmp_path / "scene.html")["captions"] == ["", SENTENCE]
+    assert len(scene_of(tmp_path / "scene.html")["cameras"]) == 4
+    shutil.copy(sources[0], tmp_path / "alone.ply")
+    assert not is_finished_run(tmp_path)
+    assert convert.main([str(tmp_path / "alone.ply"), str(tmp_path / "alone.html"), "--up", "x"]) == 0
+    assert scene_of(tmp_path / "alone.html")["cameras"] == []
+
+
+def test_a_budget_is_kept_and_one_of_nothing_refused(run, tmp_path, capsys):
+    source = str(run / "splats.ply")
+    assert convert.main([source, str(tmp_path / "few.html"), "--gaussians", "100"]) == 0
+    assert scene_of(tmp_path / "few.html")["count"] == 100
+    assert convert.main([source, str(tmp_path / "none.html"), "--gaussians", "0"]) == 2
+    assert "from 1 on" in capsys.readouterr().err
+    assert not (tmp_path / "none.html").exists()
+
+
+def test_that_many_gaussians_are_heavy_for_a_phone_is_said(run, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(convert, "_MANY_FOR_A_PAGE", 300)
+    assert convert.main([str(run / "splats.ply"), str(tmp_path / "scene.html")]) == 0
+    assert "--gaussians 300 makes it lighter" in capsys.readouterr().out
