@@ -22,7 +22,7 @@ import numpy as np
 from cvdgs.core.color.spaces import delta_e_2000, image_to_tensor
 from cvdgs.core.color.srgb import simulate_bytes
 from cvdgs.core.errors import InputError
-from cvdgs.core.files.images import read_png
+from cvdgs.core.files.images import read_png, write_png
 from cvdgs.core.runs.layout import ORIGINAL, RENDERS_FOLDER, VIEWER_PAGE
 from cvdgs.core.runs.report import read_report
 from cvdgs.core.runtime.cli import exit_code
@@ -30,6 +30,8 @@ from cvdgs.core.settings import CVD_TYPES
 from cvdgs.scripts.benchmarks.browser import browser, open_viewer, picture_of
 
 _SEVERITIES = (1.0, 0.55)
+_SETTLING = 1000.0  # milliseconds after a change
+_STEP = 4  # levels of a screenshot that become one, for half of the bytes
 
 
 def measure(run: Path, picture: Path | None = None) -> list[str]:
@@ -42,13 +44,13 @@ def measure(run: Path, picture: Path | None = None) -> list[str]:
     if not path.is_file():
         raise InputError("the run has no web page", where=path, remedy="make the run again, or use scripts/convert.py")
     with browser() as running:
-        page = running.new_page(viewport={"width": 1280, "height": 800})
+        page = running.new_page(viewport={"width": 1080, "height": 640})
         asked: list[str] = []
         page.on("request", lambda request: asked.append(request.url))
         seconds = open_viewer(page, path)
         scene = page.evaluate("({cameras: cvdgs.scene.cameras, layers: cvdgs.scene.layers.map((layer) => layer.name)})")
         if picture is not None:
-            page.screenshot(path=picture)
+            _draw(page, picture)
         lines = [f"{path.stat().st_size / 1e6:.2f} MB, open after {seconds:.2f} s"]
         cameras = [camera for camera in scene["cameras"] if _rendered(run, ORIGINAL, camera).is_file()]
         for number, layer in enumerate(scene["layers"]):
@@ -65,6 +67,17 @@ def measure(run: Path, picture: Path | None = None) -> list[str]:
         away = [url for url in asked if not url.startswith(("file:", "blob:", "data:"))]
         lines.append(f"{len(away)} requests to other computers")
     return lines
+
+
+def _draw(page: Any, picture: Path) -> None:
+    """A screenshot with original and enhanced colours beside each other."""
+    page.check("#wipes")
+    page.wait_for_timeout(_SETTLING)
+    with tempfile.TemporaryDirectory() as folder:
+        page.screenshot(path=Path(folder, "page.png"))
+        pixels = read_png(Path(folder, "page.png"))[..., :3]
+    write_png(picture, np.minimum(_STEP * np.round(pixels / _STEP), 255).astype(np.uint8))
+    page.uncheck("#wipes")
 
 
 def _rendered(run: Path, layer: str, camera: dict[str, Any]) -> Path:

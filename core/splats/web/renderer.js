@@ -30,8 +30,8 @@ const float ALPHA_MIN = 1.0 / 255.0;
 
 uint codeAt(usampler2D codes, int first, int i) {
   int texel = first + i / 16;
-  uvec4 packed = texelFetch(codes, ivec2(texel % width, texel / width), 0);
-  return (packed[(i / 4) % 4] >> uint(8 * (i % 4))) & 255u;
+  uvec4 four = texelFetch(codes, ivec2(texel % width, texel / width), 0);
+  return (four[(i / 4) % 4] >> uint(8 * (i % 4))) & 255u;
 }
 
 vec3 termOf(usampler2D codes, vec2 code, int first, int k) {
@@ -155,7 +155,7 @@ const FIELD_OF_VIEW_MARGIN = 0.3;
 class Renderer {
   // Throws where the browser has no WebGL 2 or the scene does not fit.
   constructor(canvas, scene) {
-    const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, preserveDrawingBuffer: true });
+    const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false });
     if (!gl) throw new Error("This browser has no WebGL 2.");
     this.canvas = canvas;
     this.gl = gl;

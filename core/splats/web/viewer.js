@@ -19,7 +19,8 @@ function rows(planes, count, columns, bytes, stride) {
 }
 
 async function stream(name) {
-  const text = atob(find(`data-${name}`).textContent);
+  const element = find(`data-${name}`), text = atob(element.textContent);
+  element.remove();  // a large scene should be in memory once
   const packed = new Uint8Array(text.length);
   for (let i = 0; i < text.length; i++) packed[i] = text.charCodeAt(i);
   const plain = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
