@@ -166,8 +166,11 @@ def _write_report_page(request: Request, reporter: Reporter) -> Mapping[str, Any
     from .splats.web.finished_run import is_finished_run, write_viewer
 
     folder = Path(request["folder"])
-    if is_finished_run(folder):
-        write_viewer(folder)  # the report shows it
+    try:
+        if is_finished_run(folder):
+            write_viewer(folder)  # the report shows it
+    except InputError as error:  # no reason to lose a run
+        reporter.warning("no-web-page", f"the scene has no page for browsers: {error}")
     write_report_page(folder)
     return {}
 

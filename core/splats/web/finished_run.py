@@ -28,13 +28,16 @@ _MOST_STILL_BYTES = 2 << 20
 
 
 def write_viewer(folder: Path) -> None:
-    """Write ``viewer.html`` into the folder of a finished run.
+    """Write ``viewer.html`` into the folder of a finished run, in the place of an earlier one.
 
     Raises:
-        InputError: the run is damaged, or the file cannot be written.
+        InputError: the run is damaged, or the file cannot be written; then there is none.
     """
+    (folder / VIEWER_PAGE).unlink(missing_ok=True)
     names = check_finished_run(folder)
-    layers = read_layers([folder / GAUSSIANS_FILE, *(folder / layer_gaussians_file(name) for name in names)])
+    layers = read_layers(
+        [folder / GAUSSIANS_FILE, *(folder / layer_gaussians_file(name) for name in names)], drop_damaged=True
+    )
     layers = most_important(layers, _MOST_GAUSSIANS)
     write_web_page(folder / VIEWER_PAGE, layers, surroundings=surroundings_of(folder))
 

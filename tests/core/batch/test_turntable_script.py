@@ -148,7 +148,8 @@ def test_a_task_that_fails_once_is_tried_again(collection):
     collection.write_batch(ONE)
     code, events = collection.run()
     assert code == 0
-    assert [event["name"] for event in events if event["event"] == "warning"] == ["task-retried"]
+    warnings = [event["name"] for event in events if event["event"] == "warning"]
+    assert [name for name in warnings if name != "no-web-page"] == ["task-retried"]  # the stub's Gaussians are text
 
 
 def test_no_more_runs_at_once_than_there_are_cores(collection):

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cvdgs.core.errors import InputError
 from cvdgs.core.runs.report_page import write_report_page
 from cvdgs.core.splats.web.finished_run import is_finished_run, write_viewer
 from cvdgs.scripts import convert
@@ -47,6 +48,14 @@ def test_it_begins_where_the_report_does_and_says_what_it_says(run):
 def test_a_run_without_layers_has_one_too(tmp_path):
     write_viewer(write_run(tmp_path, with_layers=False))
     assert [layer["name"] for layer in scene_of(tmp_path / "viewer.html")["layers"]] == ["original"]
+
+
+def test_one_of_a_damaged_run_is_refused_and_an_old_one_does_not_stay(tmp_path):
+    write_viewer(write_run(tmp_path))
+    (tmp_path / "splats.ply").write_text("no Gaussians")
+    with pytest.raises(InputError, match=r"splats\.ply"):
+        write_viewer(tmp_path)
+    assert not (tmp_path / "viewer.html").exists()
 
 
 def test_the_report_begins_with_what_was_gained_and_holds_the_scene(run):
