@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..core.errors import InputError
 from ..core.runs.layout import ORIGINAL, layer_cube_file
 from ..core.splats.gaussians import SH_C0, Gaussians
-from ..core.splats.io.files import write_gaussians
+from ..core.splats.io.files import write_gaussians, write_layers
 from ..core.splats.web.finished_run import is_finished_run, surroundings_of
 from ..core.splats.web.page import Surroundings, write_web_page
 from .scene.color_nodes import coefficient_attribute, coefficient_count
@@ -99,8 +99,8 @@ def proposed_name(splats: bpy.types.Object) -> str:
     return name if layer == ORIGINAL or enhanced in (0.0, 1.0) else f"{name} at {100 * enhanced:.0f} percent"
 
 
-def proposed_page_name(splats: bpy.types.Object) -> str:
-    """A file's name for a web page of all layers, without its ending."""
+def proposed_title(splats: bpy.types.Object) -> str:
+    """A file's name for what holds all layers, without its ending."""
     return _title(splats)
 
 
@@ -135,8 +135,7 @@ def export_web_page(path: str, splats: bpy.types.Object) -> int:
     Raises:
         InputError: no Gaussians are left, they are being edited, or the file cannot be written.
     """
-    names = [ORIGINAL, *(name for name in layer_names(splats) if name != ORIGINAL)]
-    layers = {name: read_gaussians(splats, name, 1.0).gaussians for name in names}
+    layers = _all_layers(splats)
     run, surroundings = run_of(splats), Surroundings(title=_title(splats))
     mesh = splats.data
     in_place = not _turns(
@@ -146,6 +145,27 @@ def export_web_page(path: str, splats: bpy.types.Object) -> int:
         surroundings = surroundings_of(Path(run))
     write_web_page(path, layers, "" if in_place else _SCENES_UP, surroundings)
     return len(layers[ORIGINAL])
+
+
+def export_layers(path: str, splats: bpy.types.Object) -> int:
+    """Write all layers of the Gaussians as they stand in the scene, upright, as glTF or USD; returns their number.
+
+    Raises:
+        InputError: no Gaussians are left, they are being edited, an unknown ending, a library that is missing, or the
+            file cannot be written.
+    """
+    layers = _all_layers(splats, in_scene_axes=True)
+    try:
+        write_layers(path, layers, up=_SCENES_UP)
+    except OSError as error:
+        raise _cannot_write(path, error) from error
+    return len(layers[ORIGINAL])
+
+
+def _all_layers(splats: bpy.types.Object, *, in_scene_axes: bool = False) -> dict[str, Gaussians]:
+    """The Gaussians in every layer's colours, the original ones first."""
+    names = [ORIGINAL, *(name for name in layer_names(splats) if name != ORIGINAL)]
+    return {name: read_gaussians(splats, name, 1.0, in_scene_axes=in_scene_axes).gaussians for name in names}
 
 
 def find_cube(folder: str, layer: str) -> Path:

@@ -11,12 +11,13 @@ from ..core.runs.layout import ORIGINAL
 from ..cvdgs_addon.export import (
     export_cube,
     export_gaussians,
+    export_layers,
     export_web_page,
     find_cube,
     proposed_cube_name,
     proposed_folder,
     proposed_name,
-    proposed_page_name,
+    proposed_title,
     read_gaussians,
 )
 from ..cvdgs_addon.shown import run_of, shown_layer, shown_splats
@@ -72,12 +73,33 @@ class CVDGS_OT_export_web_page(NeedsGaussians, bpy.types.Operator, ExportHelper)
     filter_glob: bpy.props.StringProperty(default="*.html", options={"HIDDEN"})
 
     def on_click(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str] | None:
-        _propose(self, context, proposed_page_name(shown_splats(context)))
+        _propose(self, context, proposed_title(shown_splats(context)))
         return ExportHelper.invoke(self, context, event)
 
     def act(self, context: bpy.types.Context) -> None:
         count = export_web_page(self.filepath, shown_splats(context))
         self.report({"INFO"}, f"Exported {count:,} Gaussians to {self.filepath}; open it in a browser")
+
+
+class CVDGS_OT_export_layers(NeedsGaussians, bpy.types.Operator, ExportHelper):
+    """Export the Gaussians as they stand in the scene, in all layers, as glTF or USD"""
+
+    bl_idname = "cvdgs.export_layers"
+    bl_label = "Export All Layers"
+    bl_options = {"REGISTER"}
+
+    filename_ext = ".glb"
+    check_extension = None  # the ending chooses the format
+
+    filter_glob: bpy.props.StringProperty(default="*.glb;*.usd;*.usda;*.usdc", options={"HIDDEN"})
+
+    def on_click(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str] | None:
+        _propose(self, context, proposed_title(shown_splats(context)))
+        return ExportHelper.invoke(self, context, event)
+
+    def act(self, context: bpy.types.Context) -> None:
+        count = export_layers(self.filepath, shown_splats(context))
+        self.report({"INFO"}, f"Exported {count:,} Gaussians to {self.filepath}")
 
 
 class CVDGS_OT_export_cube(NeedsRun, bpy.types.Operator, ExportHelper):
@@ -125,4 +147,9 @@ def _propose(operator: bpy.types.Operator, context: bpy.types.Context, name: str
     operator.filepath = str(Path(folder, name + (Path(last).suffix or operator.filename_ext)))
 
 
-CLASSES: tuple[type, ...] = (CVDGS_OT_export_gaussians, CVDGS_OT_export_web_page, CVDGS_OT_export_cube)
+CLASSES: tuple[type, ...] = (
+    CVDGS_OT_export_gaussians,
+    CVDGS_OT_export_web_page,
+    CVDGS_OT_export_layers,
+    CVDGS_OT_export_cube,
+)

@@ -59,6 +59,7 @@ class CVDGS_PT_export(GaussiansPanel, bpy.types.Panel):
         column.operator_context = "INVOKE_DEFAULT"
         column.operator("cvdgs.export_gaussians", text="Gaussians (.ply, .spz, .splat)", icon="EXPORT")
         column.operator("cvdgs.export_web_page", text="Web Page (.html)", icon="WORLD")
+        column.operator("cvdgs.export_layers", text="All Layers (.glb, .usd)", icon="FILE_3D")
         column.operator("cvdgs.export_cube", text="Colour Mapping (.cube)", icon="COLOR")
 
 

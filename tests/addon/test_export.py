@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.core.splats.io.files import read_layers
 from cvdgs.core.splats.io.ply import read_ply
 from cvdgs.cvdgs_addon.export import (
     proposed_cube_name,
@@ -129,6 +130,30 @@ def test_a_web_page_holds_all_layers_as_they_are_now(addon, run_folder, tmp_path
     scene = json.loads(re.search('id="scene">(.*?)</script>', text)[1])
     assert 0 < scene["count"] == left < 400
     assert [layer["name"] for layer in scene["layers"]] == ["original", "deutan-1.0", "tritan-0.5"]
+
+
+def test_a_gltf_file_holds_all_layers_upright_as_they_stand_in_the_scene(addon, run_folder, tmp_path):
+    splats = show_run(str(run_folder), bpy.context.scene)
+    splats.location.z += 3.0
+    bpy.context.view_layer.update()
+    bpy.ops.cvdgs.export_layers(filepath=str(tmp_path / "scene.glb"))
+    layers = read_layers([tmp_path / "scene.glb"])
+    assert list(layers) == ["original", "deutan-1.0", "tritan-0.5"]
+    stands = read_gaussians(splats, "deutan-1.0", 1.0, in_scene_axes=True).gaussians
+    np.testing.assert_allclose(layers["deutan-1.0"].means, stands.means, atol=1e-5)
+    data = (tmp_path / "scene.glb").read_bytes()
+    nodes = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["nodes"]
+    (turned,) = {tuple(node["rotation"]) for node in nodes if "rotation" in node}
+    up = mathutils.Quaternion((turned[3], *turned[:3])) @ mathutils.Vector((0.0, 0.0, 1.0))
+    np.testing.assert_allclose(up, (0.0, 1.0, 0.0), atol=1e-6)  # glTF's +Y is up
+    np.testing.assert_allclose(layers["deutan-1.0"].base_colors, stands.base_colors, atol=1e-5)
+
+
+def test_an_ending_that_cannot_hold_layers_is_refused_and_nothing_written(addon, run_folder, tmp_path):
+    show_run(str(run_folder), bpy.context.scene)
+    with pytest.raises(RuntimeError, match="write .glb"):
+        bpy.ops.cvdgs.export_layers(filepath=str(tmp_path / "scene.spz"))
+    assert not (tmp_path / "scene.spz").exists()
 
 
 def test_what_the_crop_box_hides_is_not_exported(scene):
