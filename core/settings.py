@@ -26,6 +26,8 @@ PLUGIN_PREFIX = "plugin:"
 """Before the name of an enhancer that an installed package offers; see docs/extending.md."""
 AUTO = "auto"
 """How front ends spell `None`, "decide automatically"."""
+ESTIMATE, GIVEN = "estimate", "given"
+"""Of `Settings.cameras`, besides `AUTO` and the path of a file."""
 MIN_SIZE = 32  # pixels of the longer side; below that SSIM's 11-pixel window sees little else than its own border
 
 _UPDATE = "update the program that sends them"
@@ -186,10 +188,17 @@ class Settings:
     engine: str = _option("cycles", "render engine of the turntable", choices=ENGINES)
     blend: bool = _option(True, "write scene.blend and stills with Blender", label="Scene File and Stills")
     resume: bool = _option(False, "add the layers to the finished run in DIR")
-    sfm: bool = _option(False, "estimate the cameras of a folder that has none (pycolmap)", trains=True, fixed=True)
+    cameras: str = _option(
+        AUTO,
+        "auto|estimate|given|FILE; FILE: a COLMAP model's folder or a transforms.json",
+        metavar="CAMERAS",
+        trains=True,
+        fixed=True,
+    )
+    sfm: bool = _option(False, "the same as --cameras estimate", trains=True, fixed=True)
 
     def __post_init__(self) -> None:
-        _check(bool(self.capture), "no capture folder is given", "CAPTURE", "name a folder of photographs with cameras")
+        _check(bool(self.capture), "no capture is given", "CAPTURE", "name a folder of photographs or a video")
         _check(bool(self.out), "no output folder is given", "--out", "name a folder to write to")
         _check(len(self.layers) > 0, "no colour layer is asked for", "--cvd", "give at least one type")
         for layer in self.layers:
@@ -200,6 +209,13 @@ class Settings:
         _check(distinct, f"'{', '.join(names)}' names a layer twice", "--cvd", "ask for each layer once")
         for name, option in OPTIONS.items():
             _check_range(getattr(self, name), option, flag(name))
+        _check(bool(self.cameras), "nothing is given", "--cameras", f"use {AUTO}, {ESTIMATE}, {GIVEN} or a file")
+        _check(
+            not self.sfm or self.cameras in (AUTO, ESTIMATE),
+            "--cameras says something else",
+            "--sfm",
+            "leave one of them out",
+        )
         _check(
             is_enhancer(self.enhancer),
             f"'{self.enhancer}' is not known",
@@ -226,6 +242,11 @@ class Settings:
         )
         _check(self.turntable != 1, "one picture is no turn", "--turntable", "give 2 or more, or 0 for none")
         _check(self.blend or not self.turntable, "Blender renders it", "--turntable", "leave out --no-blend")
+
+    @property
+    def cameras_from(self) -> str:
+        """Where the cameras come from, as `capture.reader.read_capture` takes it."""
+        return ESTIMATE if self.sfm else self.cameras
 
     @property
     def corrects_poses(self) -> bool:

@@ -1,10 +1,11 @@
 """The worker process: one JSON request on stdin, events on stdout, an exit code of the protocol.
 
     {"job": "inspect", "capture": "FOLDER"}              what the folder holds, without reading pixels
-        also with "sfm": true; "thumbnails": {"folder": "DIR", "count": N, "size": PIXELS} for small pictures
-    {"job": "inspect-all", "captures": [{"capture": "FOLDER", "sfm": false}, ...]}   what is wrong with each, or null
+        also with "cameras": "auto|estimate|given|FILE"
+        and "thumbnails": {"folder": "DIR", "count": N, "size": PIXELS} for small pictures
+    {"job": "inspect-all", "captures": [{"capture": "FOLDER", "cameras": "auto"}, ...]}   what is wrong with each
     {"job": "normalise", "capture": "FOLDER", "folder": "DIR"}   cameras, undistorted images, points, written into DIR
-        also with "sfm": true
+        also with "cameras"
     {"job": "check", "device": "auto"}                   versions, device and speed; compiles the kernels
     {"job": "make-environment", "folder": "DIR"}         the worker's own environment; for any Python, whatever it has
     {"job": "run", "settings": {...}, "folder": "DIR"}   the whole pipeline up to Blender, written into DIR
@@ -33,7 +34,7 @@ from .files.untrusted import parse_json
 from .rendering.requests import PageArguments
 from .runtime.process import GRACE_SECONDS, follow_parent
 from .runtime.protocol import EXIT_CANCELLED, JsonReporter, Reporter, claim_stdout, do_and_report
-from .settings import Settings
+from .settings import AUTO, Settings
 
 Request = dict[str, Any]
 
@@ -94,14 +95,18 @@ def _unusable(what: str) -> InputError:
 def _inspect(request: Request, reporter: Reporter) -> Mapping[str, Any]:
     from .capture.reader import inspect_capture, write_thumbnails
 
-    capture, sfm, thumbnails = Path(request["capture"]), bool(request.get("sfm")), request.get("thumbnails")
-    summary = asdict(inspect_capture(capture, sfm=sfm, reporter=reporter))
+    capture, cameras, thumbnails = Path(request["capture"]), _cameras(request), request.get("thumbnails")
+    summary = asdict(inspect_capture(capture, cameras=cameras, reporter=reporter))
     summary["source"] = str(summary["source"])
     if thumbnails is None:
         return {"summary": summary}
     count, size = thumbnails["count"], thumbnails["size"]
-    paths = write_thumbnails(capture, Path(thumbnails["folder"]), count=count, size=size, sfm=sfm)
+    paths = write_thumbnails(capture, Path(thumbnails["folder"]), count=count, size=size, cameras=cameras)
     return {"summary": summary, "thumbnails": [str(path) for path in paths]}
+
+
+def _cameras(request: Request) -> str:
+    return request.get("cameras") or AUTO
 
 
 def _inspect_all(request: Request, reporter: Reporter) -> Mapping[str, Any]:
@@ -111,7 +116,7 @@ def _inspect_all(request: Request, reporter: Reporter) -> Mapping[str, Any]:
     for entry in request["captures"]:
         reporter.progress("check", len(refusals) / len(request["captures"]), entry["capture"])
         try:
-            inspect_capture(entry["capture"], sfm=bool(entry["sfm"]), reporter=reporter)
+            inspect_capture(entry["capture"], cameras=entry["cameras"], reporter=reporter)
             refusals.append(None)
         except InputError as error:
             refusals.append(str(error))
@@ -123,8 +128,7 @@ def _normalise(request: Request, reporter: Reporter) -> Mapping[str, Any]:
     from .capture.normalised import write_capture
     from .capture.reader import read_capture
 
-    source, sfm = Path(request["capture"]), bool(request.get("sfm"))
-    capture = read_capture(source, max_size=None, sfm=sfm, reporter=reporter)
+    capture = read_capture(request["capture"], max_size=None, cameras=_cameras(request), reporter=reporter)
     reporter.status("capture", f"writing {len(capture.views)} photographs")
     write_capture(capture, Path(request["folder"]))
     return {"views": len(capture.views), "points": len(capture.points)}
@@ -194,8 +198,8 @@ _JOBS: Mapping[str, tuple[Callable[[Request, Reporter], Mapping[str, Any]], Mapp
     "report-page": (_write_report_page, {"folder": str}),
     "batch-page": (_write_batch_page, {"arguments": dict, "folder": str}),
 }
-_OPTIONAL: Mapping[str, type] = {"sfm": bool, "previews": bool, "thumbnails": dict, "packages": list}
-_CAPTURE_ENTRY: Mapping[str, type] = {"capture": str, "sfm": bool}
+_OPTIONAL: Mapping[str, type] = {"cameras": str, "previews": bool, "thumbnails": dict, "packages": list}
+_CAPTURE_ENTRY: Mapping[str, type] = {"capture": str, "cameras": str}
 _THUMBNAILS: Mapping[str, type] = {"folder": str, "count": int, "size": int}
 
 

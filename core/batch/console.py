@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError
 from ..runtime.process import Event, Workers
 from ..runtime.progress import RunProgress, format_seconds
 from ..runtime.resources import Resources
 from ..runtime.supervisor import EXIT_DONE, BarDisplay, JsonDisplay, Listener, finish, in_console
+from ..settings import AUTO, ESTIMATE
 from .local_pool import alone, run_locally
 from .model import Batch
 from .progress import estimated_seconds, measured_pace
@@ -127,7 +129,7 @@ def check_captures(batch: Batch, path: Path, listen: Listener) -> None:
     if not places:
         return
     items = [batch.items[place] for place in places]
-    captures = [{"capture": str(item.capture), "sfm": bool(item.train.get("sfm", False))} for item in items]
+    captures = [{"capture": str(item.capture), "cameras": _cameras_of(item.train)} for item in items]
     listen({"event": "status", "stage": CHECK_STAGE, "message": f"checking {len(captures)} captures"})
     request = {"job": "inspect-all", "captures": captures}
     refusals = finish(Workers().start(request, _log), listen)["refusals"]
@@ -135,6 +137,10 @@ def check_captures(batch: Batch, path: Path, listen: Listener) -> None:
     problems = [f"items[{place + 1}].capture: {refusal}" for place, refusal in found if refusal]
     if problems:
         raise UnusableFile(path, problems)
+
+
+def _cameras_of(train: Mapping[str, Any]) -> str:
+    return ESTIMATE if train.get("sfm") else str(train.get("cameras", AUTO))
 
 
 def _log(line: str) -> None:

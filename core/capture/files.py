@@ -12,16 +12,17 @@ from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
 from ..files.untrusted import is_file, is_there
+from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS
 
-# What OpenImageIO reads and what cameras, scanners and renderers write.
-IMAGE_EXTENSIONS = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm")
-
-# What telephones, cameras and editors leave beside them and our build of OpenImageIO does not read as a photograph.
-FOREIGN_EXTENSIONS = (
-    *(".heic", ".heif", ".avif", ".jxl", ".gif", ".psd"),
-    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef"),
-    *(".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".insv"),
+# What is read and what telephones, cameras, scanners and renderers write.
+IMAGE_EXTENSIONS = (
+    *(".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm"),
+    *HEIF_EXTENSIONS,
+    *RAW_EXTENSIONS,
 )
+
+# What cameras and editors leave beside them and is not read.
+FOREIGN_EXTENSIONS = (".jxl", ".gif", ".psd", ".raf", ".rw2", ".orf", ".pef", ".insv", ".insp")
 
 _UNSAFE_IN_KEY = re.compile(r"[^A-Za-z0-9._-]+")
 # Names that Windows keeps for devices, with or without an extension.

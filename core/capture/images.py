@@ -1,4 +1,4 @@
-"""Photographs through OpenImageIO: headers, pixels as display-referred sRGB, and scaling."""
+"""Photographs: headers, and pixels as display-referred sRGB. OpenImageIO reads most, `intake` the others."""
 
 from __future__ import annotations
 
@@ -12,8 +12,12 @@ import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
 
+from ..color.profiles import can_convert, convert_to_srgb
 from ..errors import InputError
 from ..files.untrusted import opened
+from ..intake.heif import read_heif, read_heif_header, taken_with
+from ..intake.kinds import kind_of
+from ..intake.raw import Development, read_raw, read_raw_header
 
 # Above every camera on sale (the largest sensors have 151 MP, 14,204 px a side), and 600 MB when decoded.
 MAX_SIDE = 16_384
@@ -38,8 +42,6 @@ _ORIENTATION_STEPS = {
     7: (True, True, True),
     8: (False, True, True),
 }
-# Below one step of 8 bits a straight colour is rounding alone.
-_LEAST_COVERAGE = 1.0 / 255.0
 _COPY_AGAIN = "copy or export the image again"
 _EXPORT_PLAIN = "export it as PNG, JPEG or TIFF"
 # First bytes of PNG, JPEG, TIFF, BigTIFF, OpenEXR, BMP, Radiance and the family of PPM.
@@ -55,11 +57,11 @@ _SIGNATURES = (
     b"#?R",
     *(f"P{kind}".encode() for kind in "123456fF"),
 )
-_SIGNATURE_BYTES = 16
+_SIGNATURE_BYTES = 32
 _UNREADABLE = "no readable error message"  # it quotes bytes of the file that are not text
 # The one that OpenImageIO brings: a studio's own, which the variable OCIO names, need not know these spaces.
 _COLOR_CONFIGURATION = "ocio://default"
-_LINEAR, _DISPLAY_P3 = "lin_rec709", "sRGB Encoded P3-D65"
+_LINEAR = "lin_rec709"
 
 _T = TypeVar("_T")
 
@@ -76,6 +78,7 @@ class ImageHeader:
         orientation: EXIF orientation, 1 (upright) to 8.
         color_profile: description of an embedded ICC profile, or an empty string.
         bits: of a channel.
+        converts: whether `read_pixels` makes colours of that profile sRGB.
         taken_with: what EXIF data say of camera and focal length, as a text to compare; empty where they say nothing.
     """
 
@@ -85,6 +88,7 @@ class ImageHeader:
     color_profile: str = ""
     bits: int = 8
     taken_with: str = ""
+    converts: bool = False
 
     @property
     def upright_size(self) -> tuple[int, int]:
@@ -94,9 +98,8 @@ class ImageHeader:
 
     @property
     def is_foreign(self) -> bool:
-        """Whether an embedded profile says that the colours are of a space that is neither sRGB nor Display P3."""
-        known = "srgb" in self.color_profile.lower() or _is_display_p3(self.color_profile)
-        return bool(self.color_profile) and not known
+        """Whether an embedded profile is of a space that is not sRGB and cannot be made so."""
+        return bool(self.color_profile) and not (_is_srgb(self.color_profile) or self.converts)
 
 
 def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
@@ -105,6 +108,9 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
     Raises:
         InputError: not an image, beyond `MAX_SIDE` or `MAX_MEGAPIXELS`, below `min_side`, or CMYK.
     """
+    kind = _kind(path)
+    if kind:
+        return _read_foreign_header(path, kind, min_side)
     with _opened(path) as file:
         spec = file.spec()
         _check_header(spec, path, min_side)
@@ -116,15 +122,34 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
             # Fewer than a format's whole bytes (PNG palettes, bitmaps) are reported apart from the decoded type.
             max(spec.get_int_attribute("oiio:BitsPerSample", 0), 8 * spec.format.size()),
             _taken_with(spec),
+            can_convert(_profile_bytes(spec)),
         )
 
 
+def _kind(path: Path) -> str:
+    """ "heif", "avif", "raw", or "" for what OpenImageIO reads; a file is known by what it holds, not by its name."""
+    with opened(path, most_bytes=MAX_FILE_BYTES, remedy=_COPY_AGAIN) as content:
+        kind = kind_of(content.read(_SIGNATURE_BYTES), path.name)
+    return "" if kind == "video" else kind
+
+
+def _read_foreign_header(path: Path, kind: str, min_side: int) -> ImageHeader:
+    """The header of a photograph that OpenImageIO does not read; it is decoded upright."""
+    if kind == "raw":
+        raw = read_raw_header(path)
+        _check_size(raw.width, raw.height, path, min_side)
+        return ImageHeader(raw.width, raw.height, 1, bits=16, taken_with=raw.taken_with)
+    heif = read_heif_header(path, kind)
+    _check_size(heif.width, heif.height, path, min_side)
+    return ImageHeader(heif.width, heif.height, 1, bits=heif.bits, taken_with=taken_with(heif.exif))
+
+
 def read_pixels(
-    path: Path, *, upright: bool = False, min_side: int = MIN_SIDE
+    path: Path, *, upright: bool = False, min_side: int = MIN_SIDE, development: Development | None = None
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Decode an image to display-referred sRGB.
 
-    Integer images are taken as sRGB, or as Display P3, which telephones write, where their profile says so;
+    Integer images are taken as sRGB, or converted from what their ICC profile says; raw files are developed;
     floating-point ones (EXR, HDR, float TIFF) as linear with Rec. 709 primaries and encoded and clipped to [0, 1]. Grey
     becomes RGB. Colours are straight, not premultiplied.
 
@@ -132,6 +157,7 @@ def read_pixels(
         path: the image file.
         upright: apply the EXIF orientation.
         min_side: smaller images are refused.
+        development: of raw files; those of a capture have one in common. None: each its own.
 
     Returns:
         (H, W, 3) uint8 and (H, W) uint8 coverage, or None where there is no alpha channel or it is opaque everywhere.
@@ -139,6 +165,10 @@ def read_pixels(
     Raises:
         InputError: as `read_header`, or the image is damaged or cut short.
     """
+    kind = _kind(path)
+    if kind:
+        _read_foreign_header(path, kind, min_side)
+        return (read_raw(path, development), None) if kind == "raw" else _opaque_or(*read_heif(path, kind))
     with _opened(path) as file:
         spec = file.spec()
         _check_header(spec, path, min_side)
@@ -151,51 +181,14 @@ def read_pixels(
         raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
     pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
     color, alpha = _encode_linear(pixels, spec) if linear else _split_channels(pixels, spec)
-    if not linear and _is_display_p3(_color_profile(spec)):
-        _convert_display_p3(color)
-    if alpha is not None and alpha.min() == 255:
-        alpha = None
+    if not linear and not _is_srgb(_color_profile(spec)) and (profile := _profile_bytes(spec)):
+        color = np.ascontiguousarray(color)
+        convert_to_srgb(color, profile)
+    color, alpha = _opaque_or(color, alpha)
     if upright:
         color = apply_orientation(color, _orientation(spec))
         alpha = None if alpha is None else apply_orientation(alpha, _orientation(spec))
     return np.ascontiguousarray(color), alpha
-
-
-def fit_size(width: int, height: int, max_size: int | None) -> tuple[int, int]:
-    """(width, height) with the longer side at most `max_size`; never larger than given."""
-    longer = max(width, height)
-    if max_size is None or longer <= max_size:
-        return width, height
-    return max(1, round(width * max_size / longer)), max(1, round(height * max_size / longer))
-
-
-def downscale(pixels: NDArray[Any], width: int, height: int) -> NDArray[Any]:
-    """Resample (H, W, C) uint8 or float32 to `width` x `height` in one step with an antialiased cubic filter.
-
-    It works on encoded values, not on light: the rasteriser blends encoded colours too, so its mixture of two Gaussians
-    in a pixel is the mixture that the filter made, and published PSNR figures are for photographs scaled this way.
-    """
-    import torch
-
-    if pixels.shape[:2] == (height, width):
-        return pixels
-    planes = torch.from_numpy(np.ascontiguousarray(pixels)).permute(2, 0, 1)[None]
-    scaled = torch.nn.functional.interpolate(planes, size=(height, width), mode="bicubic", antialias=True)
-    return np.ascontiguousarray(scaled[0].permute(1, 2, 0).numpy())
-
-
-def downscale_with_alpha(
-    image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None, width: int, height: int
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """`downscale` for straight colours: what is not covered does not bleed into what is."""
-    if alpha is None or image.shape[:2] == (height, width):
-        return downscale(image, width, height), alpha
-    coverage = alpha[..., None].astype(np.float32) / 255.0
-    premultiplied = downscale(image.astype(np.float32) * coverage, width, height)
-    coverage = downscale(coverage, width, height)
-    straight = np.clip(np.rint(premultiplied / np.maximum(coverage, _LEAST_COVERAGE)), 0, 255).astype(np.uint8)
-    colors = np.where(coverage > _LEAST_COVERAGE, straight, downscale(image, width, height))
-    return colors, np.clip(np.rint(coverage[..., 0] * 255.0), 0, 255).astype(np.uint8)
 
 
 @contextmanager
@@ -248,17 +241,12 @@ def _is_linear(spec: oiio.ImageSpec) -> bool:
 
 def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
     width, height, channels = spec.width, spec.height, spec.nchannels
+    _check_size(width, height, path, min_side)
     size = f"the image is {width} x {height} pixels"
     decoded = width * height * channels * (4 if _is_linear(spec) else 1)
     spaces = [_attribute(spec, name) for name in ("jpeg:ColorSpace", "tiff:ColorSpace", "oiio:ColorSpace")]
     what = remedy = ""
-    if max(width, height) > MAX_SIDE or width * height > MAX_MEGAPIXELS * 1_000_000:
-        what = f"{size}, the limit is {MAX_SIDE} a side and {MAX_MEGAPIXELS} megapixels"
-        remedy = "export it smaller"
-    elif min(width, height) < min_side:
-        what = f"{size}, too small to train on (at least {min_side} a side)"
-        remedy = "export it larger or remove it from the capture"
-    elif decoded > MAX_DECODED_BYTES:
+    if decoded > MAX_DECODED_BYTES:
         limit = f"{decoded / 1e6:,.0f} MB when decoded; the limit is {MAX_DECODED_BYTES / 1e6:,.0f}"
         what = f"{size} with {channels} channels, {limit}"
         remedy = "export it smaller or without the extra channels"
@@ -266,6 +254,19 @@ def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
         what, remedy = "the image is a volume or has no channels", _EXPORT_PLAIN
     elif any(space.upper() in ("CMYK", "YCCK", "SEPARATED", "COLOR SEPARATED") for space in spaces):
         what, remedy = "the image is CMYK, made for print", "convert it to RGB (sRGB)"
+    if what:
+        raise InputError(what, where=path, remedy=remedy)
+
+
+def _check_size(width: int, height: int, path: Path, min_side: int) -> None:
+    size = f"the image is {width} x {height} pixels"
+    what = remedy = ""
+    if max(width, height) > MAX_SIDE or width * height > MAX_MEGAPIXELS * 1_000_000:
+        what = f"{size}, the limit is {MAX_SIDE} a side and {MAX_MEGAPIXELS} megapixels"
+        remedy = "export it smaller"
+    elif min(width, height) < min_side:
+        what = f"{size}, too small to train on (at least {min_side} a side)"
+        remedy = "export it larger or remove it from the capture"
     if what:
         raise InputError(what, where=path, remedy=remedy)
 
@@ -322,13 +323,6 @@ def _encode_band(
     return np.rint(np.clip(encoded, 0.0, 1.0) * 255.0).astype(np.uint8), coverage
 
 
-def _convert_display_p3(color: NDArray[np.uint8]) -> None:
-    """Make (H, W, 3) Display P3 colours sRGB, in place and in bands; what sRGB does not hold is clipped."""
-    rows = max(1, _BAND_PIXELS // color.shape[1])
-    for top in range(0, len(color), rows):
-        color[top : top + rows] = _to_srgb(color[top : top + rows], _DISPLAY_P3)
-
-
 def _to_srgb(color: NDArray[Any], space: str) -> NDArray[Any]:
     """(H, W, 3) colours of one of OpenImageIO's spaces as sRGB, of the same type."""
     buffer = oiio.ImageBuf(np.ascontiguousarray(color))
@@ -340,9 +334,21 @@ def _color_profile(spec: oiio.ImageSpec) -> str:
     return _attribute(spec, "ICCProfile:profile_description")
 
 
-def _is_display_p3(color_profile: str) -> bool:
-    # Apple's "Display P3"; on Android "Display P3 Gamut with sRGB Transfer".
-    return "display p3" in color_profile.lower()
+def _profile_bytes(spec: oiio.ImageSpec) -> bytes:
+    profile = _readable(lambda: spec.getattribute("ICCProfile"), None)
+    return bytes(profile) if profile is not None and not isinstance(profile, str) else b""
+
+
+def _is_srgb(color_profile: str) -> bool:
+    # Of Android's "Display P3 Gamut with sRGB Transfer" the transfer alone is.
+    return "srgb" in color_profile.lower() and "p3" not in color_profile.lower()
+
+
+def _opaque_or(
+    color: NDArray[np.uint8], alpha: NDArray[np.uint8] | None
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """The same, without coverage that is full everywhere."""
+    return color, None if alpha is None or alpha.min() == 255 else alpha
 
 
 def upright_rotation(orientation: int) -> NDArray[np.float64] | None:

@@ -90,10 +90,11 @@ class CaptureSummary:
     Attributes:
         source: the path that was given.
         format: "colmap", "transforms" or "sfm".
-        views: number of usable photographs.
+        views: number of usable photographs; frames of videos are chosen later.
         sizes: (width, height, number of photographs) as they are upright, most frequent first.
         points: number of sparse points.
         warnings: in the order in which they were noticed.
+        videos: whose frames become photographs, and `seconds` of them all.
     """
 
     source: Path
@@ -102,6 +103,8 @@ class CaptureSummary:
     sizes: tuple[tuple[int, int, int], ...]
     points: int
     warnings: tuple[CaptureWarning, ...] = field(default=())
+    videos: int = 0
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files.images import write_png
 from ..files.untrusted import is_file, is_folder, is_there
+from ..intake.kinds import is_video, kind_of_file
+from ..intake.material import Material, describe, find_material, make_photographs, unpacked
+from ..intake.video import read_video_header, some_frames
 from ..runtime.protocol import Reporter
-from .colmap import IMAGE_FOLDERS, find_colmap, read_colmap
-from .files import FOREIGN_EXTENSIONS, list_images, quote_first, resolve_inside
+from ..settings import AUTO, ESTIMATE, GIVEN
+from .colmap import find_colmap, read_colmap
 from .foreign import find_foreign_cameras
-from .images import MIN_SIDE, downscale_with_alpha, fit_size, read_header, read_pixels
+from .images import MIN_SIDE, read_header, read_pixels
 from .model import Capture, CaptureSummary, CaptureWarning, View
+from .scaling import downscale_with_alpha, fit_size
 from .sfm import estimate_cameras
 from .source import MOST_VIEWS, SourceModel
 from .transforms import find_transforms, read_transforms
@@ -29,22 +35,32 @@ from .views import STAGE, plan_views, read_views
 _FEW_VIEWS = 10
 
 
-def inspect_capture(folder: str | Path, *, sfm: bool = False, reporter: Reporter | None = None) -> CaptureSummary:
+def inspect_capture(folder: str | Path, *, cameras: str = AUTO, reporter: Reporter | None = None) -> CaptureSummary:
     """What `read_capture` would read, from camera files and image headers alone.
 
     Args:
-        folder: a capture folder, a COLMAP model's folder, or a transforms.json.
-        sfm: accept photographs without cameras; they are counted, not estimated.
+        folder: as for `read_capture`.
+        cameras: as for `read_capture`; what would be estimated is counted alone.
         reporter: told of progress where there are many points.
 
     Raises:
         InputError: as `read_capture`, except for damage to pixels.
     """
-    folder = Path(folder)
-    model = read_cameras(folder, reporter)
+    given = Path(folder)
+    with unpacked(given, reporter) as folder:
+        return replace(_inspect(folder, cameras, reporter), source=given)
+
+
+def _inspect(folder: Path, cameras: str, reporter: Reporter | None) -> CaptureSummary:
+    model = read_cameras(folder, reporter, cameras)
     if model is None:
-        photographs, names = photographs_without_cameras(folder, sfm=sfm)
-        return CaptureSummary(folder, "sfm", len(names), _by_frequency(_sizes(photographs, names)), 0)
+        material = material_without_cameras(folder, cameras)
+        sizes = _sizes(material)
+        headers = [read_video_header(material.folder / name) for name in material.videos]
+        sizes.update((header.width, header.height) for header in headers)
+        seconds = sum(header.seconds for header in headers)
+        count = len(material.photographs)
+        return CaptureSummary(folder, "sfm", count, _by_frequency(sizes), 0, (), len(headers), seconds)
     sizes = Counter(plan.photograph_size for plan in plan_views(model, max_size=None))
     _drop_unusable_points(model)
     _warn_about_cameras(model)
@@ -53,14 +69,16 @@ def inspect_capture(folder: str | Path, *, sfm: bool = False, reporter: Reporter
 
 
 def read_capture(
-    folder: str | Path, *, max_size: int | None, sfm: bool = False, reporter: Reporter | None = None
+    folder: str | Path, *, max_size: int | None, cameras: str = AUTO, reporter: Reporter | None = None
 ) -> Capture:
-    """Read a capture: COLMAP, transforms.json, or with `sfm` photographs alone.
+    """Read a capture: photographs with a COLMAP model or a transforms.json, or photographs and videos alone.
 
     Args:
-        folder: a capture folder, a COLMAP model's folder, or a transforms.json.
+        folder: a capture folder, a COLMAP model's folder, a transforms.json, a folder of photographs or videos, a
+            video, or a zip of any of these.
         max_size: longer side of the views in pixels; None keeps the photographs' size. Never enlarges.
-        sfm: estimate the cameras of photographs that have none.
+        cameras: `AUTO` takes those that are given and otherwise estimates some, `GIVEN` and `ESTIMATE` do one alone;
+            anything else is the path of a COLMAP model's folder or a transforms.json.
         reporter: told of progress and of every warning.
 
     Raises:
@@ -70,7 +88,7 @@ def read_capture(
     if max_size is not None and max_size < MIN_SIDE:
         raise InputError(f"{max_size} pixels are too few", where="--max-size", remedy=f"give at least {MIN_SIDE}")
     reporter.status(STAGE, f"reading the cameras of {folder.name}")
-    with _source_model(folder, sfm, reporter) as model:
+    with unpacked(folder, reporter) as opened, _source_model(opened, cameras, reporter) as model:
         plans = plan_views(model, max_size)
         reporter.status(STAGE, f"reading {len(plans)} photographs")
         views = read_views(plans, reporter)
@@ -83,25 +101,32 @@ def read_capture(
 
 
 @contextmanager
-def _source_model(folder: Path, sfm: bool, reporter: Reporter) -> Iterator[SourceModel]:
+def _source_model(folder: Path, cameras: str, reporter: Reporter) -> Iterator[SourceModel]:
     """The cameras that the folder gives, else estimated ones while their temporary files exist."""
-    model = read_cameras(folder, reporter, adjusted=True)
+    model = read_cameras(folder, reporter, cameras, adjusted=True)
     if model is not None:
         yield model
         return
-    photographs, names = photographs_without_cameras(folder, sfm=sfm)
-    _sizes(photographs, names)  # refuses what should not be decoded, before pycolmap does
-    with tempfile.TemporaryDirectory(prefix="cvdgs-sfm-") as workspace:
-        yield estimate_cameras(photographs, names, Path(workspace), reporter)
+    material = material_without_cameras(folder, cameras)
+    _sizes(material)  # refuses what should not be decoded, before anything does
+    reporter.status(STAGE, f"no cameras are given: estimating those of {describe(material)}")
+    with tempfile.TemporaryDirectory(prefix="cvdgs-sfm-") as temporary:
+        workspace, extracted = Path(temporary, "estimation"), Path(temporary, "photographs")
+        workspace.mkdir()
+        extracted.mkdir()
+        photographs = make_photographs(material, extracted, reporter)
+        model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter)
+        model.warnings[:0] = photographs.warnings
+        yield model
 
 
-def _sizes(folder: Path, names: Sequence[str]) -> Counter[tuple[int, int]]:
-    """How many of the photographs `names` in `folder` are (width, height) upright.
+def _sizes(material: Material) -> Counter[tuple[int, int]]:
+    """How many of the photographs are (width, height) upright.
 
     Raises:
         InputError: one is no image, or beyond the limits.
     """
-    return Counter(read_header(folder / name).upright_size for name in names)
+    return Counter(read_header(material.folder / name).upright_size for name in material.photographs)
 
 
 def _drop_unusable_points(model: SourceModel) -> None:
@@ -139,8 +164,10 @@ def _by_frequency(sizes: Counter[tuple[int, int]]) -> tuple[tuple[int, int, int]
 MIN_VIEWS = 2
 
 
-def read_cameras(path: Path, reporter: Reporter | None = None, *, adjusted: bool = False) -> SourceModel | None:
-    """The cameras of a capture, or None for a folder of photographs without any.
+def read_cameras(
+    path: Path, reporter: Reporter | None = None, cameras: str = AUTO, *, adjusted: bool = False
+) -> SourceModel | None:
+    """The cameras of a capture, or None for photographs and videos whose cameras are to be estimated.
 
     Where there are a COLMAP model and a transforms.json, COLMAP is taken if it has as many views, because it brings
     points; the two are never mixed, since their world frames differ.
@@ -148,17 +175,24 @@ def read_cameras(path: Path, reporter: Reporter | None = None, *, adjusted: bool
     Args:
         path: a capture folder, a COLMAP model's folder, or a transforms.json.
         reporter: told how far the points of a COLMAP model are read.
+        cameras: as for `read_capture`.
         adjusted: see `read_colmap`.
 
     Raises:
         InputError: nothing is there, or a camera file is damaged.
     """
+    if cameras not in (AUTO, ESTIMATE, GIVEN):
+        return _with_enough_views(_read_camera_file(Path(cameras), path, reporter, adjusted))
+    if cameras == ESTIMATE or (is_file(path) and is_video(path)):
+        return None
     if is_file(path) and path.suffix.lower() == ".json":
         return _with_enough_views(read_transforms(path))
     if not is_there(path):
         raise InputError("no such file or folder", where=path, remedy="check the path and its permissions")
     if not is_folder(path):
-        raise InputError("not a capture", where=path, remedy="give the folder with the photographs")
+        if kind_of_file(path) == "video":
+            return None
+        raise InputError("not a capture", where=path, remedy="give a video, a zip or the folder with the photographs")
     transforms_file = find_transforms(path)
     colmap_folder = find_colmap(path, search=transforms_file is None)
     colmap = read_colmap(colmap_folder, reporter, adjusted=adjusted) if colmap_folder else None
@@ -169,41 +203,47 @@ def read_cameras(path: Path, reporter: Reporter | None = None, *, adjusted: bool
     return _with_enough_views(model) if model else None
 
 
-def photographs_without_cameras(folder: Path, *, sfm: bool) -> tuple[Path, list[str]]:
-    """The folder of the photographs whose cameras are to be estimated, and their names in it.
-
-    It is ``images`` in a capture folder that has one, so masks, depths or smaller copies beside it do not take part.
+def material_without_cameras(path: Path, cameras: str) -> Material:
+    """The photographs and videos whose cameras are to be estimated.
 
     Raises:
-        InputError: there are none, too few or too many, one has an unusable name or is a link out of the folder, or
-            `sfm` is off.
+        InputError: as `find_material`; or there are too many, cameras of another program beside them, or only `given`
+            ones are wanted.
     """
-    subfolders = (folder / name for name in IMAGE_FOLDERS)
-    photographs = next((subfolder for subfolder in subfolders if subfolder.is_dir()), folder)
-    names = list_images(photographs)
-    count = f"{len(names):,} photographs"
+    material = find_material(path)
+    count = describe(material)
     what = remedy = ""
-    if not names and (unreadable := list_images(photographs, FOREIGN_EXTENSIONS)):
-        what = f"no photographs that can be read, only {quote_first(unreadable)}"
-        remedy = "export them, or a video's frames, as JPEG, PNG or TIFF"
-    elif not names:
-        what, remedy = "no photographs and no cameras found", "give the folder with the photographs"
-    elif not sfm and (cameras := find_foreign_cameras(folder)):
-        file = cameras.file.relative_to(folder).as_posix()
-        what = f"{count}, and cameras of {cameras.program} ({file}), which are not read"
-        remedy = f"{cameras.remedy}, or add --sfm to estimate new ones"
-    elif not sfm:
+    if cameras != ESTIMATE and is_folder(path) and (foreign := find_foreign_cameras(path)):
+        file = foreign.file.relative_to(path).as_posix()
+        what = f"{count}, and cameras of {foreign.program} ({file}), which are not read"
+        remedy = f"{foreign.remedy}, or add --cameras estimate to estimate new ones"
+    elif cameras == GIVEN:
         what = f"{count} but no cameras (COLMAP model or transforms.json)"
-        remedy = "add --sfm to estimate the cameras"
-    elif len(names) < MIN_VIEWS:
-        what, remedy = "only one photograph", "give at least two, better thirty"
-    elif len(names) > MOST_VIEWS:
+        remedy = "leave out --cameras given to estimate them"
+    elif len(material.photographs) > MOST_VIEWS:
         what, remedy = f"{count}, the limit is {MOST_VIEWS:,}", "split the capture"
     if what:
-        raise InputError(what, where=folder, remedy=remedy)
-    for name in names:
-        resolve_inside(photographs, name, where=folder, root=folder)
-    return photographs, names
+        raise InputError(what, where=path, remedy=remedy)
+    return material
+
+
+def _read_camera_file(file: Path, capture: Path, reporter: Reporter | None, adjusted: bool) -> SourceModel:
+    """The cameras in `file`, a COLMAP model's folder or a transforms.json, for the photographs in `capture`."""
+    where = {"where": "--cameras", "remedy": "give a COLMAP model's folder or a transforms.json"}
+    if not is_there(file):
+        raise InputError(f"{file}: no such file or folder", **where)
+    if not is_folder(capture):
+        remedy = "give the folder with the photographs that the cameras were estimated from"
+        raise InputError("a camera file is for photographs, not for a video", where=capture, remedy=remedy)
+    if is_file(file) and file.suffix.lower() == ".json":
+        return read_transforms(file, capture)
+    found = find_colmap(file) if is_folder(file) else None
+    if found is not None:
+        return read_colmap(replace(found, root=capture), reporter, adjusted=adjusted)
+    transforms = find_transforms(file) if is_folder(file) else None
+    if transforms is None:
+        raise InputError(f"{file}: holds no cameras", **where)
+    return read_transforms(transforms, capture)
 
 
 def _with_enough_views(model: SourceModel) -> SourceModel:
@@ -219,32 +259,34 @@ def _with_enough_views(model: SourceModel) -> SourceModel:
     )
 
 
-def write_thumbnails(capture: Path, folder: Path, *, count: int, size: int, sfm: bool = False) -> list[Path]:
+def write_thumbnails(capture: Path, folder: Path, *, count: int, size: int, cameras: str = AUTO) -> list[Path]:
     """Write PNG files of the first `count` photographs, `size` pixels the longer side; returns their paths.
 
     Args:
-        capture: as for `read_capture`.
+        capture, cameras: as for `read_capture`. Of a video, frames from all its length.
         folder: where to; made when it is missing.
-        sfm: accept photographs without cameras.
 
     Raises:
         InputError: as `read_capture`.
         OSError: the folder cannot be written.
     """
     paths = []
-    for number, (photograph, upright) in enumerate(islice(_photographs(capture, sfm), count)):
-        image, alpha = read_pixels(photograph, upright=upright)
-        width, height = fit_size(image.shape[1], image.shape[0], size)
-        image, alpha = downscale_with_alpha(image, alpha, width, height)
-        paths.append(folder / f"{number}.png")
-        write_png(paths[-1], image, alpha)
+    with unpacked(capture) as opened:
+        for number, (image, alpha) in enumerate(islice(_pictures(opened, cameras, count), count)):
+            width, height = fit_size(image.shape[1], image.shape[0], size)
+            image, alpha = downscale_with_alpha(image, alpha, width, height)
+            paths.append(folder / f"{number}.png")
+            write_png(paths[-1], image, alpha)
     return paths
 
 
-def _photographs(capture: Path, sfm: bool) -> list[tuple[Path, bool]]:
-    """Every photograph, and whether its EXIF orientation is applied."""
-    model = read_cameras(capture)
-    if model is None:
-        folder, names = photographs_without_cameras(capture, sfm=sfm)
-        return [(folder / name, True) for name in names]
-    return [(plan.source.path, plan.upright) for plan in plan_views(model, max_size=None)]
+def _pictures(capture: Path, cameras: str, count: int) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8] | None]]:
+    """Every photograph upright, then `count` frames of every video."""
+    model = read_cameras(capture, cameras=cameras)
+    if model is not None:
+        yield from (read_pixels(plan.source.path, upright=plan.upright) for plan in plan_views(model, max_size=None))
+        return
+    material = material_without_cameras(capture, cameras)
+    yield from (read_pixels(material.folder / name, upright=True) for name in material.photographs)
+    for name in material.videos:
+        yield from ((image, None) for image in some_frames(material.folder / name, count))

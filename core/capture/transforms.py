@@ -15,7 +15,7 @@ import numpy as np
 import pycolmap
 
 from ..errors import InputError
-from ..files.untrusted import is_file, read_json
+from ..files.untrusted import is_file, is_there, read_json
 from .colmap import check_camera
 from .files import IMAGE_EXTENSIONS, Spelling, quote_first, relative_name, resolve_inside
 from .images import read_header
@@ -40,10 +40,13 @@ def find_transforms(folder: Path) -> Path | None:
     return next((folder / name for name in _FILE_NAMES if (folder / name).exists()), None)
 
 
-def read_transforms(file: Path) -> SourceModel:
+def read_transforms(file: Path, folder: Path | None = None) -> SourceModel:
     """Read a camera file; frames without an image file are left out, and counted in a warning.
 
     ``k4``, ``k5`` and ``k6`` are the denominator of OpenCV's rational model.
+
+    Args:
+        folder: what names are relative to; None is the file's own. It may also be the images' folder itself.
 
     Raises:
         InputError: not JSON, cut, without frames, or with unusable poses, intrinsics or names.
@@ -58,14 +61,22 @@ def read_transforms(file: Path) -> SourceModel:
             where=file,
             remedy="split the capture, or keep every second photograph",
         )
-    return _Reader(file, document).read(frames)
+    return _Reader(file, document, _image_root(folder, frames) if folder else file.parent).read(frames)
+
+
+def _image_root(folder: Path, frames: list[dict[str, Any]]) -> Path:
+    """`folder`, or the one above it where `folder` is the images' own and the names begin with it."""
+    first = frames[0].get("file_path")
+    own = isinstance(first, str) and Path(first).parts[:1] == (folder.name,) and not is_there(folder / folder.name)
+    return folder.parent if own else folder
 
 
 class _Reader:
     """Reads the frames of one file."""
 
-    def __init__(self, file: Path, document: dict[str, Any]) -> None:
+    def __init__(self, file: Path, document: dict[str, Any], folder: Path) -> None:
         self._file = file
+        self._folder = folder
         self._document = document
         self._cameras: dict[tuple, pycolmap.Camera] = {}
         self._spelling = Spelling()
@@ -86,7 +97,7 @@ class _Reader:
             camera, size_known = self._camera(frame, name, path)
             model.views.append(SourceView(name, path, camera, matrix, size_known))
         self._refuse_repeated(model)
-        model.warn_about_views(missing, reshaped, len(frames), self._file.parent)
+        model.warn_about_views(missing, reshaped, len(frames), self._folder)
         masked = sum(bool(frame.get("mask_path")) for frame in frames)
         if masked:
             model.warn("masks-unused", f"{self._file}: the masks of {masked} photographs are not used")
@@ -111,18 +122,18 @@ class _Reader:
         name = frame.get("file_path")
         if not isinstance(name, str) or not name:
             raise self._refusal(f"frame {index} has no file_path")
-        return relative_name(self._file.parent, name)
+        return relative_name(self._folder, name)
 
     def _image(self, name: str) -> Path | None:
         """The image file of a frame; the NeRF synthetic layout leaves out the extension."""
-        path = resolve_inside(self._file.parent, name, where=self._file)
+        path = resolve_inside(self._folder, name, where=self._file)
         for extension in ("", *IMAGE_EXTENSIONS, *(extension.upper() for extension in IMAGE_EXTENSIONS)):
             if is_file(path.with_name(path.name + extension)):
-                return resolve_inside(self._file.parent, name + extension, where=self._file)
+                return resolve_inside(self._folder, name + extension, where=self._file)
         for extension in ("", *IMAGE_EXTENSIONS):
-            respelled = self._spelling.find(self._file.parent, name, extension)
-            if is_file(self._file.parent / respelled):
-                return resolve_inside(self._file.parent, respelled, where=self._file)
+            respelled = self._spelling.find(self._folder, name, extension)
+            if is_file(self._folder / respelled):
+                return resolve_inside(self._folder, respelled, where=self._file)
         return None
 
     def _pose(self, frame: dict[str, Any], name: str) -> tuple[np.ndarray, bool]:

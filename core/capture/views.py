@@ -13,19 +13,12 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files.untrusted import is_file
+from ..intake.raw import Development
 from ..runtime.protocol import Reporter
 from .files import make_keys, natural_key
-from .images import (
-    MIN_SIDE,
-    ImageHeader,
-    apply_orientation,
-    downscale_with_alpha,
-    fit_size,
-    read_header,
-    read_pixels,
-    upright_rotation,
-)
+from .images import MIN_SIDE, ImageHeader, apply_orientation, read_header, read_pixels, upright_rotation
 from .model import PinholeCamera, View
+from .scaling import downscale_with_alpha, fit_size
 from .source import SourceModel, SourceView
 from .undistort import Undistorter
 
@@ -101,10 +94,11 @@ def read_views(plans: Sequence[ViewPlan], reporter: Reporter) -> list[View]:
     largest = max(plan.header.width * plan.header.height for plan in plans)
     workers = 1 if largest > _LARGE_PIXELS else _DECODERS
     undistorter = Undistorter()
+    development = Development.common([plan.source.path for plan in plans])
     views: list[View] = []
     with ThreadPoolExecutor(workers, thread_name_prefix="capture") as pool:
         try:
-            for view in pool.map(lambda plan: _read_view(plan, undistorter), plans):
+            for view in pool.map(lambda plan: _read_view(plan, undistorter, development), plans):
                 views.append(view)
                 reporter.progress(STAGE, len(views) / len(plans), f"photograph {len(views)} of {len(plans)}")
         except BaseException:
@@ -164,18 +158,18 @@ def _same_aspect(camera: tuple[int, int], image: tuple[int, int]) -> bool:
     return cross_error <= _ROUNDING * max(width, height)
 
 
-def _read_view(plan: ViewPlan, undistorter: Undistorter) -> View:
-    camera, image, alpha = _read_photograph(plan, plan.source.path, undistorter)
+def _read_view(plan: ViewPlan, undistorter: Undistorter, development: Development | None) -> View:
+    camera, image, alpha = _read_photograph(plan, plan.source.path, undistorter, development)
     second = _second_photograph(plan)
-    again = None if second is None else _read_photograph(plan, second, undistorter)[1]
+    again = None if second is None else _read_photograph(plan, second, undistorter, development)[1]
     view = View(plan.key, plan.source.path, camera, plan.source.world_to_camera, image, alpha, again)
     return _turn_upright(view, plan.header.orientation) if plan.turned else view
 
 
 def _read_photograph(
-    plan: ViewPlan, path: Path, undistorter: Undistorter
+    plan: ViewPlan, path: Path, undistorter: Undistorter, development: Development | None
 ) -> tuple[PinholeCamera, NDArray[np.uint8], NDArray[np.uint8] | None]:
-    image, alpha = read_pixels(path, upright=plan.upright)
+    image, alpha = read_pixels(path, upright=plan.upright, development=development)
     image, alpha = downscale_with_alpha(image, alpha, plan.width, plan.height)
     return undistorter.apply(plan.source.camera, image, alpha, where=path)
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.sparse.csgraph import connected_components
 
-from ..capture.images import downscale_with_alpha, fit_size
+from ..capture.scaling import downscale_with_alpha, fit_size
 from ..color.spaces import srgb_to_lab
 
 _SIZE = 96  # pixels of the longer side of the copy whose colours are counted

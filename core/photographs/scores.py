@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.images import downscale_with_alpha
+from ..capture.scaling import downscale_with_alpha
 from ..color.simulation import Observer
 from ..evaluate.scores import SIMULATED_FIGURES, Scorer
 from .front import FILE_COLUMN, OUTPUT_COLUMN

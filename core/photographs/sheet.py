@@ -11,7 +11,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.images import downscale_with_alpha, fit_size
+from ..capture.scaling import downscale_with_alpha, fit_size
 from ..color.simulation import Observer, simulate
 from ..color.spaces import image_to_tensor, tensor_to_image
 from ..files.images import to_bytes, write_jpeg

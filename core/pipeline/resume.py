@@ -101,13 +101,15 @@ class EarlierRun:
         Raises:
             InputError: it is another one, or it has changed.
         """
-        if inspect_capture(folder, sfm=self.settings.sfm).format == "sfm":
-            count = inspect_capture(folder, sfm=True).views
-            _require(count >= len(self.capture.views), f"{count} photographs, fewer than the finished run has", folder)
+        found = inspect_capture(folder, cameras=self.settings.cameras_from)
+        if found.format == "sfm":
+            # Which frames of a video are taken is not known before it is looked through.
+            enough = found.views >= len(self.capture.views) or found.videos > 0
+            _require(enough, f"{found.views} photographs, fewer than the finished run has", folder)
             return
         size = max(max(view.camera.width, view.camera.height) for view in self.capture.views)
         quiet = _ProgressOnly(reporter, "capture", 0.0, 1.0, "comparing with the finished run")
-        given = read_capture(folder, max_size=size, reporter=quiet)
+        given = read_capture(folder, max_size=size, cameras=self.settings.cameras_from, reporter=quiet)
         _compare(
             given.views, self.capture.views, folder, poses=self._as_given("poses"), lens=self._as_given(FOCAL_LENGTH)
         )

@@ -52,7 +52,9 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
             capture = earlier.capture
         else:
             size = settings.max_size or AUTO_MAX_SIZE[device]
-            capture = read_capture(Path(settings.capture), max_size=size, sfm=settings.sfm, reporter=recorder)
+            capture = read_capture(
+                Path(settings.capture), max_size=size, cameras=settings.cameras_from, reporter=recorder
+            )
             write_capture(capture, folder / CAPTURE_FOLDER)
     raster.load(device, recorder)
     split = _split(capture, settings.holdout, recorder)

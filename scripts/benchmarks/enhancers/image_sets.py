@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.capture.files import list_images
-from ....core.capture.images import downscale, fit_size, read_pixels
+from ....core.capture.images import read_pixels
+from ....core.capture.scaling import downscale, fit_size
 from ....core.errors import InputError
 from ....core.evaluate.evaluation import spread
 from ...training.data.kinds import draw_image

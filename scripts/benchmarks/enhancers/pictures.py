@@ -12,7 +12,7 @@ import OpenImageIO as oiio
 import pandas as pd
 from numpy.typing import NDArray
 
-from ....core.capture.images import downscale, fit_size
+from ....core.capture.scaling import downscale, fit_size
 from ....core.color.simulation import simulate
 from ....core.color.spaces import image_to_tensor, tensor_to_image
 from ....core.files.images import to_bytes, write_png

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.capture.files import list_images
-from ....core.capture.images import downscale, read_pixels
+from ....core.capture.images import read_pixels
+from ....core.capture.scaling import downscale
 from ....core.color.simulation import Observer
 from ....core.errors import InputError
 from . import patches, prints, scenes, weaves

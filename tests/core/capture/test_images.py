@@ -13,14 +13,9 @@ import pytest
 from PIL import Image, ImageCms, ImageOps
 
 from cvdgs.core.capture import images
-from cvdgs.core.capture.images import (
-    MAX_SIDE,
-    downscale_with_alpha,
-    fit_size,
-    read_header,
-    read_pixels,
-)
+from cvdgs.core.capture.images import MAX_SIDE, read_header, read_pixels
 from cvdgs.core.capture.reader import inspect_capture, read_capture
+from cvdgs.core.capture.scaling import downscale_with_alpha, fit_size
 from cvdgs.core.errors import InputError
 from cvdgs.core.files.images import write_png
 

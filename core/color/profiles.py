@@ -1,0 +1,98 @@
+"""ICC profiles: photographs of other colour spaces as sRGB, by Little CMS in Pillow."""
+
+from __future__ import annotations
+
+import io
+import struct
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageCms
+
+MAX_PROFILE_BYTES = 4 << 20  # the largest, of printers, have 3 MB
+_HEADER_BYTES = 128
+_SPACE = slice(16, 20)  # ICC.1:2022, 7.2.6
+_BAND_PIXELS = 1 << 20
+
+
+def describe(profile: bytes) -> str:
+    """What the profile calls itself, or an empty string."""
+    try:
+        return ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(io.BytesIO(profile))).strip()
+    except (OSError, ValueError, TypeError, ImageCms.PyCMSError):
+        return ""
+
+
+def can_convert(profile: bytes) -> bool:
+    """Whether `convert_to_srgb` understands the profile."""
+    return _transform(profile) is not None
+
+
+def convert_to_srgb(color: NDArray[np.uint8], profile: bytes) -> bool:
+    """Make (H, W, 3) colours sRGB, in place; returns whether that could be done.
+
+    Relative colorimetric: what both spaces hold keeps its colour, and what sRGB does not hold is clipped.
+    """
+    transform = _transform(profile)
+    if transform is None:
+        return False
+    rows = max(1, _BAND_PIXELS // color.shape[1])
+    for top in range(0, len(color), rows):
+        band = Image.fromarray(np.ascontiguousarray(color[top : top + rows]))
+        color[top : top + rows] = np.asarray(ImageCms.applyTransform(band, transform))
+    return True
+
+
+@lru_cache(maxsize=8)
+def _transform(profile: bytes) -> Any:
+    """None for profiles of other than red, green and blue, or that Little CMS refuses."""
+    if not _HEADER_BYTES <= len(profile) <= MAX_PROFILE_BYTES or profile[_SPACE] != b"RGB ":
+        return None
+    try:
+        return ImageCms.buildTransform(
+            ImageCms.ImageCmsProfile(io.BytesIO(profile)),
+            ImageCms.createProfile("sRGB"),
+            "RGB",
+            "RGB",
+            ImageCms.Intent.RELATIVE_COLORIMETRIC,
+            # Without the first flag, tables of 33 steps stand for the curves of profiles with matrices.
+            ImageCms.Flags.HIGHRESPRECALC | ImageCms.Flags.BLACKPOINTCOMPENSATION,
+        )
+    except (OSError, ValueError, TypeError, ImageCms.PyCMSError):
+        return None
+
+
+def _display_p3() -> bytes:
+    """An ICC profile of Display P3, made of its primaries and sRGB's curve (ICC.1:2022; D50 by Bradford)."""
+
+    def tag(kind: bytes, *values: float) -> bytes:
+        return kind + bytes(4) + b"".join(struct.pack(">i", round(value * 65536)) for value in values)
+
+    # Type 3 is sRGB's curve: exponent, a, b, c, d.
+    curve = b"para" + bytes(4) + struct.pack(">HH", 3, 0)
+    curve += b"".join(struct.pack(">i", round(v * 65536)) for v in (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045))
+    tags = {
+        b"wtpt": tag(b"XYZ ", 0.9642, 1.0, 0.8249),
+        b"rXYZ": tag(b"XYZ ", 0.51512, 0.24119, -0.00105),
+        b"gXYZ": tag(b"XYZ ", 0.29198, 0.69225, 0.04189),
+        b"bXYZ": tag(b"XYZ ", 0.15710, 0.06657, 0.78407),
+        b"rTRC": curve,
+        b"gTRC": curve,
+        b"bTRC": curve,
+        b"cprt": b"text" + bytes(4) + b"none\0\0\0\0",
+        b"desc": b"desc" + bytes(4) + struct.pack(">I", 11) + b"Display P3\0" + bytes(79),
+    }
+    table, data, at = b"", b"", 128 + 4 + 12 * len(tags)
+    for name, content in tags.items():
+        content += bytes(-len(content) % 4)
+        table += name + struct.pack(">II", at + len(data), len(content))
+        data += content
+    head = struct.pack(">I", at + len(data)) + bytes(4) + b"\x02\x20\0\0" + b"mntrRGB XYZ " + bytes(12) + b"acsp"
+    head += bytes(28) + struct.pack(">iii", 63190, 65536, 54061)
+    return head.ljust(128, b"\0") + struct.pack(">I", len(tags)) + table + data
+
+
+DISPLAY_P3 = _display_p3()
+"""For what says by a number alone that it is."""

@@ -1,0 +1,255 @@
+"""Photographs and videos without cameras: what there is, and made into files that pycolmap and OpenImageIO read."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from statistics import median
+
+from PIL import Image
+
+from ..capture.colmap import IMAGE_FOLDERS
+from ..capture.files import FOREIGN_EXTENSIONS, list_images, make_keys, quote_first, resolve_inside
+from ..capture.images import read_pixels
+from ..capture.model import CaptureWarning
+from ..errors import InputError
+from ..files.untrusted import is_file
+from ..runtime.protocol import Reporter
+from .archive import unpack
+from .heif import read_heif_header
+from .kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file
+from .raw import Development
+from .selection import choose
+from .video import Look, extract, look_through
+
+STAGE = "capture"
+FRAMES_FILE = "frames.json"
+"""Beside extracted frames: ``{"frames": [{"name", "time", "video"}, ...]}`` in order, names as `estimate_cameras` gets
+them, times in seconds from the beginning of the video of that name. Photographs are not in it."""
+
+_MIN_VIEWS = 2
+_QUALITY = 98
+_CONVERTED = ("heif", "avif", "raw")
+_LOOK_SHARE = 0.5  # of the time that a video takes
+
+
+@dataclass(frozen=True)
+class Material:
+    """Photographs and videos, by their names in `folder` and in order."""
+
+    folder: Path
+    photographs: tuple[str, ...]
+    videos: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Photographs:
+    """What cameras are estimated from.
+
+    Attributes:
+        folder: where they lie.
+        names: relative to it, in the order in which they were taken.
+        warnings: what should be said of them.
+    """
+
+    folder: Path
+    names: list[str]
+    warnings: list[CaptureWarning] = field(default_factory=list)
+
+
+@contextmanager
+def unpacked(path: Path, reporter: Reporter | None = None) -> Iterator[Path]:
+    """`path`, or while it is needed the folder that a zip was unpacked into.
+
+    Raises:
+        InputError: the zip cannot be used.
+    """
+    if not (is_archive(path) and is_file(path)):
+        yield path
+        return
+    reporter = reporter or Reporter()
+    reporter.status(STAGE, f"unpacking {path.name}")
+    with tempfile.TemporaryDirectory(prefix="cvdgs-zip-") as folder:
+        yield unpack(path, Path(folder), lambda share: reporter.progress(STAGE, share, "unpacking"))
+
+
+def find_material(path: Path) -> Material:
+    """What is in a folder, or a video alone.
+
+    Photographs in the folder ``images`` of a capture are taken alone, so masks, depths or smaller copies beside it do
+    not take part; videos are found everywhere.
+
+    Raises:
+        InputError: there is nothing, too little, or a name is unusable or a link out of the folder.
+    """
+    if is_file(path):
+        if is_video(path) or kind_of_file(path) == "video":
+            return Material(path.parent, (), (path.name,))
+        raise InputError("is one file, and no video or zip", where=path, remedy="give the folder with the photographs")
+    videos = list_images(path, VIDEO_EXTENSIONS)
+    inside = next((name for name in IMAGE_FOLDERS if (path / name).is_dir()), "")
+    names = [f"{inside}/{name}" if inside else name for name in list_images(path / inside)]
+    what = remedy = ""
+    if not names and not videos:
+        unreadable = list_images(path, FOREIGN_EXTENSIONS)
+        what, remedy = "no photographs and no cameras found", "give the folder with the photographs"
+        if unreadable:
+            what = f"no photographs that can be read, only {quote_first(unreadable)}"
+            remedy = "export them as JPEG, PNG or TIFF"
+    elif not videos and len(names) < _MIN_VIEWS:
+        what, remedy = "only one photograph", "give at least two, better thirty"
+    if what:
+        raise InputError(what, where=path, remedy=remedy)
+    for name in (*names, *videos):
+        resolve_inside(path, name, where=path, root=path)
+    return Material(path, tuple(names), tuple(videos))
+
+
+def make_photographs(material: Material, workspace: Path, reporter: Reporter) -> Photographs:
+    """The photographs as files that everything reads; frames and converted ones are written into `workspace`.
+
+    Raises:
+        InputError: a photograph or a video cannot be used.
+        OSError: the disk is full.
+    """
+    kinds = {name: kind_of_file(material.folder / name) for name in material.photographs}
+    _refuse_videos(material, kinds)
+    if not material.videos and not any(kind in _CONVERTED for kind in kinds.values()):
+        folder, names = _common_folder(material)
+        return Photographs(folder, names)
+    made = Photographs(workspace, [])
+    frames = _extract_frames(material, made, reporter)
+    _convert_photographs(material, kinds, made, reporter)
+    made.names.extend(frame["name"] for frame in frames)
+    if len(made.names) < _MIN_VIEWS:
+        what = "the video hardly moves; only one of its frames shows something of its own"
+        raise InputError(what, where=material.folder / material.videos[0], remedy="walk around the scene while filming")
+    text = json.dumps({"frames": frames}, indent=1, allow_nan=False)
+    (workspace / FRAMES_FILE).write_text(text, encoding="utf-8")
+    return made
+
+
+def describe(material: Material) -> str:
+    """What there is, in words."""
+    photographs, videos = len(material.photographs), len(material.videos)
+    parts = [f"{photographs:,} photographs"] if photographs else []
+    parts += [f"{videos} video{'s' if videos > 1 else ''}"] if videos else []
+    return " and ".join(parts)
+
+
+def _refuse_videos(material: Material, kinds: dict[str, str]) -> None:
+    for name, kind in kinds.items():
+        if kind == "video":
+            raise InputError(
+                "is a video with a photograph's name", where=material.folder / name, remedy="name it .mp4, or remove it"
+            )
+
+
+def _common_folder(material: Material) -> tuple[Path, list[str]]:
+    """The folder ``images`` with the names in it, where all photographs are there."""
+    for inside in IMAGE_FOLDERS:
+        if all(name.startswith(f"{inside}/") for name in material.photographs):
+            return material.folder / inside, [name.removeprefix(f"{inside}/") for name in material.photographs]
+    return material.folder, list(material.photographs)
+
+
+def _extract_frames(material: Material, made: Photographs, reporter: Reporter) -> list[dict[str, str | float]]:
+    looks: list[Look] = []
+    count = len(material.videos)
+    for number, name in enumerate(material.videos):
+        reporter.status(STAGE, f"looking through {PurePosixPath(name).name}")
+
+        def show(share: float, number: int = number) -> None:
+            reporter.progress(STAGE, _LOOK_SHARE * (number + share) / count, "looking through the video")
+
+        looks.append(look_through(material.folder / name, show))
+        _warn_about(looks[-1], made)
+    chosen = choose([look.film for look in looks])
+    bright = [look.white for look in looks if look.transfer]
+    total = max(sum(map(len, chosen)), 1)
+    frames: list[dict[str, str | float]] = []
+    keys = make_keys(material.videos) if count > 1 else [PurePosixPath(name).stem for name in material.videos]
+    folders = make_keys([f"{key}.mp4" for key in keys])
+    for name, folder, look, wanted in zip(material.videos, folders, looks, chosen, strict=True):
+        before = len(frames)
+        reporter.status(STAGE, f"taking {len(wanted)} of {len(look.film.frames):,} frames of {look.path.name}")
+
+        def show_frames(share: float, before: int = before, some: int = len(wanted)) -> None:
+            share = _LOOK_SHARE + (1.0 - _LOOK_SHARE) * (before + share * some) / total
+            reporter.progress(STAGE, share, "taking frames")
+
+        white = median(bright) if bright else 0.0
+        written = extract(look, wanted, made.folder / folder, white, show_frames)
+        frames += [{"name": f"{folder}/{file}", "time": round(time, 4), "video": name} for file, time in written]
+    return frames
+
+
+def _warn_about(look: Look, made: Photographs) -> None:
+    if look.cut_at is not None:
+        what = f"{look.path}: the video breaks off after {look.cut_at:.1f} s; what is there is used"
+        made.warnings.append(CaptureWarning("video-cut", what))
+    if look.transfer:
+        what = f"{look.path}: HDR video ({look.transfer.upper()}), brought into the range of sRGB"
+        made.warnings.append(CaptureWarning("video-hdr", what))
+
+
+def _convert_photographs(material: Material, kinds: dict[str, str], made: Photographs, reporter: Reporter) -> None:
+    if not material.photographs:
+        return
+    reporter.status(STAGE, f"converting {len(material.photographs)} photographs")
+    development = Development.common([material.folder / name for name in material.photographs])
+    taken = set(material.photographs)
+    gain_maps = 0
+    for done, name in enumerate(material.photographs):
+        source, kind = material.folder / name, kinds[name]
+        if kind in _CONVERTED:
+            name = _free_name(name, taken)
+            exif = b""
+            if kind != "raw":
+                header = read_heif_header(source, kind)
+                exif, gain_maps = header.exif, gain_maps + header.gain_map
+            _write_jpeg(made.folder / name, source, exif, development)
+        else:
+            _link(source, made.folder / name)
+        made.names.append(name)
+        reporter.progress(STAGE, (done + 1) / len(material.photographs), f"photograph {done + 1}")
+    if gain_maps:
+        what = f"{material.folder}: the HDR gain maps of {gain_maps} photographs are not used"
+        made.warnings.append(CaptureWarning("gain-map", what))
+
+
+def _free_name(name: str, taken: set[str]) -> str:
+    """`name` as a JPEG's, unlike all others: IMG_1.HEIC and IMG_1.JPG often lie side by side."""
+    path = PurePosixPath(name)
+    wanted = path.with_suffix(".jpg").as_posix()
+    if wanted in taken or wanted.lower() in {other.lower() for other in taken}:
+        wanted = path.with_name(f"{path.name}.jpg").as_posix()
+    taken.add(wanted)
+    return wanted
+
+
+def _write_jpeg(path: Path, source: Path, exif: bytes, development: Development | None) -> None:
+    color, _ = read_pixels(source, upright=True, development=development)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    tags = Image.Exif()
+    try:
+        tags.load(exif)
+        tags[0x0112] = 1  # upright already
+        written = tags.tobytes()
+    except (ValueError, SyntaxError, OSError, TypeError, KeyError):
+        written = b""
+    Image.fromarray(color).save(path, "JPEG", quality=_QUALITY, subsampling=0, exif=written)
+
+
+def _link(source: Path, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        os.link(source.resolve(), target)
+    except OSError:  # another disk
+        shutil.copyfile(source, target)

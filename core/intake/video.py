@@ -1,0 +1,335 @@
+"""Videos as photographs: looked through once for sharpness and motion, then the chosen frames written as JPEG.
+
+Frames are decoded one after another, so a video of any length takes the memory of a few frames. Sound is not looked at.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ..color.hdr import white_of
+from ..errors import InputError
+from ..files.images import write_jpeg
+from ..files.untrusted import opened
+from .kinds import MAX_VIDEO_BYTES, is_plain_image, kind_of
+from .motion import WIDTH, Followed, Follower
+from .selection import Film, Frame
+from .video_color import frame_colors, small_light, transfer_of
+
+MAX_PIXELS = 18_000_000
+"""Of a frame: 5.3K of action cameras, not 8K, whose decoder would take gigabytes."""
+MAX_SECONDS = 3600.0
+
+_DEMUXERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts"
+_LEAST_FRAMES = 2
+_LEAST_SIDE = 64
+_PROBES_A_SECOND = 10.0  # in which points are followed
+_LIGHT_SECONDS = 2.0  # between the frames that the white of HDR is taken from
+_SHARPNESS_SCALE = 2  # of the picture that sharpness is measured in, to that in which points are followed
+_MOST_DAMAGED = 200  # packets in a row
+_CUT = 0.95  # of the stated length; what ends before it was cut
+_SEEK_SECONDS = 3.0  # over a longer gap than this it is quicker to seek
+_QUALITY = 95
+_MOST_THREADS = 4  # each holds frames
+_INTERLACED_FRAMES = 30
+_REMEDY = "export it again as MP4 (H.264)"
+
+
+@dataclass(frozen=True)
+class Look:
+    """A video that was looked through.
+
+    Attributes:
+        path: the file.
+        film: its frames and how they move.
+        seconds: from the first to the last frame that can be decoded.
+        cut_at: seconds at which it breaks off, or None.
+        transfer: "hlg", "pq" or "" (not HDR).
+        white: of HDR, in cd/m², see `color.hdr.white_of`.
+    """
+
+    path: Path
+    film: Film
+    seconds: float
+    cut_at: float | None
+    transfer: str
+    white: float
+
+
+@dataclass(frozen=True)
+class VideoHeader:
+    """Size upright, and the stated length."""
+
+    width: int
+    height: int
+    seconds: float
+
+
+def read_video_header(path: Path) -> VideoHeader:
+    """What a video says of itself, and that its first frame can be decoded.
+
+    Raises:
+        InputError: it is no video that can be used.
+    """
+    with _opened(path) as (container, stream):
+        frame = next(_frames(container, stream, path), None)
+        if frame is None:
+            raise _no_frames(path)
+        width, height = _upright_size(frame.width, frame.height, frame.rotation)
+        return VideoHeader(width, height, _stated_seconds(container, stream))
+
+
+def some_frames(path: Path, count: int) -> Iterator[NDArray[np.uint8]]:
+    """(H, W, 3) sRGB frames from all over a video, for thumbnails; fewer than `count` where it cannot be searched.
+
+    Raises:
+        InputError: it is no video that can be used.
+    """
+    with _opened(path) as (container, stream):
+        seconds = _stated_seconds(container, stream)
+        for index in range(count):
+            if index and stream.time_base:
+                container.seek(int(index / count * seconds / float(stream.time_base)), stream=stream)
+            frame = next(_frames(container, stream, path), None)
+            if frame is None:
+                return
+            yield frame_colors(frame)
+
+
+def look_through(path: Path, progress: Callable[[float], None] = lambda _: None) -> Look:
+    """Measure every frame of a video.
+
+    Raises:
+        InputError: it is no video that can be used.
+    """
+    frames: list[Frame] = []
+    probes: list[Followed] = []
+    lights: list[Tensor] = []
+    follower, next_probe, next_light, transfer, time, start = Follower(), 0.0, 0.0, "", 0.0, 0.0
+    with _opened(path) as (container, stream):
+        stated = _stated_seconds(container, stream)
+        for number, frame in enumerate(_frames(container, stream, path)):
+            if number < _INTERLACED_FRAMES and frame.interlaced_frame:
+                raise InputError("the video is interlaced", where=path, remedy="deinterlace it first")
+            time = _time(frame, number, stream)
+            if not number:
+                start = time
+                transfer = transfer_of(frame)
+                next_probe = next_light = time
+            if time - start > MAX_SECONDS:
+                break
+            large, small = _greys(frame)
+            if time >= next_probe:
+                probes.append(follower.advance(small))
+                next_probe = max(next_probe + 1.0 / _PROBES_A_SECOND, time)
+            if time >= next_light and (light := small_light(frame)) is not None:
+                lights.append(light)
+                next_light = time + _LIGHT_SECONDS
+            frames.append(Frame(number, time, _sharpness(large), len(probes) - 1))
+            if stated:
+                progress(min((time - start) / stated, 1.0))
+    if len(frames) < _LEAST_FRAMES:
+        raise _no_frames(path)
+    seconds = frames[-1].time - frames[0].time
+    cut_at = seconds if stated and seconds < _CUT * stated - 0.5 else None
+    return Look(path, Film(frames, probes), seconds, cut_at, transfer, white_of(lights))
+
+
+def extract(
+    look: Look,
+    chosen: Sequence[Frame],
+    folder: Path,
+    white: float,
+    progress: Callable[[float], None] = lambda _: None,
+) -> list[tuple[str, float]]:
+    """Write the frames `chosen` of a video into the folder, upright and in sRGB; returns names and times in seconds.
+
+    Args:
+        white: of HDR, the same for all videos of a capture.
+
+    Raises:
+        InputError: the video cannot be decoded any more.
+        OSError: a frame cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    written: list[tuple[str, float]] = []
+    with _opened(look.path) as (container, stream):
+        waiting = list(chosen)
+        step = stream.time_base
+        source = _frames(container, stream, look.path)
+        number = -1
+        can_seek = step is not None
+        while waiting:
+            frame = next(source, None)
+            if frame is None:
+                break
+            number += 1
+            can_seek = can_seek and frame.time is not None
+            at = float(frame.time) if can_seek else number
+            wanted = waiting[0].time if can_seek else waiting[0].number
+            tolerance = 1e-4 if can_seek else 0
+            if at < wanted - tolerance:
+                if can_seek and wanted - at > _SEEK_SECONDS:
+                    container.seek(int(wanted / float(step)), stream=stream)
+                    target, source = wanted, _frames(container, stream, look.path)
+                    frame = next(source, None)
+                    # A file without an index may land anywhere: then it is read on from its beginning.
+                    if frame is None or frame.time is None or frame.time > target + tolerance:
+                        container.seek(0)
+                        source, can_seek, number = _frames(container, stream, look.path), False, -1
+                    elif frame.time >= wanted - tolerance:
+                        written.append(_write(frame, waiting.pop(0), folder, white))
+                continue
+            written.append(_write(frame, waiting.pop(0), folder, white))
+            progress(len(written) / len(chosen))
+    return written
+
+
+def _write(frame: Any, chosen: Frame, folder: Path, white: float) -> tuple[str, float]:
+    name = f"{chosen.number:06d}.jpg"
+    write_jpeg(folder / name, frame_colors(frame, white), _QUALITY)
+    return name, chosen.time
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
+    """The container and its video stream, ready to be decoded."""
+    try:
+        import av
+    except ImportError:
+        remedy = "install av (run.py --doctor says how), or export the video's frames as JPEG"
+        raise InputError("videos need the package av (PyAV)", where=path, remedy=remedy) from None
+    with opened(path, most_bytes=MAX_VIDEO_BYTES) as file:
+        start = file.read(32)
+    if not start:
+        raise InputError("the file is empty", where=path, remedy="copy it again")
+    if is_plain_image(start) or kind_of(start, path.name) in ("heif", "avif", "raw"):
+        raise InputError("is a photograph, not a video", where=path, remedy="rename it, or remove it")
+    av.logging.set_level(None)
+    try:
+        container = av.open(
+            str(path.resolve()),
+            # Playlists would open other files, and addresses.
+            options={"format_whitelist": _DEMUXERS, "protocol_whitelist": "file"},
+        )
+    except av.error.FFmpegError:
+        what = "the video is damaged, cut short, or of a format that is not read"
+        raise InputError(what, where=path, remedy=_REMEDY) from None
+    try:
+        yield container, _stream(container, path)
+    except av.error.FFmpegError as error:
+        raise InputError(f"the video is damaged ({error.strerror})", where=path, remedy=_REMEDY) from None
+    finally:
+        container.close()
+
+
+def _stream(container: Any, path: Path) -> Any:
+    """The stream of pictures; refuses what cannot be decoded in the memory there is."""
+    streams = [stream for stream in container.streams.video if not stream.disposition & _ATTACHED_PICTURE]
+    if not streams:
+        raise InputError("the file has no pictures, only sound or data", where=path, remedy="give a video")
+    stream = max(streams, key=lambda candidate: (candidate.width or 0) * (candidate.height or 0))
+    context = stream.codec_context
+    if context is None:
+        raise InputError("the video's codec is not known", where=path, remedy=_REMEDY)
+    if _is_encrypted(path, context):
+        raise InputError("the video is encrypted", where=path, remedy="export it without copy protection")
+    width, height = context.width, context.height
+    size = f"the video is {width} x {height} pixels"
+    if width * height > MAX_PIXELS:
+        raise InputError(f"{size}, more than is decoded", where=path, remedy="export it as 4K or smaller")
+    if min(width, height) < _LEAST_SIDE:
+        raise InputError(f"{size}, too small", where=path, remedy="give a larger one")
+    context.options = {"max_pixels": str(MAX_PIXELS)}
+    context.thread_type = "AUTO"
+    context.thread_count = min(os.cpu_count() or 1, _MOST_THREADS)
+    return stream
+
+
+_ATTACHED_PICTURE = 1 << 10  # AV_DISPOSITION_ATTACHED_PIC: the cover of a song
+_ENCRYPTED_TAG = b"encv"
+_MOVIE_BYTES = 8 << 20
+
+
+def _is_encrypted(path: Path, context: Any) -> bool:
+    """Whether the samples of an MP4 are (ISO/IEC 23001-7): decoders take them for noise."""
+    if str(context.codec_tag).lower() == _ENCRYPTED_TAG.decode():
+        return True
+    size = path.stat().st_size
+    with open(path, "rb") as file:
+        start = file.read(_MOVIE_BYTES)
+        file.seek(max(0, size - _MOVIE_BYTES))
+        end = file.read(_MOVIE_BYTES)
+    # The description of the samples stands at the file's beginning or end.
+    return any(_ENCRYPTED_TAG in part[part.find(b"stsd") :] and b"schm" in part for part in (start, end))
+
+
+def _frames(container: Any, stream: Any, path: Path) -> Iterator[Any]:
+    """What can be decoded; damaged packets are passed over."""
+    import av
+
+    damaged = 0
+    packets = container.demux(stream)
+    while damaged < _MOST_DAMAGED:
+        try:
+            packet = next(packets)
+        except (StopIteration, av.error.FFmpegError):
+            return
+        try:
+            decoded = packet.decode()
+        except av.error.FFmpegError:
+            damaged += 1
+            continue
+        for frame in decoded:
+            if frame.width * frame.height > MAX_PIXELS:
+                raise InputError("the video's size changes to more than is decoded", where=path, remedy=_REMEDY)
+            if not frame.is_corrupt:
+                damaged = 0
+                yield frame
+
+
+def _greys(frame: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """The picture in grey in two sizes, for sharpness and for motion."""
+    scale = _SHARPNESS_SCALE * WIDTH / max(frame.width, frame.height)
+    width, height = (max(16, 4 * round(side * scale / 4)) for side in (frame.width, frame.height))
+    large = frame.reformat(width=width, height=height, format="gray", interpolation="AREA").to_ndarray()
+    pairs = large[: height // 2 * 2, : width // 2 * 2].astype(np.uint16)
+    small = (pairs[::2, ::2] + pairs[1::2, ::2] + pairs[::2, 1::2] + pairs[1::2, 1::2] + 2) >> 2
+    return large, small.astype(np.uint8)
+
+
+def _sharpness(grey: NDArray[np.uint8]) -> float:
+    """Variance of the Laplacian (Pech-Pacheco et al. 2000)."""
+    values = grey.astype(np.int16)
+    middle = values[1:-1, 1:-1]
+    laplacian = values[:-2, 1:-1] + values[2:, 1:-1] + values[1:-1, :-2] + values[1:-1, 2:] - 4 * middle
+    return float(laplacian.var())
+
+
+def _time(frame: Any, number: int, stream: Any) -> float:
+    if frame.time is not None:
+        return float(frame.time)
+    return number / float(stream.average_rate or 30)
+
+
+def _stated_seconds(container: Any, stream: Any) -> float:
+    if stream.duration and stream.time_base:
+        return float(stream.duration * stream.time_base)
+    return float(container.duration or 0) / 1e6
+
+
+def _upright_size(width: int, height: int, rotation: int) -> tuple[int, int]:
+    return (height, width) if rotation % 180 else (width, height)
+
+
+def _no_frames(path: Path) -> InputError:
+    return InputError("the video has no frames that can be decoded", where=path, remedy="copy or export it again")
