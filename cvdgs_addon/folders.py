@@ -87,4 +87,5 @@ def folder_beside(capture_folder: str, addition: str) -> str:
     capture = Path(normalised_folder(capture_folder))
     # The demo lies inside the extension, where nothing of the user's may be lost with an upgrade.
     parent = Path.home() if ROOT in capture.resolve().parents else capture.parent
-    return str(parent / f"{capture.name} {addition}")
+    name = capture.stem if capture.is_file() else capture.name
+    return str(parent / f"{name} {addition}")

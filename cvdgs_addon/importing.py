@@ -19,6 +19,7 @@ from ..core.runs.folder import RunFolder
 from ..core.runs.layout import CAMERAS_FILE, CAPTURE_FOLDER, IMAGES_FOLDER, POINTS_FILE
 from ..core.runtime.process import Workers
 from ..core.runtime.supervisor import Listener, Log, all_or_nothing, finish
+from ..core.settings import AUTO
 from .activity import ACTIVITY, redraw_panels, scene_by_uid
 from .background import BackgroundJob, State
 from .environment import make_workers
@@ -39,12 +40,12 @@ class ImportRequest:
 
     Attributes:
         folder: of the capture: as photographed, or as a worker wrote it.
-        sfm: accept photographs without cameras.
+        cameras: where they come from, as ``--cameras``.
         options: what is brought in.
     """
 
     folder: str
-    sfm: bool = False
+    cameras: str = AUTO
     options: ImportOptions = field(default_factory=ImportOptions)
 
 
@@ -64,27 +65,28 @@ def import_now(scene: bpy.types.Scene, request: ImportRequest) -> CaptureObjects
         WorkerDefect: the worker failed.
     """
     folder = normalised_folder(request.folder)
-    ready = ready_folder(folder) or _normalise(folder, request.sfm, make_workers(), lambda _: None)
+    ready = ready_folder(folder) or _normalise(folder, request.cameras, make_workers(), lambda _: None)
     return import_capture(ready, scene, request.options)
 
 
 def start_import(scene: bpy.types.Scene, request: ImportRequest) -> None:
     """Let a worker prepare the capture in the background, then import it."""
-    work = partial(_normalise, normalised_folder(request.folder), request.sfm)
+    work = partial(_normalise, normalised_folder(request.folder), request.cameras)
     job = BackgroundJob("Import Capture", work, make_workers(), ("capture",), {"capture": 1.0})
     ACTIVITY.start(JOB, job, partial(_take_over, scene.session_uid, request), ends_with_file=True)
 
 
-def _normalise(folder: str, sfm: bool, workers: Workers, listen: Listener) -> Path:
+def _normalise(folder: str, cameras: str, workers: Workers, listen: Listener) -> Path:
     """Let a worker write the capture beside itself; returns where."""
-    if not Path(folder).is_dir():
-        raise InputError("no such folder", where=folder, remedy="choose a folder of photographs")
+    if not Path(folder).exists():
+        raise InputError("no such file or folder", where=folder, remedy="choose a folder of photographs or a video")
     workers.require_python()  # before a folder is made
     out = folder_beside(folder, "Undistorted")
     staged = RunFolder(out, lambda path: [path / name for name in _OWN_NAMES], last=CAMERAS_FILE)
     with all_or_nothing(staged, out, _LOG_NAME), open(staged.staging / _LOG_NAME, "w", encoding="utf-8") as file:
         log = Log(file, listen)
-        request: dict[str, Any] = {"job": "normalise", "capture": folder, "sfm": sfm, "folder": str(staged.staging)}
+        request: dict[str, Any] = {"job": "normalise", "capture": folder, "cameras": cameras}
+        request["folder"] = str(staged.staging)
         finish(workers.start(request, log.line), log.event)
     return Path(out)
 

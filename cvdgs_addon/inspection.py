@@ -26,48 +26,53 @@ class Inspection:
     """What a worker found in a folder.
 
     Attributes:
-        folder, sfm: where it looked, and whether it accepted photographs without cameras.
+        folder, cameras: where it looked, and where cameras come from.
         format: where the cameras come from.
         views: usable photographs.
         sizes: (width, height, count), most frequent first.
         points: sparse points.
         warnings: one line each.
         thumbnails: paths of small pictures.
+        videos: whose frames become photographs, and `seconds` of them all.
     """
 
     folder: str
-    sfm: bool
+    cameras: str
     format: str
     views: int
     sizes: tuple[tuple[int, int, int], ...]
     points: int
     warnings: tuple[str, ...]
     thumbnails: tuple[Path, ...]
+    videos: int
+    seconds: float
 
 
-def inspect(folder: str, sfm: bool, thumbnails: Path, workers: Workers, listen: Listener) -> Inspection:
+def inspect(folder: str, cameras: str, thumbnails: Path, workers: Workers, listen: Listener) -> Inspection:
     """Let a worker look at the capture in `folder`.
 
     Args:
-        sfm: accept photographs without cameras.
+        cameras: as ``--cameras``.
         thumbnails: where small pictures are written.
 
     Raises:
         InputError: the folder cannot be used, or there is no worker.
     """
     pictures = {"folder": str(thumbnails), "count": _THUMBNAILS, "size": _THUMBNAIL_SIZE}
-    request = {"job": "inspect", "capture": folder, "sfm": sfm, "thumbnails": pictures}
+    request = {"job": "inspect", "capture": folder, "cameras": cameras, "thumbnails": pictures}
     result = finish(workers.start(request), listen)
     summary = result["summary"]
     return Inspection(
         folder,
-        sfm,
+        cameras,
         summary["format"],
         summary["views"],
         tuple((width, height, count) for width, height, count in summary["sizes"]),
         summary["points"],
         tuple(warning["message"] for warning in summary["warnings"]),
         tuple(Path(path) for path in result["thumbnails"]),
+        summary["videos"],
+        summary["seconds"],
     )
 
 
@@ -76,10 +81,10 @@ def start_inspection(scene: bpy.types.Scene) -> None:
     _clear(scene)
     ACTIVITY.drop(JOB)
     if scene.cvdgs.capture.folder:
-        folder, sfm = _asked_for(scene)
-        work = partial(inspect, folder, sfm, get_cache().thumbnails(folder))
+        folder, cameras = _asked_for(scene)
+        work = partial(inspect, folder, cameras, get_cache().thumbnails(folder))
         job = BackgroundJob("Inspecting the capture", work, make_workers(), ("start",))
-        ACTIVITY.start(JOB, job, partial(_take_over, scene.session_uid, (folder, sfm)), ends_with_file=True)
+        ACTIVITY.start(JOB, job, partial(_take_over, scene.session_uid, (folder, cameras)), ends_with_file=True)
 
 
 def inspect_now(scene: bpy.types.Scene) -> None:
@@ -89,8 +94,8 @@ def inspect_now(scene: bpy.types.Scene) -> None:
         InputError: it cannot be used.
     """
     _clear(scene)
-    folder, sfm = _asked_for(scene)
-    _fill(scene, inspect(folder, sfm, get_cache().thumbnails(folder), make_workers(), lambda _: None))
+    folder, cameras = _asked_for(scene)
+    _fill(scene, inspect(folder, cameras, get_cache().thumbnails(folder), make_workers(), lambda _: None))
 
 
 def catch_up(scene: bpy.types.Scene) -> None:
@@ -103,7 +108,7 @@ def catch_up(scene: bpy.types.Scene) -> None:
         return
     last = ACTIVITY.job(JOB)
     found = last.result if last is not None else None
-    if isinstance(found, Inspection) and (found.folder, found.sfm) == _asked_for(scene):
+    if isinstance(found, Inspection) and (found.folder, found.cameras) == _asked_for(scene):
         _fill(scene, found)
     else:
         start_inspection(scene)
@@ -124,13 +129,13 @@ def thumbnails_of(capture: bpy.types.PropertyGroup) -> list[str]:
     return [key for key in keys if key in PICTURES]
 
 
-def _asked_for(scene: bpy.types.Scene) -> tuple[str, bool]:
-    """The folder that is picked, in full, and whether photographs without cameras are accepted."""
+def _asked_for(scene: bpy.types.Scene) -> tuple[str, str]:
+    """The folder that is picked, in full, and where its cameras come from."""
     capture = scene.cvdgs.capture
-    return bpy.path.abspath(capture.folder), capture.sfm
+    return bpy.path.abspath(capture.folder), capture.cameras.lower()
 
 
-def _take_over(scene_uid: int, asked: tuple[str, bool], job: BackgroundJob) -> None:
+def _take_over(scene_uid: int, asked: tuple[str, str], job: BackgroundJob) -> None:
     scene = scene_by_uid(scene_uid)
     if scene is None or job.state is State.CANCELLED:
         return
@@ -145,13 +150,15 @@ def _take_over(scene_uid: int, asked: tuple[str, bool], job: BackgroundJob) -> N
 def _clear(scene: bpy.types.Scene) -> None:
     capture = scene.cvdgs.capture
     capture.inspected = capture.format = capture.sizes = capture.warnings = capture.problem = ""
-    capture.views = capture.points = capture.width = capture.height = 0
+    capture.views = capture.points = capture.width = capture.height = capture.videos = 0
+    capture.seconds = 0.0
 
 
 def _fill(scene: bpy.types.Scene, found: Inspection) -> None:
     capture = scene.cvdgs.capture
     capture.inspected, capture.format = found.folder, found.format
     capture.views, capture.points = found.views, found.points
+    capture.videos, capture.seconds = found.videos, found.seconds
     capture.width, capture.height = found.sizes[0][:2]
     capture.sizes = ", ".join(f"{width} × {height}" for width, height, _ in found.sizes)
     capture.warnings = "\n".join(found.warnings)

@@ -61,7 +61,7 @@ def run_settings(scene: bpy.types.Scene) -> Settings:
     """
     properties = scene.cvdgs
     if not properties.capture.folder:
-        raise InputError("no capture is chosen", where="Capture", remedy="choose a folder of photographs")
+        raise InputError("no capture is chosen", where="Capture", remedy="choose a folder of photographs or a video")
     layer = viewer_layer(scene)
     check_simulation(layer.cvd, layer.severity, properties.viewer.simulation)
     adds = adds_to_run(scene)
@@ -73,7 +73,7 @@ def run_settings(scene: bpy.types.Scene) -> Settings:
         "strength": properties.viewer.strength,
         "enhancer": properties.run.enhancer,
         "device": get_preferences().device,
-        "sfm": properties.capture.sfm,
+        "cameras": properties.capture.cameras.lower(),
         "blend": properties.run.scene_file,
         "resume": adds,
     }

@@ -15,7 +15,7 @@ WIDTH = 70  # characters a line; popups and panels do not wrap
 
 # The worker speaks of the command line's options; this is what they are called in the panels.
 _OPTIONS = {flag(name): option.label for name, option in OPTIONS.items() if option.label} | {
-    "--sfm": "Estimate Cameras",
+    "--cameras": "Cameras",
     "--out": "Output",
     "--cvd": "Type",
     "--severity": "Severity",
@@ -31,7 +31,8 @@ _OPTION = re.compile(r"--[a-z][a-z-]*")
 
 def in_panel_words(text: str) -> str:
     """A message of `core` with the names that the user sees in the panels."""
-    text = text.replace("add --sfm", "tick --sfm")
+    text = text.replace("add --cameras estimate", "set --cameras to Estimate")
+    text = text.replace("leave out --cameras given", "set --cameras to Automatic")
     return _OPTION.sub(lambda found: f"'{_OPTIONS[found[0]]}'" if found[0] in _OPTIONS else found[0], text)
 
 

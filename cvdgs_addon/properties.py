@@ -63,17 +63,22 @@ def _is_target(_display: bpy.types.PropertyGroup, candidate: bpy.types.Object) -
 
 
 class CaptureProperties(bpy.types.PropertyGroup):
-    """``scene.cvdgs.capture``; all but `folder` and `sfm` is filled in by an inspection."""
+    """``scene.cvdgs.capture``; all but `folder` and `cameras` is filled in by an inspection."""
 
     folder: bpy.props.StringProperty(
         name="Folder",
-        description="Photographs with cameras: a COLMAP model or a transforms.json with its images",
+        description="Photographs, with cameras (COLMAP or transforms.json) or without; or a video, or a zip",
         subtype="DIR_PATH",
         update=_inspect,
     )
-    sfm: bpy.props.BoolProperty(
-        name="Estimate Cameras",
-        description="For photographs without cameras: reconstruct where they were taken from; takes minutes",
+    cameras: bpy.props.EnumProperty(
+        name="Cameras",
+        description="Where the photographs were taken from",
+        items=(
+            ("AUTO", "Automatic", "Take the cameras that are given; estimate them where there are none, in minutes"),
+            ("ESTIMATE", "Estimate", "Reconstruct where the photographs were taken from; takes minutes"),
+            ("GIVEN", "Given", "Refuse photographs without cameras"),
+        ),
         update=_inspect,
     )
     inspected: bpy.props.StringProperty(
@@ -81,6 +86,8 @@ class CaptureProperties(bpy.types.PropertyGroup):
     )
     format: bpy.props.StringProperty(name="Format", description="Where the cameras come from")
     views: bpy.props.IntProperty(name="Photographs", description="Number of usable photographs", min=0)
+    videos: bpy.props.IntProperty(name="Videos", description="Whose frames become photographs", min=0)
+    seconds: bpy.props.FloatProperty(name="Seconds", description="Of all videos", min=0.0)
     points: bpy.props.IntProperty(name="Points", description="Sparse points that came with the cameras", min=0)
     width: bpy.props.IntProperty(name="Width", description="Of most photographs, in pixels", min=0)
     height: bpy.props.IntProperty(name="Height", description="Of most photographs, in pixels", min=0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..core.demo import SHOWROOM
+from ..core.intake.kinds import ARCHIVE_EXTENSION, VIDEO_EXTENSIONS
 from ..cvdgs_addon.activity import ACTIVITY
 from ..cvdgs_addon.folders import normalised_folder
 from ..cvdgs_addon.importing import JOB as IMPORT_JOB
@@ -20,6 +21,7 @@ _UP_ITEMS = (
     ("AUTO", "Automatic", "The mean of the cameras' up directions, unless that is close to +Z already"),
     *((up.value, up.value, f"The capture's {up.value} axis points up") for up in Up if up is not Up.AUTO),
 )
+_FILES = ";".join(f"*{ending}" for ending in (*VIDEO_EXTENSIONS, ARCHIVE_EXTENSION))
 NO_CAPTURE = "Import a capture, start a run or load a finished one first"
 
 
@@ -42,6 +44,23 @@ class CVDGS_OT_inspect_capture(Action, bpy.types.Operator):
         start_inspection(context.scene)
 
 
+class CVDGS_OT_choose_capture_file(Action, bpy.types.Operator):
+    """Choose a video, or a zip of photographs, in place of a folder"""
+
+    bl_idname = "cvdgs.choose_capture_file"
+    bl_label = "Choose Video or Zip"
+
+    filepath: bpy.props.StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filter_glob: bpy.props.StringProperty(default=_FILES, options={"HIDDEN"})
+
+    def act(self, context: bpy.types.Context) -> None:
+        context.scene.cvdgs.capture.folder = self.filepath
+
+    def on_click(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+
 class CVDGS_OT_use_demo(Action, bpy.types.Operator):
     """Try the add-on with the small capture of a textile showroom that comes with it"""
 
@@ -49,7 +68,7 @@ class CVDGS_OT_use_demo(Action, bpy.types.Operator):
     bl_label = "Use the Demo"
 
     def act(self, context: bpy.types.Context) -> None:
-        context.scene.cvdgs.capture.sfm = False
+        context.scene.cvdgs.capture.cameras = "AUTO"
         context.scene.cvdgs.capture.folder = str(SHOWROOM)
 
 
@@ -97,7 +116,7 @@ class CVDGS_OT_import_capture(_Placed, Action, bpy.types.Operator):
     def _request(self, context: bpy.types.Context) -> ImportRequest:
         capture = context.scene.cvdgs.capture
         options = ImportOptions(self.images, self.points, self.placing())
-        return ImportRequest(self.directory or capture.folder, capture.sfm, options)
+        return ImportRequest(self.directory or capture.folder, capture.cameras.lower(), options)
 
     def act(self, context: bpy.types.Context) -> None:
         request = self._request(context)
@@ -162,6 +181,7 @@ def _shown_capture(context: bpy.types.Context) -> bpy.types.Object | None:
 
 CLASSES: tuple[type, ...] = (
     CVDGS_OT_inspect_capture,
+    CVDGS_OT_choose_capture_file,
     CVDGS_OT_use_demo,
     CVDGS_OT_import_capture,
     CVDGS_OT_place_capture,

@@ -14,7 +14,7 @@ from ..cvdgs_addon.pictures import PICTURES
 from .layout import SidePanel, complain, say, say_end
 from .run import draw_progress
 
-_FORMATS = {"colmap": "COLMAP", "transforms": "transforms.json", "sfm": "photographs only; cameras will be estimated"}
+_FORMATS = {"colmap": "COLMAP", "transforms": "transforms.json", "sfm": "No cameras; they will be estimated"}
 _THUMBNAILS_A_ROW = 2
 
 
@@ -28,9 +28,10 @@ class CVDGS_PT_capture(SidePanel, bpy.types.Panel):
         layout, capture = self.layout, context.scene.cvdgs.capture
         row = layout.row(align=True)
         row.prop(capture, "folder", text="")
+        row.operator("cvdgs.choose_capture_file", text="", icon="FILE_MOVIE")
         row.operator("cvdgs.inspect_capture", text="", icon="FILE_REFRESH")
         if not capture.folder:
-            say(layout, context, "Choose a folder of photographs with cameras (COLMAP or transforms.json)", "INFO")
+            say(layout, context, "Choose a folder of photographs, a video or a zip", "INFO")
             layout.operator("cvdgs.use_demo", icon="PACKAGE")
             return
         if ACTIVITY.running(INSPECTION_JOB):
@@ -38,8 +39,8 @@ class CVDGS_PT_capture(SidePanel, bpy.types.Panel):
         elif capture.problem:
             # The folder's name stands above, and is long.
             complain(layout, context, sentence(capture.problem.removeprefix(f"{normalised_folder(capture.folder)}: ")))
-            if capture.sfm or "--sfm" in capture.problem:
-                layout.prop(capture, "sfm")
+            if capture.cameras != "AUTO" or "--cameras" in capture.problem:
+                layout.prop(capture, "cameras")
         elif capture.inspected:
             _draw_summary(layout, context, capture)
         else:
@@ -48,17 +49,23 @@ class CVDGS_PT_capture(SidePanel, bpy.types.Panel):
 
 def _draw_summary(layout: bpy.types.UILayout, context: bpy.types.Context, capture: bpy.types.PropertyGroup) -> None:
     column = layout.column(align=True)
-    column.label(text=f"{capture.views} photographs, {capture.sizes} pixels", icon="CHECKMARK")
+    column.label(text=f"{_material(capture)}, {capture.sizes} pixels", icon="CHECKMARK")
     column.label(text=_FORMATS.get(capture.format, capture.format), icon="OUTLINER_OB_CAMERA")
     if capture.points:
         column.label(text=f"{capture.points:,} sparse points", icon="OUTLINER_OB_POINTCLOUD")
-    if capture.format == "sfm":
-        layout.prop(capture, "sfm")
+    if capture.format == "sfm" or capture.cameras != "AUTO":
+        layout.prop(capture, "cameras")
     grid = layout.grid_flow(row_major=True, columns=_THUMBNAILS_A_ROW, even_columns=True, align=True)
     for key in thumbnails_of(capture):
         grid.template_icon(icon_value=PICTURES.icon(key), scale=5.6)
     for warning in capture.warnings.splitlines():
         say(layout, context, warning, "ERROR")
+
+
+def _material(capture: bpy.types.PropertyGroup) -> str:
+    videos = f"{capture.videos} video{'s' if capture.videos > 1 else ''} of {capture.seconds:.0f} s"
+    parts = [f"{capture.views} photographs" if capture.views or not capture.videos else "", videos]
+    return " and ".join(filter(None, parts if capture.videos else parts[:1]))
 
 
 class CVDGS_PT_import_capture(SidePanel, bpy.types.Panel):

@@ -9,6 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+MIN_VIEWS = 2
+
 
 @dataclass(frozen=True)
 class View:

@@ -24,7 +24,7 @@ from ..settings import AUTO, ESTIMATE, GIVEN
 from .colmap import find_colmap, read_colmap
 from .foreign import find_foreign_cameras
 from .images import MIN_SIDE, read_header, read_pixels
-from .model import Capture, CaptureSummary, CaptureWarning, View
+from .model import MIN_VIEWS, Capture, CaptureSummary, CaptureWarning, View
 from .scaling import downscale_with_alpha, fit_size
 from .sfm import estimate_cameras
 from .source import MOST_VIEWS, SourceModel
@@ -161,9 +161,6 @@ def _by_frequency(sizes: Counter[tuple[int, int]]) -> tuple[tuple[int, int, int]
     return tuple((width, height, count) for (width, height), count in sizes.most_common())
 
 
-MIN_VIEWS = 2
-
-
 def read_cameras(
     path: Path, reporter: Reporter | None = None, cameras: str = AUTO, *, adjusted: bool = False
 ) -> SourceModel | None:
@@ -207,7 +204,7 @@ def material_without_cameras(path: Path, cameras: str) -> Material:
     """The photographs and videos whose cameras are to be estimated.
 
     Raises:
-        InputError: as `find_material`; or there are too many, cameras of another program beside them, or only `given`
+        InputError: as `find_material`; or there are too few or too many, cameras of another program beside them, or only `given`
             ones are wanted.
     """
     material = find_material(path)
@@ -220,6 +217,8 @@ def material_without_cameras(path: Path, cameras: str) -> Material:
     elif cameras == GIVEN:
         what = f"{count} but no cameras (COLMAP model or transforms.json)"
         remedy = "leave out --cameras given to estimate them"
+    elif not material.videos and len(material.photographs) < MIN_VIEWS:
+        what, remedy = "only one photograph", "give at least two, better thirty"
     elif len(material.photographs) > MOST_VIEWS:
         what, remedy = f"{count}, the limit is {MOST_VIEWS:,}", "split the capture"
     if what:

@@ -17,7 +17,7 @@ from PIL import Image
 from ..capture.colmap import IMAGE_FOLDERS
 from ..capture.files import FOREIGN_EXTENSIONS, list_images, make_keys, quote_first, resolve_inside
 from ..capture.images import read_pixels
-from ..capture.model import CaptureWarning
+from ..capture.model import MIN_VIEWS, CaptureWarning
 from ..errors import InputError
 from ..files.untrusted import is_file
 from ..runtime.protocol import Reporter
@@ -33,7 +33,6 @@ FRAMES_FILE = "frames.json"
 """Beside extracted frames: ``{"frames": [{"name", "time", "video"}, ...]}`` in order, names as `estimate_cameras` gets
 them, times in seconds from the beginning of the video of that name. Photographs are not in it."""
 
-_MIN_VIEWS = 2
 _QUALITY = 98
 _CONVERTED = ("heif", "avif", "raw")
 _LOOK_SHARE = 0.5  # of the time that a video takes
@@ -86,7 +85,7 @@ def find_material(path: Path) -> Material:
     not take part; videos are found everywhere.
 
     Raises:
-        InputError: there is nothing, too little, or a name is unusable or a link out of the folder.
+        InputError: there is nothing, or a name is unusable or a link out of the folder.
     """
     if is_file(path):
         if is_video(path) or kind_of_file(path) == "video":
@@ -102,8 +101,6 @@ def find_material(path: Path) -> Material:
         if unreadable:
             what = f"no photographs that can be read, only {quote_first(unreadable)}"
             remedy = "export them as JPEG, PNG or TIFF"
-    elif not videos and len(names) < _MIN_VIEWS:
-        what, remedy = "only one photograph", "give at least two, better thirty"
     if what:
         raise InputError(what, where=path, remedy=remedy)
     for name in (*names, *videos):
@@ -127,7 +124,7 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter) ->
     frames = _extract_frames(material, made, reporter)
     _convert_photographs(material, kinds, made, reporter)
     made.names.extend(frame["name"] for frame in frames)
-    if len(made.names) < _MIN_VIEWS:
+    if len(made.names) < MIN_VIEWS:
         what = "the video hardly moves; only one of its frames shows something of its own"
         raise InputError(what, where=material.folder / material.videos[0], remedy="walk around the scene while filming")
     text = json.dumps({"frames": frames}, indent=1, allow_nan=False)

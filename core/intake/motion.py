@@ -107,14 +107,17 @@ class Follower:
         self._next += len(added)
 
 
-def motion_between(first: Followed, second: Followed) -> Motion:
-    """What happened from `first` to `second`, by the points that both have."""
+def motion_between(first: Followed, second: Followed) -> Motion | None:
+    """What happened from `first` to `second`, by the points that both have; None where these are too few to say.
+
+    That is so of a bare wall, and of frames that are so blurred that there is nothing to follow.
+    """
     _, here, there = np.intersect1d(first.numbers, second.numbers, assume_unique=True, return_indices=True)
     lost = 1.0 - len(here) / max(len(first.numbers), 1)
-    if len(first.numbers) < _FEW_POINTS:  # a bare wall: noise comes and goes
-        lost = 0.0
     if len(here) < _LEAST_POINTS:
-        return Motion(0.0, 0.0, lost)
+        return Motion(0.0, 0.0, lost) if len(first.numbers) >= _FEW_POINTS else None
+    if len(first.numbers) < _FEW_POINTS:  # of so few, noise makes and unmakes a good part
+        lost = 0.0
     a, b = first.places[here].astype(np.float64), second.places[there].astype(np.float64)
     longer = max(first.size)
     shift = float(np.median(np.linalg.norm(b - a, axis=1))) / longer

@@ -19,6 +19,7 @@ _PARALLAX = 0.009
 _LOST = 0.6
 _EARLIEST, _LATEST = 0.7, 1.25  # of what is due: among the frames between these the sharpest is taken
 _START = 0.3
+_BLIND_SECONDS = 0.5  # between frames where no motion can be measured
 _FINER = 0.5  # as often as that at most, in a video with little movement
 _FEW = 24
 _ATTEMPTS = 12
@@ -70,8 +71,10 @@ def choose(films: Sequence[Film], most: int = MOST_FRAMES) -> list[list[Frame]]:
     return chosen
 
 
-def worth(motion: Motion) -> float:
-    """How much a second frame adds to a first; from 1 on it is worth being a photograph."""
+def worth(motion: Motion | None, seconds: float) -> float:
+    """How much a second frame adds to a first, so many seconds later; from 1 on it is worth being a photograph."""
+    if motion is None:
+        return seconds / _BLIND_SECONDS
     return max(motion.shift / _SHIFT, motion.parallax / _PARALLAX, motion.lost / _LOST)
 
 
@@ -88,7 +91,7 @@ def _walk(film: Film, spacing: float) -> list[Frame]:
         candidates: list[Frame] = []
         due = False
         for probe in range(last + 1, len(film.probes)):
-            value = worth(motion_between(film.probes[last], film.probes[probe])) / spacing
+            value = _worth(film, by_probe, last, probe) / spacing
             if value >= _LATEST and due:
                 break
             if value >= _EARLIEST:
@@ -101,11 +104,16 @@ def _walk(film: Film, spacing: float) -> list[Frame]:
         chosen.append(max(candidates, key=lambda frame: frame.sharpness))
 
 
+def _worth(film: Film, by_probe: Sequence[Sequence[Frame]], first: int, second: int) -> float:
+    seconds = by_probe[second][0].time - by_probe[first][0].time
+    return worth(motion_between(film.probes[first], film.probes[second]), seconds)
+
+
 def _first(film: Film, by_probe: Sequence[Sequence[Frame]], spacing: float) -> Frame:
     """The sharpest before anything has moved much."""
     candidates: list[Frame] = []
     for probe, frames in enumerate(by_probe):
-        if candidates and worth(motion_between(film.probes[0], film.probes[probe])) > _START * spacing:
+        if candidates and _worth(film, by_probe, 0, probe) > _START * spacing:
             break
         candidates += frames
     return max(candidates, key=lambda frame: frame.sharpness)

@@ -23,6 +23,8 @@ SUMMARY: dict[str, Any] = {
     "sizes": [[480, 360, 24]],
     "points": 5000,
     "warnings": [{"name": "few-views", "message": "not many views"}],
+    "videos": 0,
+    "seconds": 0.0,
 }
 
 REPORT: dict[str, Any] = {
@@ -82,7 +84,7 @@ CRASHING = """
     os.kill(os.getpid(), signal.SIGSEGV)
     """
 REFUSING = """
-    emit("error", kind="input", message="photos: no cameras - add --sfm to estimate the cameras")
+    emit("error", kind="input", message="photos: no cameras - leave out --cameras given to estimate them")
     raise SystemExit(2)
     """
 INSPECTING = f"""

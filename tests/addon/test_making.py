@@ -91,7 +91,7 @@ def test_a_worker_that_crashes_is_a_message(capture, worker, tmp_path):
 def test_what_the_worker_refuses_is_a_message(capture, worker):
     worker(REFUSING)
     press()
-    assert finished(making.JOB).problem == "photos: no cameras - add --sfm to estimate the cameras"
+    assert finished(making.JOB).problem == "photos: no cameras - leave out --cameras given to estimate them"
 
 
 @pytest.mark.parametrize("event", ["file", "add-on"])

@@ -127,9 +127,9 @@ def test_a_wrong_folder_is_explained_in_the_panels_words(addon, worker, tmp_path
     shown = drawn(CVDGS_PT_capture)
     text = " ".join(shown.texts)
     assert "no cameras" in text
-    assert "'Estimate Cameras'" in text
-    assert "--sfm" not in text
-    assert "sfm" in shown.properties
+    assert "'Cameras'" in text
+    assert "--cameras" not in text
+    assert "cameras" in shown.properties
     assert not bpy.ops.cvdgs.make_cvd_friendly.poll()
 
 
@@ -268,8 +268,8 @@ def test_the_preferences_say_what_was_found(addon, worker, tmp_path):
 
 
 def test_a_message_has_the_remedy_in_a_line_of_its_own():
-    error = InputError("no cameras", where="photos", remedy="add --sfm")
-    assert messages.lines_of(str(error)) == ["photos: no cameras", "Tick 'Estimate Cameras'"]
+    error = InputError("no cameras", where="photos", remedy="add --cameras estimate")
+    assert messages.lines_of(str(error)) == ["photos: no cameras", "Set 'Cameras' to Estimate"]
 
 
 def test_narrow_panels_wrap_their_text(addon):

@@ -167,14 +167,14 @@ outputs = ["frames", "video"]
 run = "../run"
 layers = ["original"]
 cameras = ["low"]
-train = { device = "cpu", sfm = false }
+train = { device = "cpu", cameras = "given" }
 """
 
 
 def requests() -> list[bytes]:
     sent = [
-        {"job": "inspect", "capture": "c", "sfm": True, "thumbnails": {"folder": "d", "count": 3, "size": 64}},
-        {"job": "inspect-all", "captures": [{"capture": "c", "sfm": False}]},
+        {"job": "inspect", "capture": "c", "cameras": "estimate", "thumbnails": {"folder": "d", "count": 3, "size": 64}},
+        {"job": "inspect-all", "captures": [{"capture": "c", "cameras": "auto"}]},
         {"job": "run", "settings": Settings("c", "o").to_dict(), "folder": "d", "previews": True},
         {"job": "enhance", "request": EnhanceRequest(("a.png",), "o").to_dict(), "folder": "d"},
         {"job": "check", "device": "auto"},

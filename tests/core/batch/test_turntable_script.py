@@ -264,7 +264,7 @@ def test_a_dry_run_tells_every_task_and_writes_nothing(collection):
 def test_captures_without_cameras_are_found_before_anything_starts(collection):
     for name in ("chair", "sofa"):
         collection.add_capture(name)
-    collection.write_batch(TWO + "train.sfm = true\n")
+    collection.write_batch(TWO + "train.cameras = 'given'\n")
     command = [sys.executable, str(ROOT / "scripts" / "turntable.py"), str(collection.folder / "batch.toml")]
     ended = subprocess.run([*command, "--out", str(collection.out)], capture_output=True, text=True, timeout=120)
     assert ended.returncode == 2

@@ -164,7 +164,7 @@ def test_sfm_finds_the_cameras_of_kermit(tmp_path: Path) -> None:
 
     shutil.copytree(DATA / "kermit" / "images", tmp_path / "kermit")
     recorder = Recorder()
-    estimated = read_capture(tmp_path / "kermit", max_size=160, sfm=True, reporter=recorder)
+    estimated = read_capture(tmp_path / "kermit", max_size=160, cameras="estimate", reporter=recorder)
     reference = read_capture(DATA / "kermit", max_size=160)
     assert [view.key for view in estimated.views] == [view.key for view in reference.views]
     moved = similarity(centers(estimated), centers(reference))

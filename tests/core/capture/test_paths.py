@@ -22,6 +22,7 @@ from cvdgs.core.capture.files import (
 from cvdgs.core.capture.points import write_point_cloud
 from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.errors import InputError
+from cvdgs.core.settings import AUTO
 
 from .make_captures import (
     frames,
@@ -35,10 +36,10 @@ from .make_captures import (
 )
 
 
-def refused(path: Path) -> str:
+def refused(path: Path, cameras: str = AUTO) -> str:
     """The message with which `path` is refused, after checking that it is one line."""
     with pytest.raises(InputError) as error:
-        inspect_capture(path)
+        inspect_capture(path, cameras=cameras)
     assert "\n" not in str(error.value)
     return str(error.value)
 
@@ -278,16 +279,16 @@ def test_empty_folder_says_what_to_give(tmp_path: Path) -> None:
 
 
 def test_photographs_of_a_format_that_is_not_read_are_named(tmp_path: Path) -> None:
-    for name in ("IMG_0002.HEIC", "IMG_0001.HEIC", "IMG_0003.mov", "notes.txt"):
+    for name in ("IMG_0002.psd", "IMG_0001.RAF", "IMG_0003.jxl", "notes.txt"):
         (tmp_path / name).write_text("")
     message = refused(tmp_path)
-    assert "only IMG_0001.HEIC, IMG_0002.HEIC, IMG_0003.mov" in message
+    assert "only IMG_0001.RAF, IMG_0002.psd, IMG_0003.jxl" in message
     assert "as JPEG, PNG or TIFF" in message
 
 
 def test_another_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "x.mp4").write_text("")
-    assert "not a capture" in refused(tmp_path / "x.mp4")
+    (tmp_path / "x.docx").write_text("")
+    assert "not a capture" in refused(tmp_path / "x.docx")
 
 
 def test_fifo_is_refused(tmp_path: Path) -> None:
@@ -295,12 +296,36 @@ def test_fifo_is_refused(tmp_path: Path) -> None:
     assert "not a capture" in refused(tmp_path / "pipe.json")
 
 
-def test_photographs_without_cameras_name_the_option(tmp_path: Path) -> None:
+def test_photographs_without_cameras_are_refused_where_given_ones_are_wanted(tmp_path: Path) -> None:
     save_images(tmp_path / "images", shots(3))
-    message = refused(tmp_path)
+    message = refused(tmp_path, "given")
     assert "3 photographs but no cameras" in message
-    assert "--sfm" in message
-    assert inspect_capture(tmp_path, sfm=True).format == "sfm"
+    assert "--cameras given" in message
+    assert inspect_capture(tmp_path).format == "sfm"
+
+
+@pytest.mark.parametrize("at", ["", "images"])
+def test_a_camera_file_from_elsewhere_is_for_the_photographs_of_the_capture(tmp_path: Path, at: str) -> None:
+    (tmp_path / "photos").mkdir()
+    cameras = write_transforms(tmp_path / "solved", shots(3)) / "transforms.json"
+    (tmp_path / "solved" / "images").rename(tmp_path / "photos" / "images")
+    found = inspect_capture(tmp_path / "photos" / at, cameras=str(cameras))
+    assert (found.format, found.views) == ("transforms", 3)
+    assert "no such file" in refused(tmp_path / "photos", str(tmp_path / "gone.json"))
+
+
+def test_a_colmap_model_from_elsewhere_is_for_the_photographs_of_the_capture(tmp_path: Path) -> None:
+    write_colmap(tmp_path / "solved", shots(3))
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "solved" / "images").rename(tmp_path / "photos" / "images")
+    found = inspect_capture(tmp_path / "photos", cameras=str(tmp_path / "solved"))
+    assert (found.format, found.views) == ("colmap", 3)
+
+
+def test_given_cameras_are_left_aside_where_others_are_to_be_estimated(tmp_path: Path) -> None:
+    root = write_transforms(tmp_path, shots(3))
+    assert inspect_capture(root).format == "transforms"
+    assert inspect_capture(root, cameras="estimate").format == "sfm"
 
 
 @pytest.mark.parametrize(
@@ -323,8 +348,8 @@ def test_cameras_of_a_program_that_are_not_read_are_named(
     message = refused(tmp_path)
     assert f"3 photographs, and cameras of {program} ({name})" in message
     assert how in message
-    assert "--sfm" in message
-    assert inspect_capture(tmp_path, sfm=True).format == "sfm"
+    assert "--cameras estimate" in message
+    assert inspect_capture(tmp_path, cameras="estimate").format == "sfm"
 
 
 def test_other_files_are_not_taken_for_cameras(tmp_path: Path) -> None:
@@ -333,10 +358,10 @@ def test_other_files_are_not_taken_for_cameras(tmp_path: Path) -> None:
     (tmp_path / "lens.xml").write_text("<lens/>")
     (tmp_path / "reconstruction.json").mkdir()
     os.mkfifo(tmp_path / "pipe.out")
-    assert "no cameras (COLMAP model or transforms.json)" in refused(tmp_path)
+    assert "no cameras (COLMAP model or transforms.json)" in refused(tmp_path, "given")
 
 
 def test_one_photograph_is_too_few_for_sfm(tmp_path: Path) -> None:
     save_images(tmp_path, shots(1))
     with pytest.raises(InputError, match="only one photograph"):
-        inspect_capture(tmp_path, sfm=True)
+        inspect_capture(tmp_path, cameras="estimate")

@@ -36,7 +36,7 @@ def test_photographs_that_do_not_overlap_are_refused_and_nothing_is_left(tmp_pat
     save_noise(tmp_path, 3, 128)
     before = temporary_files()
     with pytest.raises(InputError, match="no cameras could be estimated"):
-        read_capture(tmp_path, max_size=None, sfm=True)
+        read_capture(tmp_path, max_size=None, cameras="estimate")
     assert temporary_files() <= before
     assert len(list(tmp_path.iterdir())) == 3
 
@@ -55,7 +55,7 @@ def test_progress_is_reported_step_by_step(tmp_path: Path) -> None:
     save_noise(tmp_path, 2, 128)
     recorder = Recorder()
     with pytest.raises(InputError):
-        read_capture(tmp_path, max_size=None, sfm=True, reporter=recorder)
+        read_capture(tmp_path, max_size=None, cameras="estimate", reporter=recorder)
     assert recorder.stages == ["capture", "sfm-features", "sfm-matching", "sfm-mapping"]
 
 
@@ -64,7 +64,7 @@ def test_frames_without_exif_share_a_camera_and_its_one_focal_length_is_found(tm
     showroom = SHOWROOM / "images"
     for path in sorted(showroom.iterdir())[::4]:
         shutil.copy(path, tmp_path)
-    capture = read_capture(tmp_path, max_size=None, sfm=True)
+    capture = read_capture(tmp_path, max_size=None, cameras="estimate")
     assert len(capture.views) == 10
     assert len({view.camera for view in capture.views}) == 1
     camera = capture.views[0].camera
@@ -78,7 +78,7 @@ def test_photographs_of_a_telephone_held_upright_are_upright(tmp_path: Path, ori
     for path in sorted((SHOWROOM / "images").iterdir())[::4]:
         stored = np.rot90(read_pixels(path)[0], turns)
         save(tmp_path / path.name, np.ascontiguousarray(stored), Orientation=orientation)
-    capture = read_capture(tmp_path, max_size=None, sfm=True)
+    capture = read_capture(tmp_path, max_size=None, cameras="estimate")
     assert {warning.name for warning in capture.warnings} >= {"exif-rotated"}
     for view in capture.views:
         assert (view.camera.width, view.camera.height) == (480, 360)
@@ -127,6 +127,6 @@ def test_cancelling_stops_at_the_next_picture_and_leaves_nothing(tmp_path: Path)
     save_noise(tmp_path, 12, 1000)
     before, reporter = temporary_files(), Impatient()
     with pytest.raises(Cancelled):
-        read_capture(tmp_path, max_size=None, sfm=True, reporter=reporter)
+        read_capture(tmp_path, max_size=None, cameras="estimate", reporter=reporter)
     assert reporter.asked == 1
     assert temporary_files() <= before

@@ -37,10 +37,10 @@ def test_thumbnails_keep_the_aspect_and_the_colours(tmp_path):
     assert abs(pictures[0].astype(int) - pictures[1]).mean() > 1.0
 
 
-def test_photographs_without_cameras_need_sfm(tmp_path):
+def test_photographs_without_cameras_have_thumbnails_unless_given_ones_are_wanted(tmp_path):
     with pytest.raises(InputError, match="no cameras"):
-        write_thumbnails(SHOWROOM / "images", tmp_path, count=1, size=64)
-    assert len(write_thumbnails(SHOWROOM / "images", tmp_path, count=1, size=64, sfm=True)) == 1
+        write_thumbnails(SHOWROOM / "images", tmp_path, count=1, size=64, cameras="given")
+    assert len(write_thumbnails(SHOWROOM / "images", tmp_path, count=1, size=64)) == 1
 
 
 def test_the_worker_summarises_a_capture_and_shows_it(tmp_path):

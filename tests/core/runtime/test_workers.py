@@ -110,6 +110,6 @@ def test_a_library_that_crashes_at_the_end_does_not_spoil_the_result(tmp_path):
         runpy.run_path({str(WORKER)!r}, run_name="__main__")
     """
     command = [sys.executable, "-c", textwrap.dedent(program)]
-    job = Job(command, {"job": "inspect-all", "captures": [{"capture": str(tmp_path), "sfm": False}]})
+    job = Job(command, {"job": "inspect-all", "captures": [{"capture": str(tmp_path), "cameras": "auto"}]})
     assert [event["event"] for event in job.events()][-1] == "result"
     assert job.wait() == 0
