@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -115,7 +116,7 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
     probes: list[Followed] = []
     lights: list[Tensor] = []
     follower, next_probe, next_light, transfer, time, start = Follower(), 0.0, 0.0, "", 0.0, 0.0
-    with _opened(path) as (container, stream):
+    with _opened(path) as (container, stream), _one_thread():
         stated = _stated_seconds(container, stream)
         for number, frame in enumerate(_frames(container, stream, path)):
             if number < _INTERLACED_FRAMES and frame.interlaced_frame:
@@ -192,6 +193,17 @@ def extract(
             written.append(_write(frame, waiting.pop(0), folder, white))
             progress(len(written) / len(chosen))
     return written
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """What is computed for one small picture is over before more threads have begun; the decoder needs them."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _write(frame: Any, chosen: Frame, folder: Path, white: float) -> tuple[str, float]:

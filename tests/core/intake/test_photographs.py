@@ -1,0 +1,247 @@
+"""HEIC, AVIF and raw photographs, and ICC profiles, have the colours that a reference conversion gives."""
+
+from __future__ import annotations
+
+import io
+import shutil
+from pathlib import Path
+
+import colour
+import numpy as np
+import pillow_heif
+import pytest
+from PIL import Image, ImageOps
+from scipy.ndimage import gaussian_filter
+
+from cvdgs.core.capture.images import read_header, read_pixels
+from cvdgs.core.color.profiles import DISPLAY_P3
+from cvdgs.core.errors import InputError
+from cvdgs.core.intake.heif import read_heif_header
+from cvdgs.core.intake.material import find_material, make_photographs
+from cvdgs.core.intake.raw import Development
+from cvdgs.core.runtime.protocol import Reporter
+
+from .dng import write_dng
+
+DATA = Path(__file__).parents[4] / "shared" / "data" / "heic"
+RNG = np.random.default_rng(1)
+P3_TO_SRGB = colour.matrix_RGB_to_RGB(
+    colour.RGB_COLOURSPACES["Display P3"], colour.RGB_COLOURSPACES["sRGB"], chromatic_adaptation_transform=None
+)
+
+
+def soft_picture(height: int = 96, width: int = 128) -> np.ndarray:
+    """(H, W, 3) uint8 of saturated, smooth colours, which compression keeps."""
+    noise = gaussian_filter(RNG.random((height, width, 3)), (8, 8, 0))
+    noise = (noise - noise.min((0, 1))) / np.ptp(noise, (0, 1))
+    return (noise * 255).astype(np.uint8)
+
+
+def p3_to_srgb(pixels: np.ndarray) -> np.ndarray:
+    """Display P3 in 8 bits to sRGB in [0, 1], clipped."""
+    light = colour.models.eotf_sRGB(pixels / 255.0) @ P3_TO_SRGB.T
+    return colour.models.eotf_inverse_sRGB(np.clip(light, 0.0, 1.0))
+
+
+def delta_e(first: np.ndarray, second: np.ndarray) -> float:
+    labs = [colour.XYZ_to_Lab(colour.sRGB_to_XYZ(values)) for values in (first, second)]
+    return float(colour.delta_E(*labs, method="CIE 2000").mean())
+
+
+def save(path: Path, pixels: np.ndarray, profile: bytes | None = DISPLAY_P3, **options: object) -> Path:
+    picture = Image.fromarray(pixels)
+    if path.suffix == ".heic":
+        file = pillow_heif.from_pillow(picture)
+        file.info["icc_profile"] = profile or b""
+        file.save(path, quality=-1, chroma=444, **options)
+    else:
+        picture.save(path, icc_profile=profile, **({"quality": 100, "subsampling": "4:4:4"} | options))
+    return path
+
+
+@pytest.mark.parametrize("name", ["x.heic", "x.avif", "x.jpg", "x.png", "x.webp", "x.tif"])
+def test_display_p3_becomes_srgb_whatever_the_format(tmp_path: Path, name: str) -> None:
+    pixels = soft_picture()
+    options = {} if name[-4:] in ("heic", "avif", ".jpg") else {"subsampling": None}
+    if name.endswith((".png", ".webp", ".tif")):
+        Image.fromarray(pixels).save(tmp_path / name, icc_profile=DISPLAY_P3, lossless=True)
+    else:
+        save(tmp_path / name, pixels, **options)
+    color, alpha = read_pixels(tmp_path / name)
+    assert alpha is None
+    assert delta_e(color / 255.0, p3_to_srgb(pixels)) < 1.0
+    assert delta_e(pixels / 255.0, p3_to_srgb(pixels)) > 1.5  # what is lost where the profile is not looked at
+
+
+def test_a_matrix_profile_of_any_space_is_converted(tmp_path: Path) -> None:
+    """Adobe RGB (1998), by an ICC profile that Little CMS never saw before."""
+    space = colour.RGB_COLOURSPACES["Adobe RGB (1998)"]
+    to_srgb = colour.matrix_RGB_to_RGB(space, colour.RGB_COLOURSPACES["sRGB"], chromatic_adaptation_transform=None)
+    pixels = soft_picture()
+    light = (pixels / 255.0) ** 2.19921875 @ to_srgb.T
+    expected = colour.models.eotf_inverse_sRGB(np.clip(light, 0, 1))
+    profile = _matrix_profile(space, 2.19921875)
+    Image.fromarray(pixels).save(tmp_path / "x.png", icc_profile=profile)
+    assert delta_e(read_pixels(tmp_path / "x.png")[0] / 255.0, expected) < 1.0
+    assert not read_header(tmp_path / "x.png").is_foreign
+
+
+def _matrix_profile(space: colour.RGB_Colourspace, gamma: float) -> bytes:
+    import struct
+
+    adaptation = colour.adaptation.matrix_chromatic_adaptation_VonKries(
+        colour.xy_to_XYZ(space.whitepoint), np.array([0.9642, 1.0, 0.8249]), "Bradford"
+    )
+    columns = (adaptation @ space.matrix_RGB_to_XYZ).T
+    xyz = [b"XYZ \0\0\0\0" + struct.pack(">iii", *(round(v * 65536) for v in column)) for column in columns]
+    curve = b"curv\0\0\0\0" + struct.pack(">IH", 1, round(gamma * 256)) + b"\0\0"
+    white = b"XYZ \0\0\0\0" + struct.pack(">iii", 63190, 65536, 54061)
+    text = b"text\0\0\0\0test\0\0\0\0"
+    description = b"desc\0\0\0\0" + struct.pack(">I", 6) + b"Adobe\0" + bytes(78)
+    names = (b"wtpt", b"rXYZ", b"gXYZ", b"bXYZ", b"rTRC", b"gTRC", b"bTRC", b"cprt", b"desc")
+    tags = dict(zip(names, (white, *xyz, curve, curve, curve, text, description), strict=True))
+    table, data, at = b"", b"", 132 + 12 * len(tags)
+    for name, content in tags.items():
+        table += name + struct.pack(">II", at + len(data), len(content))
+        data += content + bytes(-len(content) % 4)
+    head = struct.pack(">I", at + len(data)) + bytes(4) + b"\x02\x20\0\0mntrRGB XYZ " + bytes(12) + b"acsp"
+    head = (head + bytes(28) + struct.pack(">iii", 63190, 65536, 54061)).ljust(128, b"\0")
+    return head + struct.pack(">I", len(tags)) + table + data
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason="needs the photographs of telephones")
+@pytest.mark.parametrize("name", ["arrow_iphone8plus.heic", "pug_iphone13pro.heic", "tulips_iphone13promax.HEIC"])
+def test_photographs_of_telephones_have_the_colours_of_the_reference(tmp_path: Path, name: str) -> None:
+    """All the way to what the pipeline reads: decoded, converted, written as JPEG, read again."""
+    (tmp_path / "in").mkdir()
+    shutil.copyfile(DATA / name, tmp_path / "in" / name)
+    (tmp_path / "out").mkdir()
+    made = make_photographs(find_material(tmp_path / "in"), tmp_path / "out", Reporter())
+    color, _ = read_pixels(made.folder / made.names[0], upright=True)
+    source = pillow_heif.open_heif(DATA / name)
+    decoded = np.asarray(source.to_pillow().convert("RGB"))
+    assert color.shape == decoded.shape
+    step = 7
+    assert delta_e(color[::step, ::step] / 255.0, p3_to_srgb(decoded[::step, ::step])) < 1.0
+    header = read_header(made.folder / made.names[0])
+    assert header.orientation == 1
+    assert "Apple" in header.taken_with
+    assert header.taken_with == read_header(DATA / name).taken_with
+    gain_maps = [warning for warning in made.warnings if warning.name == "gain-map"]
+    assert bool(gain_maps) == name.startswith("pug")
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
+@pytest.mark.parametrize("ending", ["heic", "avif"])
+def test_orientation_is_applied_once(tmp_path: Path, ending: str, orientation: int) -> None:
+    pixels = soft_picture()
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    upright = ImageOps.exif_transpose(_with(Image.fromarray(pixels), exif))
+    path = tmp_path / f"x.{ending}"
+    if ending == "heic":
+        file = pillow_heif.from_pillow(Image.fromarray(pixels))
+        file.info["exif"] = exif.tobytes()  # for which it writes irot; what reads the file has to ignore one of them
+        file.save(path, quality=-1, chroma=444)
+    else:
+        Image.fromarray(pixels).save(path, quality=100, subsampling="4:4:4", exif=exif.tobytes())
+    for is_upright in (True, False):
+        color, _ = read_pixels(path, upright=is_upright)
+        assert color.shape == np.asarray(upright).shape
+        assert np.abs(color.astype(int) - np.asarray(upright)).mean() < 3.0
+    header = read_header(path)
+    assert header.orientation == 1
+    assert (header.width, header.height) == upright.size
+
+
+def _with(picture: Image.Image, exif: Image.Exif) -> Image.Image:
+    file = io.BytesIO()
+    picture.save(file, "PNG", exif=exif)
+    return Image.open(file)
+
+
+def test_a_heic_that_was_renamed_is_read(tmp_path: Path) -> None:
+    save(tmp_path / "x.heic", soft_picture()).rename(tmp_path / "x.jpg")
+    assert read_pixels(tmp_path / "x.jpg")[0].shape == (96, 128, 3)
+
+
+def srgb_of(xyz: np.ndarray) -> np.ndarray:
+    return np.clip(colour.XYZ_to_sRGB(xyz), 0, 1)
+
+
+def xyz_picture() -> np.ndarray:
+    return colour.sRGB_to_XYZ(0.1 + 0.6 * soft_picture() / 255.0)
+
+
+def test_a_raw_file_has_the_colours_of_the_light_up_to_its_exposure(tmp_path: Path) -> None:
+    xyz = xyz_picture()
+    color = read_pixels(write_dng(tmp_path / "x.dng", xyz, exposure=0.5))[0] / 255.0
+    wanted = srgb_of(xyz)
+    light, wanted_light = colour.models.eotf_sRGB(color), colour.models.eotf_sRGB(wanted)
+    gain = np.median(wanted_light / np.maximum(light, 1e-3))
+    inner = np.s_[8:-8, 8:-8]
+    assert delta_e(colour.models.eotf_inverse_sRGB(np.clip(light * gain, 0, 1))[inner], wanted[inner]) < 1.0
+
+
+def test_raw_files_of_a_capture_are_developed_alike(tmp_path: Path) -> None:
+    """A camera that changes its mind on white from photograph to photograph does not change a thread's colour."""
+    xyz = xyz_picture()
+    paths = [write_dng(tmp_path / f"{n}.dng", xyz, balance=balance) for n, balance in enumerate((0.8, 1.0, 1.2))]
+    common = Development.common(paths)
+    alike = [read_pixels(path, development=common)[0] / 255.0 for path in paths]
+    each = [read_pixels(path)[0] / 255.0 for path in paths]
+    assert delta_e(alike[0], alike[2]) < 0.1
+    assert delta_e(each[0], each[2]) > 3.0
+
+
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_a_raw_file_is_upright_once(tmp_path: Path, orientation: int) -> None:
+    xyz = xyz_picture()
+    plain = read_pixels(write_dng(tmp_path / "plain.dng", xyz))[0]
+    turned = read_pixels(write_dng(tmp_path / "turned.dng", xyz, orientation=orientation), upright=True)[0]
+    expected = np.rot90(plain, {3: 2, 6: 3, 8: 1}[orientation])
+    assert turned.shape == expected.shape
+    assert np.abs(turned.astype(int) - expected).mean() < 2.0
+    header = read_header(tmp_path / "turned.dng")
+    assert header.upright_size == (turned.shape[1], turned.shape[0])
+
+
+def heic_with_size(path: Path, width: int, height: int) -> Path:
+    """A HEIC that states another size than it has, in all its ispe boxes."""
+    import struct
+
+    data = save(path, soft_picture()).read_bytes()
+    at = data.index(b"ispe")
+    path.write_bytes(data[: at + 8] + struct.pack(">II", width, height) + data[at + 16 :])
+    return path
+
+
+@pytest.mark.parametrize("size", [(60_000, 60_000), (30_000, 30_000), (20_000, 100)])
+def test_a_bomb_of_tiles_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
+    with pytest.raises(InputError):
+        read_pixels(heic_with_size(tmp_path / "x.heic", *size))
+
+
+@pytest.mark.parametrize("name", ["x.heic", "x.avif", "x.dng"])
+@pytest.mark.parametrize("keep", [0.05, 0.3, 0.8])
+def test_photographs_that_are_cut_are_refused(tmp_path: Path, name: str, keep: float) -> None:
+    path = tmp_path / name
+    write_dng(path, xyz_picture()) if name.endswith("dng") else save(path, soft_picture())
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * keep)])
+    with pytest.raises(InputError):
+        read_pixels(path)
+
+
+def test_a_raw_file_of_an_unknown_camera_is_refused(tmp_path: Path) -> None:
+    Image.fromarray(soft_picture()).save(tmp_path / "x.tif")
+    (tmp_path / "x.tif").rename(tmp_path / "x.nef")
+    with pytest.raises(InputError, match="convert it to DNG"):
+        read_header(tmp_path / "x.nef")
+
+
+def test_the_header_of_a_telephones_photograph_tells_of_its_gain_map() -> None:
+    if not DATA.is_dir():
+        pytest.skip("needs the photographs of telephones")
+    assert read_heif_header(DATA / "pug_iphone13pro.heic", "heif").gain_map
+    assert not read_heif_header(DATA / "arrow_iphone8plus.heic", "heif").gain_map

@@ -1,0 +1,213 @@
+"""Video files as telephones make them, and as nobody wants them."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from PIL import Image
+
+from cvdgs.core.capture.reader import inspect_capture, write_thumbnails
+from cvdgs.core.errors import InputError
+from cvdgs.core.intake.selection import choose
+from cvdgs.core.intake.video import extract, look_through, read_video_header
+
+from .films import HEIGHT, RATE, WIDTH, wall, window, write_video
+from .test_archive import write_zip
+
+WALL = wall()
+WALK = [window(WALL, 50 + 4 * step) for step in range(RATE * 2)]
+
+
+def refused(path: Path) -> str:
+    with pytest.raises(InputError) as error:
+        inspect_capture(path)
+        look_through(path)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def first_picture(path: Path, folder: Path) -> np.ndarray:
+    look = look_through(path)
+    extract(look, look.film.frames[:1], folder, look.white)
+    return np.asarray(Image.open(folder / "000000.jpg"))
+
+
+def turned(data: bytes, matrix: tuple[int, ...]) -> bytes:
+    """An MP4 with another matrix in its track's header (ISO/IEC 14496-12, 8.3.2), as a telephone writes it."""
+    at = data.index(b"tkhd") + 4 + 40
+    return data[:at] + struct.pack(">9i", *matrix) + data[at + 36 :]
+
+
+@pytest.mark.parametrize(
+    ("matrix", "turns"),
+    [
+        ((0, 1 << 16, 0, -(1 << 16), 0, 0, HEIGHT << 16, 0, 1 << 30), 3),  # 90° clockwise, as upright telephones
+        ((-(1 << 16), 0, 0, 0, -(1 << 16), 0, WIDTH << 16, HEIGHT << 16, 1 << 30), 2),
+        ((0, -(1 << 16), 0, 1 << 16, 0, 0, 0, WIDTH << 16, 1 << 30), 1),
+    ],
+    ids=["clockwise", "upside-down", "anticlockwise"],
+)
+def test_rotation_is_applied(tmp_path: Path, matrix: tuple[int, ...], turns: int) -> None:
+    path = write_video(tmp_path / "x.mp4", WALK)
+    plain = first_picture(path, tmp_path / "plain")
+    path.write_bytes(turned(path.read_bytes(), matrix))
+    picture = first_picture(path, tmp_path / "turned")
+    assert picture.shape == np.rot90(plain, turns).shape
+    assert np.abs(picture.astype(int) - np.rot90(plain, turns)).mean() < 2.0
+    header = read_video_header(path)
+    assert (header.width, header.height) == (picture.shape[1], picture.shape[0])
+
+
+def test_a_variable_frame_rate_keeps_its_times(tmp_path: Path) -> None:
+    gaps = np.random.default_rng(0).integers(10, 60, len(WALK))
+    times = [int(value) for value in np.cumsum(gaps)]
+    look = look_through(write_video(tmp_path / "x.mkv", WALK, times=times))
+    found = np.array([frame.time for frame in look.film.frames])
+    assert np.abs((found - found[0]) - (np.array(times) - times[0]) / 600.0).max() < 0.002
+
+
+def test_sound_is_not_looked_at_and_sound_alone_is_refused(tmp_path: Path) -> None:
+    with av.open(str(tmp_path / "sound.mp4"), "w") as container:
+        stream = container.add_stream("aac", rate=48000)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 4800), np.float32), format="fltp", layout="mono")
+        frame.sample_rate = 48000
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    assert "no pictures" in refused(tmp_path / "sound.mp4")
+
+
+def cut(data: bytes) -> bytes:
+    return data[: len(data) // 2]
+
+
+def test_a_video_that_is_cut_before_its_index_is_refused(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "x.mp4", WALK)
+    path.write_bytes(cut(path.read_bytes()))
+    assert "damaged, cut short" in refused(path)
+
+
+def test_of_a_video_that_is_cut_behind_its_index_the_part_that_is_there_is_used(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "x.mp4", WALK * 3, container_options={"movflags": "faststart"})
+    path.write_bytes(cut(path.read_bytes()))
+    look = look_through(path)
+    assert look.cut_at is not None
+    assert 0.5 < look.cut_at < 5.0
+    (chosen,) = choose([look.film])
+    assert len(extract(look, chosen, tmp_path / "out", look.white)) == len(chosen) >= 2
+
+
+def interlaced(path: Path) -> Path:
+    def configure(stream: av.VideoStream) -> None:
+        stream.options = {"flags": "+ildct+ilme", "top": "1"}
+
+    def prepare(frame: av.VideoFrame) -> None:
+        pass
+
+    return write_video(path, WALK, codec="mpeg2video", configure=configure, prepare=prepare, rate=25)
+
+
+def test_an_interlaced_video_is_refused(tmp_path: Path) -> None:
+    assert "interlaced" in refused(interlaced(tmp_path / "x.ts"))
+
+
+def big(path: Path) -> Path:
+    return write_video(path, [np.zeros((4320, 7680, 3), np.uint8)] * 2, codec="mpeg4")
+
+
+def test_8k_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
+    message = refused(big(tmp_path / "x.mp4"))
+    assert "7680 x 4320" in message
+    assert "as 4K or smaller" in message
+
+
+def still_as_video(path: Path) -> Path:
+    Image.fromarray(WALK[0]).save(path, "JPEG")
+    return path
+
+
+def one_frame(path: Path) -> Path:
+    return write_video(path, WALK[:1])
+
+
+def empty(path: Path) -> Path:
+    path.write_bytes(b"")
+    return path
+
+
+def text(path: Path) -> Path:
+    path.write_text("#EXTM3U\n#EXTINF:1,\nfile:///etc/passwd\n")
+    return path
+
+
+def encrypted(path: Path) -> Path:
+    options = {
+        "encryption_scheme": "cenc-aes-ctr",
+        "encryption_key": "76a6c65c5ea762046bd749a2e632ccbb",
+        "encryption_kid": "a7e61c373e219033c21091fa607bf3b8",
+    }
+    return write_video(path, WALK, container_options=options)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (still_as_video, "is a photograph, not a video"),
+        (one_frame, "no frames"),
+        (empty, "empty"),
+        (text, "not read"),
+        (encrypted, "encrypted"),
+    ],
+)
+def test_what_is_no_usable_video_is_refused_in_one_line(
+    tmp_path: Path, make: Callable[[Path], Path], words: str
+) -> None:
+    assert words in refused(make(tmp_path / "x.mp4"))
+
+
+def test_a_video_with_a_photographs_name_is_refused(tmp_path: Path) -> None:
+    for name in ("1.jpg", "2.jpg"):
+        write_video(tmp_path / "x.mp4", WALK).rename(tmp_path / name)
+    assert "cannot be opened" in refused(tmp_path)
+
+
+def test_a_video_a_folder_of_them_and_a_zip_are_captures(tmp_path: Path) -> None:
+    (tmp_path / "rooms").mkdir()
+    first = write_video(tmp_path / "rooms" / "a.mp4", WALK)
+    write_video(tmp_path / "rooms" / "b.mov", WALK)
+    Image.fromarray(WALK[0]).save(tmp_path / "rooms" / "c.jpg")
+    archive = write_zip(tmp_path / "x.zip", {f"r/{file.name}": file.read_bytes() for file in first.parent.iterdir()})
+    for path, photographs, videos in ((first, 0, 1), (tmp_path / "rooms", 1, 2), (archive, 1, 2)):
+        found = inspect_capture(path)
+        assert (found.format, found.views, found.videos) == ("sfm", photographs, videos)
+        assert found.seconds == pytest.approx(2.0 * videos, abs=0.3)
+        assert found.source == path
+        assert len(write_thumbnails(path, tmp_path / "small", count=3, size=64)) == 3
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_length_of_a_video(tmp_path: Path) -> None:
+    """Ten minutes of 4K in small: the same number of frames, whose size counts once."""
+    script = """
+import resource, sys
+from pathlib import Path
+from cvdgs.core.intake.video import look_through, extract
+from cvdgs.core.intake.selection import choose
+look = look_through(Path(sys.argv[1]))
+(chosen,) = choose([look.film])
+extract(look, chosen, Path(sys.argv[2]), look.white)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+    peaks = []
+    for seconds in (20, 300):
+        walk = (window(WALL, 50 + (4 * step) % 500) for step in range(RATE * seconds))
+        path = write_video(tmp_path / f"{seconds}.mp4", list(walk))
+        command = [sys.executable, "-c", script, str(path), str(tmp_path / str(seconds))]
+        peaks.append(int(subprocess.run(command, capture_output=True, text=True, check=True).stdout))
+    assert peaks[1] - peaks[0] < 60_000
