@@ -37,6 +37,7 @@ BPY52_REQUIREMENTS = bootstrap.ROOT / "requirements-bpy52.txt"
 FUZZ_REQUIREMENTS = bootstrap.ROOT / "requirements-fuzz.txt"
 DEVELOPMENT_EXTRAS = ("blender", "test", "lint")
 FUZZ_EXTRA = "fuzz"
+WORKER_EXTRAS = ("photographs", "video")  # so that what a telephone gives is read without a further step
 LISTS = (REQUIREMENTS, TORCH_REQUIREMENTS, CUDA_REQUIREMENTS, DEVELOPMENT_REQUIREMENTS, FUZZ_REQUIREMENTS)
 BUILD = ["setuptools>=77"]  # pyproject.toml's build-system, which is not fetched when the package itself is installed
 # What the add-on's tests need; their worker is another environment's.
@@ -140,7 +141,7 @@ def lock_all(*, upgrade: bool) -> None:
     bpy52 = resolve_addon_tests(BPY52, (3, 13), () if upgrade else (BPY52_REQUIREMENTS,))
     everything = resolve(project, DEVELOPMENT_EXTRAS, keep)
     fuzz = without(resolve(project, (*DEVELOPMENT_EXTRAS, FUZZ_EXTRA), keep), everything)
-    worker = without(everything, without(everything, resolve(project, keep=keep)))
+    worker = without(everything, without(everything, resolve(project, WORKER_EXTRAS, keep)))
     cuda = {requirement: entry for requirement, entry in worker.items() if _CUDA.match(requirement)}
     torch = {requirement: entry for requirement, entry in worker.items() if requirement.startswith("torch==")}
     require_other_builds(torch)

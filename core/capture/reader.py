@@ -109,7 +109,8 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter) -> Iterator[So
         return
     material = material_without_cameras(folder, cameras)
     _sizes(material)  # refuses what should not be decoded, before anything does
-    reporter.status(STAGE, f"no cameras are given: estimating those of {describe(material)}")
+    if cameras == AUTO:
+        reporter.warning("cameras-estimated", f"no cameras are given; those of {describe(material)} are estimated")
     with tempfile.TemporaryDirectory(prefix="cvdgs-sfm-") as temporary:
         workspace, extracted = Path(temporary, "estimation"), Path(temporary, "photographs")
         workspace.mkdir()
@@ -187,7 +188,7 @@ def read_cameras(
     if not is_there(path):
         raise InputError("no such file or folder", where=path, remedy="check the path and its permissions")
     if not is_folder(path):
-        if kind_of_file(path) == "video":
+        if is_file(path) and kind_of_file(path) == "video":
             return None
         raise InputError("not a capture", where=path, remedy="give a video, a zip or the folder with the photographs")
     transforms_file = find_transforms(path)
@@ -204,8 +205,8 @@ def material_without_cameras(path: Path, cameras: str) -> Material:
     """The photographs and videos whose cameras are to be estimated.
 
     Raises:
-        InputError: as `find_material`; or there are too few or too many, cameras of another program beside them, or only `given`
-            ones are wanted.
+        InputError: as `find_material`; or there are too few or too many, cameras of another program beside them, or
+            only given ones are wanted.
     """
     material = find_material(path)
     count = describe(material)

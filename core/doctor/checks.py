@@ -172,6 +172,9 @@ def _graphics_card() -> Finding:
 
 
 OPTIONAL = {
+    "av": ("av", "videos"),
+    "pillow_heif": ("pillow-heif", "HEIC photographs"),
+    "rawpy": ("rawpy", "raw photographs"),
     "distributed": ("distributed", "batches with --cluster"),
     "openjd.cli": ("openjd-cli", "running what --export openjd writes"),
     "pxr": ("usd-core", "convert.py to .usd"),

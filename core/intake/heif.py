@@ -20,6 +20,7 @@ _P3_PRIMARIES = 12  # ITU-T H.273
 # Whatever goes wrong in a decoder that is given a damaged file.
 _DAMAGE: tuple[type[Exception], ...] = (
     *(OSError, ValueError, SyntaxError, RuntimeError, EOFError, IndexError, KeyError, TypeError),
+    ZeroDivisionError,
     Image.DecompressionBombError,
 )
 
@@ -111,6 +112,6 @@ def taken_with(exif: bytes) -> str:
         tags.load(exif)
         focal = tags.get_ifd(0x8769).get(0x920A)
         parts = [str(tags.get(0x010F, "")), str(tags.get(0x0110, "")), f"{float(focal):g} mm" if focal else ""]
-    except (*_DAMAGE, ZeroDivisionError):
+    except _DAMAGE:  # a division by zero among them: lenses state 0/0 mm
         return ""
     return " ".join(part.strip("\0 ") for part in parts if part.strip("\0 "))

@@ -123,8 +123,8 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter) ->
     made = Photographs(workspace, [])
     frames = _extract_frames(material, made, reporter)
     _convert_photographs(material, kinds, made, reporter)
-    made.names.extend(frame["name"] for frame in frames)
-    if len(made.names) < MIN_VIEWS:
+    made.names.extend(str(frame["name"]) for frame in frames)
+    if material.videos and len(made.names) < MIN_VIEWS:
         what = "the video hardly moves; only one of its frames shows something of its own"
         raise InputError(what, where=material.folder / material.videos[0], remedy="walk around the scene while filming")
     text = json.dumps({"frames": frames}, indent=1, allow_nan=False)

@@ -41,6 +41,7 @@ PACKAGES = {
     "scipy": "scipy",
     "zstandard": "zstandard",
     "jinja2": "Jinja2",
+    "PIL": "Pillow",
 }
 """Module to distribution: what the worker imports (pyproject.toml), in the order in which a user would miss it."""
 

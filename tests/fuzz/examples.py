@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zipfile
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -10,11 +11,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import OpenImageIO as oiio
+import pillow_heif
 import pycolmap
+from PIL import Image
 
 from cvdgs.core.batch.records import fingerprint
 from cvdgs.core.batch.task import Task
 from cvdgs.core.capture.points import write_point_cloud
+from cvdgs.core.color.profiles import DISPLAY_P3
 from cvdgs.core.photographs.front import EnhanceRequest
 from cvdgs.core.runtime.protocol import JsonReporter
 from cvdgs.core.settings import Settings
@@ -23,6 +27,9 @@ from cvdgs.core.splats.io.gltf import write_glb
 from cvdgs.core.splats.io.ply import write_ply
 from cvdgs.core.splats.io.splat_file import write_splat
 from cvdgs.core.splats.io.spz import write_spz
+
+from ..core.intake.dng import write_dng
+from ..core.intake.films import wall, write_video
 
 NAMES = ("a.png", "b.png", "c.png")
 SIDE = 20  # pixels of a picture
@@ -124,6 +131,45 @@ def write_picture(path: Path) -> None:
     assert file.close()
 
 
+def photograph(suffix: str) -> bytes:
+    """A small photograph as telephones and cameras write them."""
+
+    def write(path: Path) -> None:
+        y, x = np.mgrid[:SIDE, :SIDE] / SIDE
+        colors = np.stack([x, y, 0.5 + 0.3 * x * y], -1)
+        if suffix == ".dng":
+            write_dng(path, colors)
+        elif suffix == ".heic":
+            file = pillow_heif.from_pillow(Image.fromarray((colors * 255).astype(np.uint8)))
+            file.info["icc_profile"] = DISPLAY_P3
+            file.save(path)
+        else:
+            Image.fromarray((colors * 255).astype(np.uint8)).save(path, icc_profile=DISPLAY_P3)
+
+    return written(f"p{suffix}", write)
+
+
+def videos() -> list[bytes]:
+    """A few frames, with the index at the file's end and at its beginning."""
+    pixels = [np.roll(wall(side=96)[:64, :96], 5 * step, axis=1) for step in range(6)]
+    options = ({}, {"movflags": "faststart"})
+    return [
+        written("v.mp4", lambda path, chosen=chosen: write_video(path, pixels, container_options=chosen))
+        for chosen in options
+    ]
+
+
+def archives() -> list[bytes]:
+    """A zip with a folder, a photograph and a camera file."""
+
+    def write(path: Path) -> None:
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("room/images/1.png", picture(".png"))
+            archive.writestr("room/transforms.json", b"{}")
+
+    return [written("z.zip", write)]
+
+
 def weights() -> list[bytes]:
     from cvdgs.core.enhance.gan.networks import Generator, GeneratorConfig
     from cvdgs.core.enhance.gan.weights import save_generator
@@ -173,7 +219,7 @@ train = { device = "cpu", cameras = "given" }
 
 def requests() -> list[bytes]:
     sent = [
-        {"job": "inspect", "capture": "c", "cameras": "estimate", "thumbnails": {"folder": "d", "count": 3, "size": 64}},
+        {"job": "inspect", "capture": "c", "cameras": "given", "thumbnails": {"folder": "d", "count": 3, "size": 64}},
         {"job": "inspect-all", "captures": [{"capture": "c", "cameras": "auto"}]},
         {"job": "run", "settings": Settings("c", "o").to_dict(), "folder": "d", "previews": True},
         {"job": "enhance", "request": EnhanceRequest(("a.png",), "o").to_dict(), "folder": "d"},

@@ -25,8 +25,12 @@ from cvdgs.core.capture.images import MAX_SIDE, read_header, read_pixels
 from cvdgs.core.capture.points import read_point_cloud
 from cvdgs.core.capture.source import SourceModel
 from cvdgs.core.capture.transforms import read_transforms
+from cvdgs.core.color.profiles import DISPLAY_P3, can_convert, convert_to_srgb
 from cvdgs.core.errors import MOST_CHARACTERS, InputError
 from cvdgs.core.files.untrusted import parse_json
+from cvdgs.core.intake.archive import unpack
+from cvdgs.core.intake.selection import choose
+from cvdgs.core.intake.video import extract, look_through
 from cvdgs.core.photographs.front import EnhanceRequest, earlier_files
 from cvdgs.core.runs.report import check_finished_run, check_report, report_or_nothing
 from cvdgs.core.runtime.progress import RunProgress, format_seconds
@@ -162,6 +166,34 @@ def _picture(suffix: str) -> Target:
     return Target(f"image{suffix}", read, lambda: [examples.picture(suffix)])
 
 
+def _photograph(suffix: str) -> Target:
+    return Target(f"image{suffix}", _picture(suffix).read, lambda: [examples.photograph(suffix)])
+
+
+def _read_video(data: bytes) -> None:
+    look = look_through(_file("film.mp4", data))
+    assert all(np.isfinite(frame.time) for frame in look.film.frames)
+    (chosen,) = choose([look.film])
+    extract(look, chosen[:3], Path(_folder().name, "frames"), look.white)
+
+
+def _read_zip(data: bytes) -> None:
+    with tempfile.TemporaryDirectory(dir=_folder().name) as inside:
+        folder = Path(inside, "a", "b")
+        folder.mkdir(parents=True)
+        try:
+            unpack(_file("capture.zip", data), folder)
+        finally:
+            assert os.listdir(inside) == ["a"]
+            assert os.listdir(Path(inside, "a")) == ["b"]
+            assert not any(path.is_symlink() for path in folder.rglob("*"))
+
+
+def _read_profile(data: bytes) -> None:
+    color = np.full((2, 2, 3), 100, np.uint8)
+    assert convert_to_srgb(color, data) == can_convert(data)
+
+
 def _read_weights(data: bytes) -> None:
     from cvdgs.core.enhance.gan.weights import load_generator
 
@@ -257,6 +289,10 @@ TARGETS: tuple[Target, ...] = (
     _gaussians(".splat", examples.splats),
     _gaussians(".glb", examples.glbs),
     *(_picture(suffix) for suffix in (".png", ".jpg", ".tif", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm")),
+    *(_photograph(suffix) for suffix in (".heic", ".avif", ".dng")),
+    Target("video.mp4", _read_video, examples.videos),
+    Target("capture.zip", _read_zip, examples.archives),
+    Target("profile.icc", _read_profile, lambda: [DISPLAY_P3]),
     Target("weights.safetensors", _read_weights, examples.weights),
     Target("lut.safetensors", _read_lut, examples.luts),
     Target("batch.toml", _read_batch, lambda: [examples.BATCH]),

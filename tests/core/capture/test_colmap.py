@@ -86,7 +86,7 @@ def test_models_behind_links_are_not_looked_for(tmp_path: Path) -> None:
     save_images(tmp_path / "capture" / "images", photographs)
     (tmp_path / "capture" / "linked").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(InputError, match="photographs but no cameras"):
-        read_capture(tmp_path / "capture", max_size=None)
+        read_capture(tmp_path / "capture", max_size=None, cameras="given")
 
 
 def test_of_captures_side_by_side_none_is_taken(tmp_path: Path) -> None:

@@ -19,7 +19,9 @@ def sensor_values(xyz: np.ndarray, exposure: float = 1.0) -> np.ndarray:
     return xyz @ XYZ_TO_SENSOR.T * exposure
 
 
-def write_dng(path: Path, xyz: np.ndarray, *, exposure: float = 0.5, orientation: int = 1, balance: float = 1.0) -> Path:
+def write_dng(
+    path: Path, xyz: np.ndarray, *, exposure: float = 0.5, orientation: int = 1, balance: float = 1.0
+) -> Path:
     """`xyz` is (H, W, 3); `balance` is what the camera errs by in its white balance's red."""
     height, width = xyz.shape[:2]
     values = sensor_values(xyz, exposure)

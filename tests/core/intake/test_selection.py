@@ -86,9 +86,7 @@ def test_a_fast_turn_has_more_frames_a_second_than_a_slow_one(tmp_path: Path) ->
 def test_of_frames_that_see_the_same_the_sharpest_is_taken(tmp_path: Path) -> None:
     walk = [window(WALL, 50 + 4 * step) for step in range(RATE * 4)]
     sharp = {number for number in range(len(walk)) if number % 3 == 1}
-    blurred = [
-        frame if number in sharp else gaussian_filter(frame, (0, 2, 0)) for number, frame in enumerate(walk)
-    ]
+    blurred = [frame if number in sharp else gaussian_filter(frame, (0, 2, 0)) for number, frame in enumerate(walk)]
     numbers = chosen_numbers(write_video(tmp_path / "x.mp4", blurred))
     assert len(numbers) >= 4
     assert len(sharp.intersection(numbers)) >= 0.8 * len(numbers)  # a third of all frames are sharp

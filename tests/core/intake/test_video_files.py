@@ -26,9 +26,12 @@ WALK = [window(WALL, 50 + 4 * step) for step in range(RATE * 2)]
 
 
 def refused(path: Path) -> str:
-    with pytest.raises(InputError) as error:
+    def use() -> None:
         inspect_capture(path)
         look_through(path)
+
+    with pytest.raises(InputError) as error:
+        use()
     assert "\n" not in str(error.value)
     return str(error.value)
 
