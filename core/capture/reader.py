@@ -17,13 +17,13 @@ from ..errors import InputError
 from ..files.images import write_png
 from ..files.untrusted import is_file, is_folder, is_there
 from ..intake.kinds import is_video, kind_of_file
-from ..intake.material import Material, describe, find_material, make_photographs, unpacked
 from ..intake.video import read_video_header, some_frames
 from ..runtime.protocol import Reporter
 from ..settings import AUTO, ESTIMATE, GIVEN
 from .colmap import find_colmap, read_colmap
 from .foreign import find_foreign_cameras
 from .images import MIN_SIDE, read_header, read_pixels
+from .material import Material, describe, find_material, make_photographs, unpacked
 from .model import MIN_VIEWS, Capture, CaptureSummary, CaptureWarning, View
 from .scaling import downscale_with_alpha, fit_size
 from .sfm import estimate_cameras
@@ -229,9 +229,9 @@ def material_without_cameras(path: Path, cameras: str) -> Material:
 
 def _read_camera_file(file: Path, capture: Path, reporter: Reporter | None, adjusted: bool) -> SourceModel:
     """The cameras in `file`, a COLMAP model's folder or a transforms.json, for the photographs in `capture`."""
-    where = {"where": "--cameras", "remedy": "give a COLMAP model's folder or a transforms.json"}
+    wanted = "give a COLMAP model's folder or a transforms.json"
     if not is_there(file):
-        raise InputError(f"{file}: no such file or folder", **where)
+        raise InputError(f"{file}: no such file or folder", where="--cameras", remedy=wanted)
     if not is_folder(capture):
         remedy = "give the folder with the photographs that the cameras were estimated from"
         raise InputError("a camera file is for photographs, not for a video", where=capture, remedy=remedy)
@@ -242,7 +242,7 @@ def _read_camera_file(file: Path, capture: Path, reporter: Reporter | None, adju
         return read_colmap(replace(found, root=capture), reporter, adjusted=adjusted)
     transforms = find_transforms(file) if is_folder(file) else None
     if transforms is None:
-        raise InputError(f"{file}: holds no cameras", **where)
+        raise InputError(f"{file}: holds no cameras", where="--cameras", remedy=wanted)
     return read_transforms(transforms, capture)
 
 

@@ -135,7 +135,8 @@ def photograph(suffix: str) -> bytes:
     """A small photograph as telephones and cameras write them."""
 
     def write(path: Path) -> None:
-        y, x = np.mgrid[:SIDE, :SIDE] / SIDE
+        side = 32  # the least that LibRaw develops
+        y, x = np.mgrid[:side, :side] / side
         colors = np.stack([x, y, 0.5 + 0.3 * x * y], -1)
         if suffix == ".dng":
             write_dng(path, colors)

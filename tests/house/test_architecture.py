@@ -27,6 +27,7 @@ FLOORS = (
     {"files"},
     {"runs", "settings"},
     {"color", "runtime"},
+    {"intake"},
     {"capture", "doctor", "enhance", "rendering"},
     {"consistency"},
     {"splats"},

@@ -14,10 +14,10 @@ from PIL import Image, ImageOps
 from scipy.ndimage import gaussian_filter
 
 from cvdgs.core.capture.images import read_header, read_pixels
+from cvdgs.core.capture.material import find_material, make_photographs
 from cvdgs.core.color.profiles import DISPLAY_P3
 from cvdgs.core.errors import InputError
 from cvdgs.core.intake.heif import read_heif_header
-from cvdgs.core.intake.material import find_material, make_photographs
 from cvdgs.core.intake.raw import Development
 from cvdgs.core.runtime.protocol import Reporter
 

@@ -14,19 +14,19 @@ from statistics import median
 
 from PIL import Image
 
-from ..capture.colmap import IMAGE_FOLDERS
-from ..capture.files import FOREIGN_EXTENSIONS, list_images, make_keys, quote_first, resolve_inside
-from ..capture.images import read_pixels
-from ..capture.model import MIN_VIEWS, CaptureWarning
 from ..errors import InputError
 from ..files.untrusted import is_file
+from ..intake.archive import unpack
+from ..intake.heif import read_heif_header
+from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file
+from ..intake.raw import Development
+from ..intake.selection import choose
+from ..intake.video import Look, extract, look_through
 from ..runtime.protocol import Reporter
-from .archive import unpack
-from .heif import read_heif_header
-from .kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file
-from .raw import Development
-from .selection import choose
-from .video import Look, extract, look_through
+from .colmap import IMAGE_FOLDERS
+from .files import FOREIGN_EXTENSIONS, list_images, make_keys, quote_first, resolve_inside
+from .images import read_pixels
+from .model import MIN_VIEWS, CaptureWarning
 
 STAGE = "capture"
 FRAMES_FILE = "frames.json"
