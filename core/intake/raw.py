@@ -7,7 +7,7 @@ has a thread in another colour from every side.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ _BRIGHT = 0.99  # of the pixels are darker than what becomes `_BRIGHT_LIGHT`
 _BRIGHT_LIGHT = 0.8  # of white; photographs that a camera developed have about that
 _GAINS = (1.0, 4.0)
 _SRGB_CURVE = (2.4, 12.92)  # as LibRaw gives a curve: its exponent and its slope at black
+_COPY_AGAIN = "copy it again, or export TIFF"
 _REMEDY = "convert it to DNG or TIFF first"
 
 
@@ -40,24 +41,28 @@ class Development:
 
     @classmethod
     def common(cls, photographs: Sequence[Path]) -> Development | None:
-        """One for all raw files among the photographs, or None where there are none.
+        """One for all raw files among the photographs, or None where there are none that can be read.
 
         The white balance is the median of what the camera chose, the gain what brings the photographs together to the
-        brightness that cameras give theirs.
-
-        Raises:
-            InputError: a sample cannot be read.
+        brightness that cameras give theirs. What cannot be read is left to those who read it.
         """
-        raws = [path for path in photographs if kind_of_file(path) == "raw"]
+        raws = [path for path in photographs if _is_raw(path)]
         if not raws:
             return None
         samples = [raws[index] for index in np.unique(np.linspace(0, len(raws) - 1, _SAMPLES).astype(int))]
-        balances = []
+        balances: list[list[float]] = []
         for path in samples:
-            with _opened(path) as raw:
+            with suppress(InputError), _opened(path) as raw:
                 balances.append(_white_balance(raw))
+        if not balances:
+            return None
         balance = tuple(float(value) for value in np.median(balances, axis=0))
-        lights = [_bright_light(path, balance) for path in samples]
+        lights: list[float] = []
+        for path in samples:
+            with suppress(InputError):
+                lights.append(_bright_light(path, balance))
+        if not lights:
+            return None
         gain = float(np.clip(_BRIGHT_LIGHT / max(float(np.median(lights)), 1e-3), *_GAINS))
         return cls(balance, gain)  # type: ignore[arg-type]
 
@@ -92,8 +97,16 @@ def read_raw(path: Path, development: Development | None = None) -> NDArray[np.u
         InputError: as for `read_raw_header`.
     """
     chosen = development or Development.common([path])
-    assert chosen is not None
+    if chosen is None:
+        with _opened(path):  # which says what is wrong with the header, as a rule
+            raise InputError("the raw file is damaged or cut short", where=path, remedy=_COPY_AGAIN)
     return _develop(path, chosen)
+
+
+def _is_raw(path: Path) -> bool:
+    with suppress(InputError):
+        return kind_of_file(path) == "raw"
+    return False
 
 
 def _develop(path: Path, development: Development, **options: Any) -> NDArray[np.uint8]:
@@ -161,9 +174,5 @@ def _opened(path: Path) -> Iterator[Any]:
     except rawpy.LibRawFileUnsupportedError:
         what = "LibRaw does not know this camera, or it is no raw file"
         raise InputError(what, where=path, remedy=_REMEDY) from None
-    except (rawpy.LibRawError, ValueError, OSError, RuntimeError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(
-            "the raw file is damaged or cut short", where=path, remedy="copy it again, or export TIFF"
-        ) from None
+    except (rawpy.LibRawError, ValueError, OSError, RuntimeError):
+        raise InputError("the raw file is damaged or cut short", where=path, remedy=_COPY_AGAIN) from None

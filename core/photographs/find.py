@@ -16,6 +16,7 @@ from ..capture.files import list_images, make_keys, natural_key, quote_first
 from ..capture.images import ImageHeader, read_header, read_pixels
 from ..errors import InputError
 from ..files.untrusted import is_file, is_folder, is_there
+from ..intake.raw import Development
 from ..runtime.protocol import Reporter
 from .front import earlier_files
 
@@ -33,11 +34,13 @@ class Photograph:
 
     Attributes:
         path: of the file.
+        development: of raw files, which all that are enhanced together share.
         key: a name that is safe in a file system and that no other photograph has, whatever case it is written in.
     """
 
     path: Path
     key: str
+    development: Development | None = None
 
     @property
     def output(self) -> str:
@@ -58,7 +61,7 @@ class Photograph:
         Raises:
             InputError: it is not a usable image, or is damaged.
         """
-        return read_pixels(self.path, upright=True, min_side=1)
+        return read_pixels(self.path, upright=True, min_side=1, development=self.development)
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,9 @@ def find_photographs(inputs: Sequence[str], out: Path, reporter: Reporter) -> li
         for found in _search(path, out, reporter) if is_folder(path) else [_existing(path)]:
             paths.setdefault(os.path.abspath(found), found)
     portable = [Path(name).as_posix() for name in paths]
-    photographs = [Photograph(path, key) for path, key in zip(paths.values(), make_keys(portable), strict=True)]
+    development = Development.common(list(paths.values()))
+    keys = make_keys(portable)
+    photographs = [Photograph(path, key, development) for path, key in zip(paths.values(), keys, strict=True)]
     _keep_foreign_files(photographs, out)
     return photographs
 

@@ -27,6 +27,9 @@ SUMMARY: dict[str, Any] = {
     "seconds": 0.0,
 }
 
+VIDEO = {"format": "sfm", "views": 0, "videos": 1, "seconds": 18.7, "points": 0}
+"""What differs for a video."""
+
 REPORT: dict[str, Any] = {
     "schema": "cvdgs-report-1", "versions": {"cvdgs": "0"}, "device": "cpu", "settings": {"capture": "photos"},
     "capture": {"format": "colmap", "views": 24, "train": 21, "test": 3, "width": 480, "height": 360, "points": 5000},
@@ -90,4 +93,8 @@ REFUSING = """
 INSPECTING = f"""
     folder = request["thumbnails"]["folder"]
     emit("result", summary=json.loads({json.dumps(SUMMARY)!r}), thumbnails=[folder + "/0.png"])
+    """
+INSPECTING_A_VIDEO = f"""
+    folder = request["thumbnails"]["folder"]
+    emit("result", summary=json.loads({json.dumps(SUMMARY | VIDEO)!r}), thumbnails=[folder + "/0.png"])
     """

@@ -210,7 +210,7 @@ def test_points_whose_colours_have_16_bits_are_left_to_the_worker(capture):
 
 
 def test_a_wrong_folder_is_refused_with_what_to_do(addon, tmp_path):
-    with pytest.raises(RuntimeError, match="no such folder"):
+    with pytest.raises(RuntimeError, match="no such file or folder"):
         bpy.ops.cvdgs.import_capture(directory=str(tmp_path / "nowhere"))
     assert not bpy.ops.cvdgs.place_capture.poll()
     assert not bpy.ops.cvdgs.look_through.poll()

@@ -22,7 +22,7 @@ from cvdgs.ui.results import CVDGS_PT_export, CVDGS_PT_report
 from cvdgs.ui.run import CVDGS_PT_run
 from cvdgs.ui.viewer import CVDGS_MT_viewer_presets, CVDGS_PT_viewer
 
-from .interpreters import INSPECTING, REFUSING, REPORT
+from .interpreters import INSPECTING, INSPECTING_A_VIDEO, REFUSING, REPORT
 from .layouts import RecordingLayout, drawn
 from .waiting import finished, until
 
@@ -66,7 +66,9 @@ def test_the_panels_stand_in_the_order_of_the_work():
 def test_in_an_empty_scene_a_panel_says_what_to_do_first(addon, panel):
     shown = drawn(panel)
     assert any("first" in text or "Choose" in text for text in shown.texts)
-    assert set(shown.operators) <= {"cvdgs.load_run", "cvdgs.inspect_capture", "cvdgs.use_demo"}
+    assert set(shown.operators) <= {
+        *("cvdgs.load_run", "cvdgs.inspect_capture", "cvdgs.choose_capture_file", "cvdgs.use_demo")
+    }
 
 
 def test_an_inspected_capture_is_described(addon, worker, tmp_path):
@@ -133,13 +135,25 @@ def test_a_wrong_folder_is_explained_in_the_panels_words(addon, worker, tmp_path
     assert not bpy.ops.cvdgs.make_cvd_friendly.poll()
 
 
+def test_a_video_is_described_and_a_file_can_be_chosen(addon, worker, tmp_path):
+    worker(INSPECTING_A_VIDEO)
+    capture = bpy.context.scene.cvdgs.capture
+    assert bpy.ops.cvdgs.choose_capture_file(filepath=str(tmp_path / "room.mp4")) == {"FINISHED"}
+    assert capture.folder == str(tmp_path / "room.mp4")
+    bpy.ops.cvdgs.inspect_capture()
+    text = " ".join(drawn(CVDGS_PT_capture).texts)
+    assert "1 video of 19 s" in text
+    assert "0 photographs" not in text
+    assert "cameras" in drawn(CVDGS_PT_capture).properties
+
+
 def test_a_script_waits_for_the_inspection(addon, worker, tmp_path):
     worker(INSPECTING)
     bpy.context.scene.cvdgs.capture.folder = str(tmp_path)
     assert bpy.ops.cvdgs.inspect_capture() == {"FINISHED"}
     assert bpy.context.scene.cvdgs.capture.views == 24
     worker(REFUSING)
-    with pytest.raises(RuntimeError, match="Estimate Cameras"):
+    with pytest.raises(RuntimeError, match="set 'Cameras' to Automatic"):
         bpy.ops.cvdgs.inspect_capture()
 
 

@@ -261,7 +261,7 @@ def test_a_dry_run_tells_every_task_and_writes_nothing(collection):
     assert not collection.out.exists()
 
 
-def test_captures_without_cameras_are_found_before_anything_starts(collection):
+def test_captures_without_usable_cameras_are_found_before_anything_starts(collection):
     for name in ("chair", "sofa"):
         collection.add_capture(name)
     collection.write_batch(TWO + "train.cameras = 'given'\n")
@@ -271,8 +271,9 @@ def test_captures_without_cameras_are_found_before_anything_starts(collection):
     refusals = [line for line in ended.stderr.splitlines() if "batch.toml: items" in line]
     assert len(refusals) == 2
     assert "items[1].capture" in refusals[0]
-    assert "no cameras" in refusals[0]
+    assert "only one photograph" in refusals[0]  # whose cameras would be estimated
     assert "items[2].capture" in refusals[1]
+    assert "no cameras" in refusals[1]
     assert not collection.out.exists()
 
 

@@ -19,6 +19,7 @@ from cvdgs.core.color.profiles import DISPLAY_P3
 from cvdgs.core.errors import InputError
 from cvdgs.core.intake.heif import read_heif_header
 from cvdgs.core.intake.raw import Development
+from cvdgs.core.photographs.find import find_photographs
 from cvdgs.core.runtime.protocol import Reporter
 
 from .dng import write_dng
@@ -192,6 +193,19 @@ def test_raw_files_of_a_capture_are_developed_alike(tmp_path: Path) -> None:
     each = [read_pixels(path)[0] / 255.0 for path in paths]
     assert delta_e(alike[0], alike[2]) < 0.1
     assert delta_e(each[0], each[2]) > 3.0
+
+
+def test_photographs_without_a_scene_are_developed_alike_too(tmp_path: Path) -> None:
+    xyz = xyz_picture()
+    (tmp_path / "in").mkdir()
+    for n, balance in enumerate((0.8, 1.2)):
+        write_dng(tmp_path / "in" / f"{n}.dng", xyz, balance=balance)
+    (tmp_path / "in" / "broken.dng").write_bytes(b"II*\0 nothing")
+    found = find_photographs([str(tmp_path / "in")], tmp_path / "out", Reporter())
+    first, second = (photograph.read()[0] / 255.0 for photograph in found[:2])
+    assert delta_e(first, second) < 0.1
+    with pytest.raises(InputError):
+        found[2].read()
 
 
 @pytest.mark.parametrize("orientation", [3, 6, 8])
