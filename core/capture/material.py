@@ -54,11 +54,13 @@ class Photographs:
     Attributes:
         folder: where they lie.
         names: relative to it, in the order in which they were taken.
+        times: seconds into the video, of the names that are frames.
         warnings: what should be said of them.
     """
 
     folder: Path
     names: list[str]
+    times: dict[str, float] = field(default_factory=dict)
     warnings: list[CaptureWarning] = field(default_factory=list)
 
 
@@ -124,6 +126,7 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter) ->
     frames = _extract_frames(material, made, reporter)
     _convert_photographs(material, kinds, made, reporter)
     made.names.extend(str(frame["name"]) for frame in frames)
+    made.times.update((str(frame["name"]), float(frame["time"])) for frame in frames)
     if material.videos and len(made.names) < MIN_VIEWS:
         what = "the video hardly moves; only one of its frames shows something of its own"
         raise InputError(what, where=material.folder / material.videos[0], remedy="walk around the scene while filming")

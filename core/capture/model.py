@@ -26,6 +26,7 @@ class View:
             straight (not premultiplied) colours. Pixels that undistortion could not fill count as not covered.
         again: like `image`, of a second photograph from the same place, or None without one. Two photographs differ by
             their noise alone, so no scene can be more like a photograph than the other one is.
+        time: seconds into the video that it is a frame of, or None for a photograph.
     """
 
     key: str
@@ -35,6 +36,7 @@ class View:
     image: NDArray[np.uint8]
     alpha: NDArray[np.uint8] | None = None
     again: NDArray[np.uint8] | None = None
+    time: float | None = None
 
     def at(self, world_to_camera: NDArray[np.float64]) -> View:
         """The same photograph from another (4, 4) pose."""

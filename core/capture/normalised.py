@@ -17,8 +17,8 @@ from .source import OPENGL_TO_OPENCV, invert_rigid
 def write_capture(capture: Capture, folder: str | Path) -> None:
     """Write a capture so that `read_capture` gives the same cameras, pixels and points.
 
-    ``transforms.json`` follows nerfstudio's convention (camera-to-world, OpenGL axes, intrinsics in every frame); it is
-    written last, so a folder that has it is complete.
+    ``transforms.json`` follows nerfstudio's convention (camera-to-world, OpenGL axes, intrinsics in every frame),
+    and gives frames of videos their time in seconds; it is written last, so a folder that has it is complete.
 
     Raises:
         OSError: the folder cannot be written.
@@ -52,6 +52,7 @@ def _image_name(view: View) -> str:
 def _frame(view: View) -> dict[str, Any]:
     camera = view.camera
     camera_to_world = invert_rigid(view.world_to_camera) @ OPENGL_TO_OPENCV
+    time = {} if view.time is None else {"time": view.time}
     return {
         "file_path": _image_name(view),
         "w": camera.width,
@@ -61,4 +62,5 @@ def _frame(view: View) -> dict[str, Any]:
         "cx": camera.cx,
         "cy": camera.cy,
         "transform_matrix": camera_to_world.tolist(),
+        **time,
     }

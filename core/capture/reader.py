@@ -117,6 +117,7 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter) -> Iterator[So
         extracted.mkdir()
         photographs = make_photographs(material, extracted, reporter)
         model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter)
+        model.views = [replace(view, time=photographs.times.get(view.name)) for view in model.views]
         model.warnings[:0] = photographs.warnings
         yield model
 

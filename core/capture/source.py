@@ -29,6 +29,7 @@ class SourceView:
         world_to_camera: (4, 4) float64, rigid, OpenCV axes.
         size_known: False where the camera file gives no image size; then `camera` has the upright size of the image.
         estimated: `camera` was estimated from the image as it is stored. The view is turned upright with its camera.
+        time: seconds into the video that it is a frame of.
     """
 
     name: str
@@ -37,6 +38,7 @@ class SourceView:
     world_to_camera: NDArray[np.float64]
     size_known: bool = True
     estimated: bool = False
+    time: float | None = None
 
 
 @dataclass

@@ -162,7 +162,7 @@ def _read_view(plan: ViewPlan, undistorter: Undistorter, development: Developmen
     camera, image, alpha = _read_photograph(plan, plan.source.path, undistorter, development)
     second = _second_photograph(plan)
     again = None if second is None else _read_photograph(plan, second, undistorter, development)[1]
-    view = View(plan.key, plan.source.path, camera, plan.source.world_to_camera, image, alpha, again)
+    view = View(plan.key, plan.source.path, camera, plan.source.world_to_camera, image, alpha, again, plan.source.time)
     return _turn_upright(view, plan.header.orientation) if plan.turned else view
 
 

@@ -51,7 +51,7 @@ def delta_e(first: np.ndarray, second: np.ndarray) -> float:
 
 def save(path: Path, pixels: np.ndarray, profile: bytes | None = DISPLAY_P3, **options: object) -> Path:
     picture = Image.fromarray(pixels)
-    if path.suffix == ".heic":
+    if path.suffix.lower() == ".heic":
         file = pillow_heif.from_pillow(picture)
         file.info["icc_profile"] = profile or b""
         file.save(path, quality=-1, chroma=444, **options)

@@ -1,0 +1,73 @@
+"""What lies in a folder becomes photographs that everything reads."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from cvdgs.core.capture.images import read_header
+from cvdgs.core.capture.material import FRAMES_FILE, find_material, make_photographs
+from cvdgs.core.capture.model import Capture, PinholeCamera, View
+from cvdgs.core.capture.normalised import write_capture
+from cvdgs.core.capture.reader import read_capture
+from cvdgs.core.runtime.protocol import Reporter
+
+from .dng import write_dng
+from .films import RATE, wall, window, write_video
+from .test_photographs import save
+
+WALL = wall()
+
+
+def test_plain_photographs_stay_where_they_are(tmp_path: Path) -> None:
+    (tmp_path / "images").mkdir()
+    (tmp_path / "masks").mkdir()
+    for name in ("images/2.jpg", "images/10.jpg", "masks/2.png"):
+        Image.fromarray(WALL[:64, :64]).save(tmp_path / name)
+    made = make_photographs(find_material(tmp_path), tmp_path / "out", Reporter())
+    assert (made.folder, made.names) == (tmp_path / "images", ["2.jpg", "10.jpg"])
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
+    mixed, out = tmp_path / "in", tmp_path / "out"
+    mixed.mkdir()
+    out.mkdir()
+    Image.fromarray(WALL[:64, :96]).save(mixed / "IMG_1.JPG")
+    save(mixed / "IMG_1.HEIC", WALL[100:164, :96])
+    write_dng(mixed / "IMG_2.dng", np.full((64, 96, 3), 0.3))
+    for name in ("walk.mp4", "walk.mov"):
+        write_video(mixed / name, [window(WALL, 50 + 6 * step) for step in range(RATE * 2)])
+    before = sorted(mixed.iterdir())
+    made = make_photographs(find_material(mixed), out, Reporter())
+    assert made.names[0] == "IMG_1.HEIC.jpg"  # IMG_1.jpg would be another one's where case does not count
+    assert {"IMG_1.JPG", "IMG_2.jpg"} <= set(made.names)
+    assert len(made.names) == len({name.lower() for name in made.names})
+    assert all(read_header(out / name).orientation == 1 for name in made.names)
+    assert sorted(mixed.iterdir()) == before
+    frames = json.loads((out / FRAMES_FILE).read_text())["frames"]
+    assert {frame["video"] for frame in frames} == {"walk.mp4", "walk.mov"}
+    assert [frame["name"] for frame in frames] == made.names[3:]
+    times = [frame["time"] for frame in frames if frame["video"] == "walk.mp4"]
+    assert times == sorted(times)
+    assert 0.0 <= times[0] < times[-1] < 2.0
+    assert made.times == {frame["name"]: frame["time"] for frame in frames}
+
+
+def test_a_written_capture_keeps_the_times_of_frames(tmp_path: Path) -> None:
+    image = WALL[:32, :48]
+    camera = PinholeCamera(48, 32, 50.0, 50.0, 24.0, 16.0)
+    views = tuple(
+        View(key, tmp_path / key, camera, np.eye(4), image, time=time) for key, time in (("a", 1.25), ("b", None))
+    )
+    nothing = np.zeros((0, 3))
+    write_capture(
+        Capture(tmp_path, "sfm", views, nothing.astype(np.float32), nothing.astype(np.uint8)), tmp_path / "out"
+    )
+    first, second = json.loads((tmp_path / "out" / "transforms.json").read_text())["frames"]
+    assert first["time"] == 1.25
+    assert "time" not in second
+    assert len(read_capture(tmp_path / "out", max_size=None).views) == 2
