@@ -76,8 +76,20 @@ def unpacked(path: Path, reporter: Reporter | None = None) -> Iterator[Path]:
         return
     reporter = reporter or Reporter()
     reporter.status(STAGE, f"unpacking {path.name}")
-    with tempfile.TemporaryDirectory(prefix="cvdgs-zip-") as folder:
+    with tempfile.TemporaryDirectory(prefix="cvdgs-zip-") as folder, named_after(path, folder):
         yield unpack(path, Path(folder), lambda share: reporter.progress(STAGE, share, "unpacking"))
+
+
+@contextmanager
+def named_after(path: Path, temporary: str) -> Iterator[None]:
+    """Refusals of what lies in the folder `temporary`, which is gone when the user reads them, name `path` instead."""
+    try:
+        yield
+    except InputError as error:
+        if temporary not in error.where and temporary not in error.what:
+            raise
+        what, where = (text.replace(temporary, str(path)) for text in (error.what, error.where))
+        raise InputError(what, where=where, remedy=error.remedy) from None
 
 
 def find_material(path: Path) -> Material:
@@ -169,7 +181,9 @@ def _extract_frames(material: Material, made: Photographs, reporter: Reporter) -
             reporter.progress(STAGE, _LOOK_SHARE * (number + share) / count, "looking through the video")
 
         looks.append(look_through(material.folder / name, show))
-        _warn_about(looks[-1], made)
+        for warning in _warnings_about(looks[-1]):
+            made.warnings.append(warning)
+            reporter.status(STAGE, warning.message)  # the warnings come at the end, which may be a refusal
     chosen = choose([look.film for look in looks])
     bright = [look.white for look in looks if look.transfer]
     total = max(sum(map(len, chosen)), 1)
@@ -190,13 +204,13 @@ def _extract_frames(material: Material, made: Photographs, reporter: Reporter) -
     return frames
 
 
-def _warn_about(look: Look, made: Photographs) -> None:
+def _warnings_about(look: Look) -> Iterator[CaptureWarning]:
     if look.cut_at is not None:
         what = f"{look.path}: the video breaks off after {look.cut_at:.1f} s; what is there is used"
-        made.warnings.append(CaptureWarning("video-cut", what))
+        yield CaptureWarning("video-cut", what)
     if look.transfer:
         what = f"{look.path}: HDR video ({look.transfer.upper()}), brought into the range of sRGB"
-        made.warnings.append(CaptureWarning("video-hdr", what))
+        yield CaptureWarning("video-hdr", what)
 
 
 def _convert_photographs(material: Material, kinds: dict[str, str], made: Photographs, reporter: Reporter) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -23,7 +23,7 @@ from ..settings import AUTO, ESTIMATE, GIVEN
 from .colmap import find_colmap, read_colmap
 from .foreign import find_foreign_cameras
 from .images import MIN_SIDE, read_header, read_pixels
-from .material import Material, describe, find_material, make_photographs, unpacked
+from .material import Material, describe, find_material, make_photographs, named_after, unpacked
 from .model import MIN_VIEWS, Capture, CaptureSummary, CaptureWarning, View
 from .scaling import downscale_with_alpha, fit_size
 from .sfm import estimate_cameras
@@ -111,14 +111,19 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter) -> Iterator[So
     _sizes(material)  # refuses what should not be decoded, before anything does
     if cameras == AUTO:
         reporter.warning("cameras-estimated", f"no cameras are given; those of {describe(material)} are estimated")
-    with tempfile.TemporaryDirectory(prefix="cvdgs-sfm-") as temporary:
+    with ExitStack() as stack:
+        temporary = stack.enter_context(tempfile.TemporaryDirectory(prefix="cvdgs-sfm-"))
         workspace, extracted = Path(temporary, "estimation"), Path(temporary, "photographs")
+        stack.enter_context(named_after(folder, str(extracted)))
         workspace.mkdir()
         extracted.mkdir()
         photographs = make_photographs(material, extracted, reporter)
         model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter)
         model.views = [replace(view, time=photographs.times.get(view.name)) for view in model.views]
-        model.warnings[:0] = photographs.warnings
+        told = (
+            replace(warning, message=warning.message.replace(str(extracted), str(folder))) for warning in model.warnings
+        )
+        model.warnings = [*photographs.warnings, *told]
         yield model
 
 

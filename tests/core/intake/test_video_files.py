@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cvdgs.core.capture.reader import inspect_capture, write_thumbnails
+from cvdgs.core.capture.reader import inspect_capture, read_capture, write_thumbnails
 from cvdgs.core.errors import InputError
 from cvdgs.core.intake.selection import choose
 from cvdgs.core.intake.video import extract, look_through, read_video_header
@@ -192,6 +192,18 @@ def test_a_video_a_folder_of_them_and_a_zip_are_captures(tmp_path: Path) -> None
         assert found.seconds == pytest.approx(2.0 * videos, abs=0.3)
         assert found.source == path
         assert len(write_thumbnails(path, tmp_path / "small", count=3, size=64)) == 3
+
+
+def test_a_refusal_names_what_the_user_gave(tmp_path: Path) -> None:
+    """And not the temporary folder that frames and zips are unpacked into."""
+    blank = [np.full((HEIGHT, WIDTH, 3), 90, np.uint8)] * RATE * 2
+    video = write_video(tmp_path / "x.mp4", blank)
+    archive = write_zip(tmp_path / "x.zip", {"1.png": b"\x89PNG\r\n\x1a\n", "2.png": b""})
+    for path in (video, archive):
+        with pytest.raises(InputError) as error:
+            read_capture(path, max_size=None)
+        assert str(error.value).startswith(str(path))
+        assert "cvdgs-" not in str(error.value)
 
 
 @pytest.mark.slow
