@@ -78,6 +78,10 @@ class Activity:
         if entry is not None and entry.job.is_running:
             entry.job.cancel()
 
+    def is_busy(self) -> bool:
+        """Whether any job runs."""
+        return any(entry.job.is_running for entry in self._entries.values())
+
     def end(self, name: str) -> None:
         """End the job of that name, wait for it, and forget it; `on_end` is not called."""
         entry = self._entries.pop(name, None)
@@ -116,7 +120,7 @@ class Activity:
             if entry.job.is_running and entry.job.poll():
                 _call(entry.on_change if entry.job.is_running else entry.on_end, entry.job)
                 redraw_panels()
-        return _INTERVAL if any(entry.job.is_running for entry in self._entries.values()) else None
+        return _INTERVAL if self.is_busy() else None
 
 
 ACTIVITY = Activity()
@@ -129,6 +133,14 @@ def redraw_panels() -> None:
             for region in area.regions:
                 if (area.type, region.type) in (("VIEW_3D", "UI"), ("PREFERENCES", "WINDOW")):
                     region.tag_redraw()
+
+
+def remember_for_undo(title: str) -> None:
+    """Make what a background job did to the file a step that the user can undo."""
+    windows = bpy.context.window_manager.windows
+    if not bpy.app.background and windows:
+        with bpy.context.temp_override(window=windows[0]):  # a timer has none
+            bpy.ops.ed.undo_push(message=title)
 
 
 def _call(hook: Hook, job: BackgroundJob) -> None:

@@ -20,11 +20,10 @@ from ..core.runs.layout import CAMERAS_FILE, CAPTURE_FOLDER, IMAGES_FOLDER, POIN
 from ..core.runtime.process import Workers
 from ..core.runtime.supervisor import Listener, Log, all_or_nothing, finish
 from ..core.settings import AUTO
-from .activity import ACTIVITY, redraw_panels, scene_by_uid
+from .activity import ACTIVITY, redraw_panels, remember_for_undo, scene_by_uid
 from .background import BackgroundJob, State
 from .environment import make_workers
 from .folders import folder_beside, normalised_folder
-from .making import remember_for_undo
 from .messages import show_information, show_problem
 from .scene.import_capture import CaptureObjects, ImportOptions, import_capture
 

@@ -15,7 +15,7 @@ from ..core.runs.layout import CAPTURE_FOLDER
 from ..core.runtime.process import Workers
 from ..core.runtime.supervisor import Listener
 from ..core.settings import Layer, Settings
-from .activity import ACTIVITY, redraw_panels, scene_by_uid
+from .activity import ACTIVITY, redraw_panels, remember_for_undo, scene_by_uid
 from .background import BackgroundJob, State
 from .environment import make_workers
 from .folders import folder_beside, normalised_folder
@@ -196,13 +196,5 @@ def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: 
     remember_for_undo(job.title)
     redraw_panels()
     took = in_words(seconds).removeprefix("about ")
-    message = f"{settings.layers[0].name} is ready after {took} - see it with View in Colour, under Display"
+    message = f"{settings.layers[0].name} is ready after {took}"
     show_information(job.title, message)
-
-
-def remember_for_undo(title: str) -> None:
-    """Make what a background job did to the file a step that the user can undo."""
-    windows = bpy.context.window_manager.windows
-    if not bpy.app.background and windows:
-        with bpy.context.temp_override(window=windows[0]):  # a timer has none
-            bpy.ops.ed.undo_push(message=title)

@@ -204,6 +204,12 @@ class DisplayProperties(bpy.types.PropertyGroup):
         ),
         default="PHOTO",
     )
+    automatic: bpy.props.BoolProperty(
+        name="Automatic",
+        description="Draw the preview in Solid shading and the Gaussians in Cycles. Without a graphics card, also "
+        "render a new scene through a camera once nothing else is going on",
+        default=True,
+    )
 
 
 class SimulateProperties(Deficiency, bpy.types.PropertyGroup):

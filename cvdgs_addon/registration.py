@@ -12,8 +12,11 @@ from . import preferences_panel, properties
 from .activity import ACTIVITY
 from .inspection import catch_up
 from .pictures import PICTURES
-from .scene.camera_view import leave_slow_views
+from .scene.camera_view import has_graphics_card, leave_slow_views
+from .scene.display import Form, form_of
+from .scene.splats import is_splats
 from .scene.turntable import restore_interrupted
+from .watching import WATCHER
 
 _FILE_EVENTS = ("load_post", "undo_post", "redo_post")
 
@@ -71,12 +74,15 @@ class _OpenedFiles:
     def register(self) -> None:
         for event in _FILE_EVENTS:
             getattr(bpy.app.handlers, event).append(_put_right)
+        bpy.app.handlers.load_post.append(_show_colors)
 
     def unregister(self) -> None:
         for event in _FILE_EVENTS:
             handlers = getattr(bpy.app.handlers, event)
             if _put_right in handlers:
                 handlers.remove(_put_right)
+        if _show_colors in bpy.app.handlers.load_post:
+            bpy.app.handlers.load_post.remove(_show_colors)
 
 
 @bpy.app.handlers.persistent
@@ -89,6 +95,18 @@ def _put_right(*_: object) -> None:
             catch_up(window.scene)
 
 
+@bpy.app.handlers.persistent
+def _show_colors(*_: object) -> None:
+    """A file that opens shows its Gaussians in colour at once, on whatever machine."""
+    if bpy.app.background:
+        return
+    for window in bpy.context.window_manager.windows:
+        forms = {form_of(found) for found in window.scene.objects if is_splats(found)}
+        # With a graphics card what was saved is right, unless it was saved without one.
+        if window.scene.cvdgs.display.automatic and (Form.PREVIEW in forms or (forms and not has_graphics_card())):
+            WATCHER.show(window.scene, closer=False)
+
+
 PARTS: tuple[_Part, ...] = (
     *map(_Class, preferences_panel.CLASSES),
     PICTURES,
@@ -96,6 +114,7 @@ PARTS: tuple[_Part, ...] = (
     _SceneProperty(),
     ACTIVITY,
     _OpenedFiles(),
+    WATCHER,
     *map(_Class, operators.CLASSES),
     *map(_Class, ui.CLASSES),
 )

@@ -15,12 +15,13 @@ from ..core.errors import InputError
 from ..core.files.untrusted import is_file, read_json
 from ..core.runs.layout import REPORT_FILE
 from ..core.runtime.progress import format_seconds
-from .scene.camera_view import has_graphics_card, views_3d
+from .scene.bystanders import hide_start_cube
 from .scene.convert import load_run
 from .scene.finished_run import RUN_PROPERTY, FinishedRun, read_run
 from .scene.splat_attributes import color_attribute, is_gaussian, opaque, point_positions, write_attribute
 from .scene.splats import is_splats, layer_names, show_layer
 from .shown import require_object_mode, run_of
+from .watching import WATCHER
 
 _MOST_SHOWN = 1e15  # no figure of a run is larger
 
@@ -28,7 +29,8 @@ _MOST_SHOWN = 1e15  # no figure of a run is larger
 def show_run(folder: str, scene: bpy.types.Scene, *, anew: bool = False) -> bpy.types.Object:
     """Show the finished run in `folder`, and its newest layer; returns the Gaussians' object.
 
-    The panels are about these Gaussians then.
+    The panels are about these Gaussians then, and the 3D views show them in colour. The untouched cube of a new file,
+    which stands in their middle, is hidden.
 
     Where `scene` has the run already, only the layers that it lacks are added, so that whatever was done to the object
     stays. Where that is not possible because Gaussians were deleted, the run is added as a further object.
@@ -58,7 +60,8 @@ def show_run(folder: str, scene: bpy.types.Scene, *, anew: bool = False) -> bpy.
     if newest in layer_names(splats):
         show_layer(splats, newest)
     scene.cvdgs.display.target = splats
-    _show_materials()
+    hide_start_cube(scene)
+    WATCHER.show(scene, closer=True)
     return splats
 
 
@@ -148,15 +151,6 @@ def _renew(scene: bpy.types.Scene, folder: str, run: FinishedRun) -> None:
         else:
             splats.hide_viewport = splats.hide_render = True
             del splats[RUN_PROPERTY]  # its files are gone
-
-
-def _show_materials() -> None:
-    """Solid shading shows grey blobs: let open 3D views show materials, where a graphics card draws them."""
-    if not has_graphics_card():
-        return  # Material Preview would hold Blender up for a minute
-    for view in views_3d():
-        if view.shading.type == "SOLID":
-            view.shading.type = "MATERIAL"
 
 
 def _set_layer(splats: bpy.types.Object, layer: str, colors: NDArray[np.float32]) -> None:

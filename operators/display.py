@@ -5,7 +5,8 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.compositor.apply import simulation_lifted
-from ..cvdgs_addon.scene import display
+from ..cvdgs_addon.scene import display, preview
+from ..cvdgs_addon.scene.bystanders import bystanders, hide
 from ..cvdgs_addon.scene.camera_view import has_graphics_card, leave_slow_views, view_in_color
 from ..cvdgs_addon.scene.native_splats import has_native_splats, why_not_native
 from ..cvdgs_addon.scene.render_settings import Display, Engine
@@ -36,6 +37,11 @@ class CVDGS_OT_show_form(NeedsGaussians, bpy.types.Operator):
     form: bpy.props.EnumProperty(
         name="Form",
         items=(
+            (
+                "PREVIEW",
+                "Preview",
+                "Coloured quads in the 3D view, for Solid shading and orbiting; renders are as trained",
+            ),
             ("INSTANCES", "Instances", "Every Gaussian as trained, in every engine"),
             ("POINTS", "Points", "Opaque points: fast, for positioning and cropping"),
             ("NATIVE", "Native", "A copy of what is shown now as Blender's own splats (Blender 5.3 and later)"),
@@ -48,7 +54,11 @@ class CVDGS_OT_show_form(NeedsGaussians, bpy.types.Operator):
         return f"{text}. {why_not_native()}" if properties.form == "NATIVE" and not has_native_splats() else text
 
     def act(self, context: bpy.types.Context) -> None:
-        display.show_form(shown_splats(context), display.Form(self.form))
+        form = display.Form(self.form)
+        display.show_form(shown_splats(context), form)
+        context.scene.cvdgs.display.automatic = form is display.Form.PREVIEW  # what was chosen stays
+        if form is display.Form.PREVIEW and context.space_data is not None and context.space_data.type == "VIEW_3D":
+            preview.shade_flat(context.space_data)
 
 
 class CVDGS_OT_add_crop_box(NeedsGaussians, bpy.types.Operator):
@@ -91,12 +101,42 @@ class CVDGS_OT_view_in_color(NeedsGaussians, bpy.types.Operator):
     def act(self, context: bpy.types.Context) -> None:
         scene, chosen = context.scene, context.scene.cvdgs.display
         engine, colors = Engine[chosen.engine], Display[chosen.colors]
+        preview.end_looking_around(scene)
+        if display.form_of(shown_splats(context)) is display.Form.PREVIEW:
+            display.show_form(shown_splats(context), display.Form.INSTANCES)
         with simulation_lifted(scene):
             coarse = not has_graphics_card()
             told = view_in_color(scene, context.area, shown_splats(context), engine, colors, coarse=coarse)
         self.report(
             {"INFO"}, f"Looking through {scene.camera.name}" + (f"; changed: {'; '.join(told)}" if told else "")
         )
+
+
+class CVDGS_OT_look_around(NeedsGaussians, bpy.types.Operator):
+    """Material Preview from any side; without a graphics card of the most important Gaussians only, seconds a redraw"""
+
+    bl_idname = "cvdgs.look_around"
+    bl_label = "Look Around in Colour"
+
+    @classmethod
+    def missing(cls, context: bpy.types.Context) -> str:
+        is_view = context.area is not None and context.area.type == "VIEW_3D"
+        return super().missing(context) if is_view else "Only available in a 3D view"
+
+    def act(self, context: bpy.types.Context) -> None:
+        preview.look_around(context.scene, context.space_data)
+
+
+class CVDGS_OT_hide_bystanders(NeedsGaussians, bpy.types.Operator):
+    """Hide what renders show beside the Gaussians; Show Hidden Objects in the menu Object brings it back to the view"""
+
+    bl_idname = "cvdgs.hide_bystanders"
+    bl_label = "Hide Other Objects"
+
+    def act(self, context: bpy.types.Context) -> None:
+        names = bystanders(context.scene)
+        hide(context.scene, names)
+        self.report({"INFO"}, f"Hidden: {', '.join(names)}" if names else "Nothing to hide")
 
 
 class CVDGS_OT_set_up_render(NeedsGaussians, bpy.types.Operator):
@@ -138,6 +178,8 @@ CLASSES: tuple[type, ...] = (
     CVDGS_OT_add_crop_box,
     CVDGS_OT_remove_crop_box,
     CVDGS_OT_view_in_color,
+    CVDGS_OT_look_around,
+    CVDGS_OT_hide_bystanders,
     CVDGS_OT_set_up_render,
     CVDGS_OT_restore_render,
 )

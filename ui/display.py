@@ -5,17 +5,17 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.scene import display
+from ..cvdgs_addon.scene.bystanders import bystanders
 from ..cvdgs_addon.scene.display import Form
 from ..cvdgs_addon.scene.native_splats import has_native_splats
 from ..cvdgs_addon.scene.render_settings import keeps_colors, view_transform_of
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
-from ..cvdgs_addon.scene.turntable import bystanders
 from ..cvdgs_addon.shown import shown_layer
 from .layout import GaussiansPanel, draw_changes, say, split_column
 
 _MOST_NAMES = 3
-_FORM_LABELS = {Form.INSTANCES: "Instances", Form.POINTS: "Points", Form.NATIVE: "Native"}
+_FORM_LABELS = {Form.PREVIEW: "Preview", Form.INSTANCES: "Instances", Form.POINTS: "Points", Form.NATIVE: "Native"}
 
 
 class CVDGS_PT_display(GaussiansPanel, bpy.types.Panel):
@@ -27,18 +27,22 @@ class CVDGS_PT_display(GaussiansPanel, bpy.types.Panel):
     def draw_for(self, context: bpy.types.Context, splats: bpy.types.Object) -> None:
         layout = self.layout
         layout.prop(context.scene.cvdgs.display, "target", text="", icon="OUTLINER_OB_POINTCLOUD")
-        layout.operator("cvdgs.view_in_color", icon="SHADING_RENDERED")
-        _draw_hints(layout, context)
+        column = layout.column(align=True)
+        column.operator("cvdgs.view_in_color", icon="SHADING_RENDERED")
+        column.operator("cvdgs.look_around", icon="SHADING_TEXTURE")
+        _draw_hints(layout, context, splats)
         _draw_form(layout, context, splats)
         _draw_layers(layout, splats)
         _draw_selection(layout, splats)
         _draw_render(layout, context)
 
 
-def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context, splats: bpy.types.Object) -> None:
     """Why the 3D view may not show what is expected."""
-    if context.space_data is not None and context.space_data.shading.type == "SOLID":
-        say(layout, context, "Solid shading does not show the colours", "INFO")
+    shading = context.space_data.shading if context.space_data is not None else None
+    is_preview = display.form_of(splats) is Form.PREVIEW
+    if shading is not None and shading.type == "SOLID" and not (is_preview and shading.color_type == "VERTEX"):
+        say(layout, context, "Solid shading shows the colours of the Preview only", "INFO")
     say_bystanders(layout, context, "The view also shows")
 
 
@@ -103,6 +107,8 @@ def say_bystanders(layout: bpy.types.UILayout, context: bpy.types.Context, text:
     if others:
         more = f" and {len(others) - _MOST_NAMES} more" if len(others) > _MOST_NAMES else ""
         say(layout, context, f"{text} {', '.join(others[:_MOST_NAMES])}{more}", "INFO")
+        button = f"Hide {others[0]}" if len(others) == 1 else f"Hide {len(others)} Objects"
+        layout.operator("cvdgs.hide_bystanders", text=button, icon="HIDE_ON")
 
 
 def _draw_input(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import bpy
 import gpu
+import mathutils
 
 from ...core.errors import InputError
 from .cameras import is_capture_camera, use_camera
@@ -108,6 +109,23 @@ def view_in_color(
     return told
 
 
+def middle_camera(objects: Iterable[bpy.types.Object]) -> bpy.types.Object | None:
+    """The photograph's camera from the middle of a walk past a subject, which stands before it; None without any."""
+    photographs = list(filter(is_capture_camera, objects))
+    return photographs[len(photographs) // 2] if photographs else None
+
+
+def stand_at(space: bpy.types.SpaceView3D, camera: bpy.types.Object, target: mathutils.Vector) -> None:
+    """Let a view look from where `camera` is, free to orbit around what lies before it as far away as `target`."""
+    look = camera.matrix_world.to_quaternion() @ mathutils.Vector((0.0, 0.0, -1.0))
+    eye = camera.matrix_world.translation
+    distance = max((target - eye).dot(look), camera.data.clip_start)
+    view = space.region_3d
+    view.view_perspective = "PERSP"
+    view.view_rotation = camera.matrix_world.to_quaternion()
+    view.view_distance, view.view_location = distance, eye + distance * look
+
+
 def leave_slow_views(scene: bpy.types.Scene) -> None:
     """Show no 3D view as rendered any more where Blender would stand still: Gaussians in EEVEE without a graphics card.
 
@@ -124,10 +142,10 @@ def _use_suitable_camera(scene: bpy.types.Scene) -> None:
     turntable = turntable_of(scene)
     if scene.camera is not None and (scene.camera == turntable or is_capture_camera(scene.camera)):
         return
-    photographs = [candidate for candidate in scene.objects if is_capture_camera(candidate)]
+    photograph = middle_camera(scene.objects)
     if turntable is not None:
         scene.camera = turntable
-    elif photographs:
-        use_camera(scene, photographs[len(photographs) // 2])  # whoever walks past a subject stands before it midway
+    elif photograph is not None:
+        use_camera(scene, photograph)
     else:
         raise InputError("no camera looks at the Gaussians", where=scene.name, remedy="add a turntable first")

@@ -18,10 +18,11 @@ from ...core.runtime.progress import Clock
 from ...core.runtime.protocol import Reporter
 from ...core.splats.gaussians import core_bounds
 from .cameras import use_camera
-from .display import BACKGROUND_PROPERTY
+from .display import BACKGROUND_PROPERTY, Form, show_form
 from .finished_run import PARTIAL_FOLDER, RUN_PROPERTY, FinishedRun, read_run
 from .import_capture import add_cameras
 from .placement import placement
+from .preview import shade_flat
 from .render_settings import Display, display_of, set_background, set_cycles, set_display
 from .splat_nodes import Input
 from .splats import add_gaussians, check_gaussians, set_input, show_layer
@@ -145,6 +146,7 @@ def _convert_in(
     reporter.progress(STAGE, (len(stills) + 0.5) / (len(stills) + 1), f"saving {BLEND_FILE}")
     use_camera(scene, camera)
     show_layer(loaded.splats, layers[1] if run.layers else ORIGINAL)
+    show_form(loaded.splats, Form.PREVIEW)
     _look_through_camera(scene)
     bpy.ops.wm.save_as_mainfile(filepath=str(partial / BLEND_FILE), compress=True, relative_remap=False)
     written = [f"{STILLS_FOLDER}/{layer}.png" for layer in stills]
@@ -174,7 +176,7 @@ def _look_through_camera(scene: bpy.types.Scene) -> None:
         for area in screen.areas:
             for space in area.spaces:
                 if space.type == "VIEW_3D":
-                    space.shading.type = "MATERIAL"
+                    shade_flat(space)
                     space.region_3d.view_perspective = "CAMERA"
 
 

@@ -38,6 +38,7 @@ _CROP_MARGIN = 1.2  # of a new crop box, in radii of the scene's core
 class Form(Enum):
     """What Gaussians are drawn as."""
 
+    PREVIEW = "PREVIEW"
     INSTANCES = "INSTANCES"
     POINTS = "POINTS"
     NATIVE = "NATIVE"
@@ -47,6 +48,8 @@ def form_of(splats: bpy.types.Object) -> Form:
     """What `splats` are drawn as."""
     if native_splats_of(splats) is not None:
         return Form.NATIVE
+    if get_input(splats, Input.PREVIEW):
+        return Form.PREVIEW
     return Form.POINTS if get_input(splats, Input.AS_POINTS) else Form.INSTANCES
 
 
@@ -66,6 +69,7 @@ def show_form(splats: bpy.types.Object, form: Form) -> None:
     if form is Form.NATIVE:
         add_native_splats(splats)
     else:
+        set_input(splats, Input.PREVIEW, form is Form.PREVIEW)
         set_input(splats, Input.AS_POINTS, form is Form.POINTS)
 
 

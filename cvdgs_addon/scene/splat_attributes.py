@@ -31,6 +31,7 @@ class Attribute(StrEnum):
     FRAME = "frame"  # INT, 0 for a Gaussian, else which point of the frame (see `Frame`)
     RANK = "rank"  # INT, 0 for the most important Gaussian, then 1, ...: those that a budget leaves come first
     DRAWN_COLOR = "drawn_color"  # FLOAT_COLOR, of what is drawn only: what the material shows
+    PREVIEW_COLOR = "preview_color"  # FLOAT_COLOR, of the preview only: what Solid shading shows
     ON_DISC = "on_disc"  # FLOAT_VECTOR, of discs only: place in units of the radius at which they end
 
 

@@ -28,6 +28,7 @@ from ...core.runs.layout import ORIGINAL
 from .color_nodes import add_decoding_nodes, view_dependent_part
 from .drawing_nodes import MESH_LIMIT, as_points, disc_hull, few_enough, inside_box, one_mesh, within_budget
 from .nodes import NodeWriter, Sockets, Value, add_input, new_group
+from .preview_nodes import PREVIEW_COUNT, as_quads
 from .projection_nodes import ALPHA_MIN, Camera, Splat, add_camera_nodes, add_frame_nodes, add_hull_nodes
 from .splat_attributes import Attribute, color_attribute
 
@@ -51,6 +52,8 @@ class Input(StrEnum):
     SCENE_LINEAR = "Scene Linear"
     DILATION = "Dilation"
     MESH_LIMIT = "Mesh Limit"
+    PREVIEW = "Preview"
+    PREVIEW_COUNT = "Preview Quads"
     AS_POINTS = "As Points"
     POINT_SIZE = "Point Size"
     BUDGET = "Budget"
@@ -113,12 +116,18 @@ def build_group(sh_degree: int, materials: Materials) -> bpy.types.NodeTree:
     ellipsoid, disc = add_hull_nodes(write, camera, frame, inputs[Input.DILATION])
     placement = write.switch("MATRIX", facing, ellipsoid, disc)
     instances = write.output("GeometryNodeSetInstanceTransform", instances, True, placement)
-    color = _add_color_nodes(write, inputs, camera, frame, sh_degree)
+    color, light = _add_color_nodes(write, inputs, camera, frame, sh_degree)
     instances = _with_color(write, instances, color, "INSTANCE")
     hulls = write.switch("GEOMETRY", as_mesh, instances, one_mesh(write, instances, splat.depth))
     cloud = as_points(write, points, chosen, splat.scale, inputs[Input.POINT_SIZE], materials.point)
     cloud = _with_color(write, cloud, color, "POINT")
-    write.node("NodeGroupOutput", write.switch("GEOMETRY", inputs[Input.AS_POINTS], hulls, cloud))
+    shown = write.switch("GEOMETRY", inputs[Input.AS_POINTS], hulls, cloud)
+    rank = write.attribute("INT", Attribute.RANK).outputs["Attribute"]
+    few = write.both(chosen, write.compare("LESS_THAN", rank, inputs[Input.PREVIEW_COUNT]))
+    quads = as_quads(write, points, few, frame, light, materials.point)
+    quads = _with_color(write, quads, color, "POINT")
+    is_preview = write.both(write.output("GeometryNodeIsViewport"), inputs[Input.PREVIEW])
+    write.node("NodeGroupOutput", write.switch("GEOMETRY", is_preview, shown, quads))
     write.arrange()
     return tree
 
@@ -146,6 +155,11 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
               "The most discs to draw as one mesh, which Cycles renders faster but with more memory; a larger number "
               "is drawn as instances. 0: always instances",
               min_value=0, default_value=MESH_LIMIT)  # fmt: skip
+    add_input(tree, Input.PREVIEW, "NodeSocketBool",
+              "Draw coloured quads in the viewport, for Solid shading; renders show the Gaussians")  # fmt: skip
+    add_input(tree, Input.PREVIEW_COUNT, "NodeSocketInt",
+              "The most quads of the preview, the largest and most opaque Gaussians first",
+              min_value=1, default_value=PREVIEW_COUNT)  # fmt: skip
     add_input(tree, Input.AS_POINTS, "NodeSocketBool",
               "Draw points instead of Gaussians: fast, for positioning and cropping")  # fmt: skip
     add_input(tree, Input.POINT_SIZE, "NodeSocketFloat", "Radius of points in standard deviations of their Gaussians",
@@ -192,8 +206,8 @@ def _icosphere(write: NodeWriter, material: bpy.types.Material) -> Value:
 
 def _add_color_nodes(
     write: NodeWriter, inputs: Sockets, camera: Camera, frame: bpy.types.NodeSocket, sh_degree: int
-) -> bpy.types.NodeSocket:
-    """The colour to show, as trained or converted to scene-linear light."""
+) -> tuple[bpy.types.NodeSocket, bpy.types.NodeSocket]:
+    """The colour to show, as trained or converted to scene-linear light, and that light."""
     original = write.attribute("FLOAT_COLOR", color_attribute(ORIGINAL)).outputs["Attribute"]
     if sh_degree:
         seen_from = {**camera._asdict(), "frame": frame}
@@ -214,4 +228,4 @@ def _add_color_nodes(
     enhanced = write.switch("RGBA", is_layer, original, layer.outputs["Attribute"])
     encoded = write.mix("RGBA", inputs[Input.ENHANCED], original, enhanced)
     light = add_decoding_nodes(write, encoded)
-    return write.switch("RGBA", inputs[Input.SCENE_LINEAR], encoded, light)
+    return write.switch("RGBA", inputs[Input.SCENE_LINEAR], encoded, light), light

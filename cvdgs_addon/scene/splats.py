@@ -175,6 +175,7 @@ def _fill_mesh(mesh: bpy.types.Mesh, gaussians: Gaussians, layers: Mapping[str, 
     for index in range(1, coefficient_count(gaussians.sh_degree) + 1):
         name = coefficient_attribute(index)
         write_attribute(mesh, name, "FLOAT_VECTOR", with_frame(gaussians.sh[:, index]))
+    mesh.attributes.active_color_name = Attribute.PREVIEW_COLOR  # which the preview makes: Solid shading shows it
     mesh.update()
 
 

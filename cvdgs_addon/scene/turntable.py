@@ -17,12 +17,9 @@ from ...core.splats.gaussians import core_bounds
 from ..activity import scene_by_uid
 from .cameras import SENSOR_WIDTH, is_capture_camera
 from .display import match_display
-from .native_splats import native_splats_of
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import Engine, engine_settings, png_settings
-from .sparse_points import is_sparse_points
 from .splat_attributes import point_positions
-from .splats import is_splats
 
 _RENDER = "cvdgs_turntable_render"
 _IS_RIG = "cvdgs_turntable"  # custom property of the Empty
@@ -34,7 +31,6 @@ _LEAST_ARC = math.radians(20.0)  # less shows no shape
 _NAME = "Turntable"
 _RADII_AWAY = 2.5  # of a camera from a subject without photographs, in radii of its core
 _POLL_SECONDS = 0.5  # between looks at whether a render still goes on
-_SURFACES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME"}  # types of what renders show
 _NUMBER = "####"  # of a picture in its file name
 
 
@@ -157,17 +153,6 @@ def restore_interrupted(scene: bpy.types.Scene) -> None:
     """Put the settings back in a scene that was saved while its turntable rendered."""
     if any(rendering_changes(scene)) and not bpy.app.is_job_running("RENDER"):
         _restore(scene)
-
-
-def bystanders(scene: bpy.types.Scene) -> list[str]:
-    """Objects that a turntable shows beside the Gaussians, such as the cube of a new file: their names."""
-    return [
-        candidate.name
-        for candidate in scene.objects
-        if candidate.type in _SURFACES
-        and not (candidate.hide_render or is_splats(candidate) or is_sparse_points(candidate))
-        and (candidate.parent is None or native_splats_of(candidate.parent) != candidate)
-    ]
 
 
 def picture_settings(camera: bpy.types.Object, turntable: Turntable) -> dict[str, Setting]:

@@ -66,7 +66,7 @@ def test_runs_that_are_loaded_undone_redone_and_removed_leave_nothing_in_blender
         bpy.ops.ed.undo_push(message="before")
         job = finished(making.JOB)
         assert job.state is State.DONE, job.problem
-        bpy.ops.ed.undo_push(message="run")  # as `making.remember_for_undo` does where there is a window
+        bpy.ops.ed.undo_push(message="run")  # as `activity.remember_for_undo` does where there is a window
         bpy.ops.ed.undo()
         assert gaussians() == []
         bpy.ops.ed.redo()

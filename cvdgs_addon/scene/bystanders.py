@@ -1,0 +1,67 @@
+"""What renders show beside the Gaussians: an artist's own objects, and the cube of a new file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import bpy
+import mathutils
+import numpy as np
+
+from .native_splats import native_splats_of
+from .sparse_points import is_sparse_points
+from .splat_attributes import vertex_positions
+from .splats import is_splats
+
+_SURFACES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME"}  # types of what renders show
+_START_CUBE = "Cube"  # of Blender's start file
+_CUBE_CORNERS, _CUBE_HALF_SIDE = 8, 1.0
+
+
+def bystanders(scene: bpy.types.Scene) -> list[str]:
+    """Objects that renders show beside the Gaussians, such as the cube of a new file: their names."""
+    return [
+        candidate.name
+        for candidate in scene.objects
+        if candidate.type in _SURFACES
+        and not (candidate.hide_render or is_splats(candidate) or is_sparse_points(candidate))
+        and (candidate.parent is None or native_splats_of(candidate.parent) != candidate)
+    ]
+
+
+def hide(scene: bpy.types.Scene, names: Iterable[str]) -> None:
+    """Hide objects of `scene` in the 3D views, as the key H does, and in renders."""
+    for name in names:
+        candidate = scene.objects[name]
+        candidate.hide_render = True
+        for layer in scene.view_layers:
+            if name in layer.objects:
+                candidate.hide_set(True, view_layer=layer)
+
+
+def hide_start_cube(scene: bpy.types.Scene) -> bool:
+    """Hide the cube of Blender's start file where nobody has touched it; returns whether it was there."""
+    cube = scene.objects.get(_START_CUBE)
+    if cube is None or cube.hide_render or not _is_untouched(cube):
+        return False
+    hide(scene, [cube.name])
+    return True
+
+
+def _is_untouched(cube: bpy.types.Object) -> bool:
+    """Whether a mesh is the start file's cube as it was: shape, place and looks."""
+    if cube.type != "MESH" or cube.data.name != _START_CUBE or cube.matrix_world != mathutils.Matrix():
+        return False
+    if (
+        cube.parent
+        or cube.children
+        or cube.modifiers
+        or cube.constraints
+        or cube.animation_data
+        or cube.mode != "OBJECT"
+    ):
+        return False
+    if [material.name for material in cube.data.materials if material] not in ([], ["Material"]):
+        return False
+    corners = vertex_positions(cube.data)
+    return len(corners) == _CUBE_CORNERS and bool(np.all(np.abs(corners) == _CUBE_HALF_SIDE))
