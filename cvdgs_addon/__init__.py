@@ -10,11 +10,15 @@ import atexit
 
 def register() -> None:
     """Register with Blender; either everything or, when one part fails, nothing."""
+    import bpy
+
     from .registration import PARTS, register_all
 
     register_all(PARTS)
-    # The bpy wheel of Blender 4.5 hangs at its exit when classes or timers are left; Blender itself comes first.
-    atexit.register(unregister)
+    # The bpy wheel of Blender 4.5 hangs at its exit when classes or timers are left. A Blender program disables its
+    # add-ons by itself, and where a script ended it by `sys.exit` only after this, with nothing left to unregister.
+    if not bpy.app.binary_path:
+        atexit.register(unregister)
 
 
 def unregister() -> None:
