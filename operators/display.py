@@ -8,6 +8,7 @@ from ..cvdgs_addon.compositor.apply import simulation_lifted
 from ..cvdgs_addon.scene import display, preview
 from ..cvdgs_addon.scene.bystanders import bystanders, hide
 from ..cvdgs_addon.scene.camera_view import has_graphics_card, leave_slow_views, view_in_color
+from ..cvdgs_addon.scene.estimated_light import add_estimated_light
 from ..cvdgs_addon.scene.native_splats import has_native_splats, why_not_native
 from ..cvdgs_addon.scene.render_settings import Display, Engine
 from ..cvdgs_addon.scene.splats import show_layer
@@ -127,6 +128,17 @@ class CVDGS_OT_look_around(NeedsGaussians, bpy.types.Operator):
         preview.look_around(context.scene, context.space_data)
 
 
+class CVDGS_OT_add_light(NeedsGaussians, bpy.types.Operator):
+    """Add lamps that shine on your objects like the light in which the scene was photographed: a guess, from colours"""
+
+    bl_idname = "cvdgs.add_light"
+    bl_label = "Light of the Photographs"
+
+    def act(self, context: bpy.types.Context) -> None:
+        lamps = add_estimated_light(shown_splats(context), context.scene)
+        self.report({"INFO"}, f"Added {', '.join(lamp.name for lamp in lamps)}")
+
+
 class CVDGS_OT_hide_bystanders(NeedsGaussians, bpy.types.Operator):
     """Hide what renders show beside the Gaussians; Show Hidden Objects in the menu Object brings it back to the view"""
 
@@ -179,6 +191,7 @@ CLASSES: tuple[type, ...] = (
     CVDGS_OT_remove_crop_box,
     CVDGS_OT_view_in_color,
     CVDGS_OT_look_around,
+    CVDGS_OT_add_light,
     CVDGS_OT_hide_bystanders,
     CVDGS_OT_set_up_render,
     CVDGS_OT_restore_render,

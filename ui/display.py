@@ -87,6 +87,9 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     column = split_column(box)
     column.prop(chosen, "engine")
     column.prop(chosen, "colors")
+    if chosen.colors == "SCENE_LINEAR":
+        say(box, context, "Lamps light your objects, not the Gaussians", "INFO")
+        box.operator("cvdgs.add_light", icon="LIGHT_SUN")
     row = box.row(align=True)
     row.operator("cvdgs.set_up_render", icon="SCENE")
     row.operator("cvdgs.restore_render", text="Restore", icon="LOOP_BACK")

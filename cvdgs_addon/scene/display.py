@@ -112,7 +112,7 @@ def set_up_render(
         engine, display: that they are to have.
         more: further settings by path from the scene, to be put back with the others.
     """
-    settings = {**display_settings(display), **engine_settings(engine), **(more or {})}
+    settings = {**display_settings(display), **engine_settings(engine, display), **(more or {})}
     background = _background_of(_splats_of(scene))
     if background is not None:
         color = np.array(background) if display is Display.PHOTO else srgb.decode(background)

@@ -23,6 +23,20 @@ SIMULATION_VIEW = "cvdgs_simulation_view"
 _EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
 
 
+# Denoisers would take the weave of the Gaussians for noise.
+_LIT_OBJECTS: dict[str, Setting] = {
+    "cycles.samples": 128,
+    "cycles.use_adaptive_sampling": True,
+    "cycles.adaptive_threshold": 0.05,
+    "cycles.adaptive_min_samples": 4,
+    "cycles.preview_samples": 16,
+    "cycles.use_preview_adaptive_sampling": True,
+    "cycles.preview_adaptive_threshold": 0.1,
+    "cycles.preview_adaptive_min_samples": 1,
+    "cycles.max_bounces": 4,
+}
+
+
 class Display(Enum):
     """How trained colours, which are display-referred sRGB, get onto the screen."""
 
@@ -54,8 +68,12 @@ def display_settings(display: Display) -> dict[str, Setting]:
     }
 
 
-def engine_settings(engine: Engine) -> dict[str, Setting]:
-    """What `engine` needs for Gaussians, by path from the scene: one noise-free sample a pixel, at its centre."""
+def engine_settings(engine: Engine, display: Display = Display.PHOTO) -> dict[str, Setting]:
+    """What `engine` needs, by path from the scene.
+
+    For Gaussians that is one noise-free sample a pixel, at its centre. With `Display.SCENE_LINEAR` lit objects are to
+    be seen among them: those need many. Cycles adds samples only where they differ, so pixels of Gaussians get few.
+    """
     if engine is Engine.EEVEE:
         return {"render.engine": _EEVEE, "eevee.taa_render_samples": 1, "render.filter_size": FILTER_WIDTH}
     return {
@@ -72,6 +90,7 @@ def engine_settings(engine: Engine) -> dict[str, Setting]:
         "cycles.min_transparent_bounces": TRANSPARENT_BOUNCES,
         "cycles.pixel_filter_type": "BLACKMAN_HARRIS",
         "cycles.filter_width": FILTER_WIDTH,
+        **(_LIT_OBJECTS if display is Display.SCENE_LINEAR else {}),
     }
 
 

@@ -58,6 +58,8 @@ def add_gaussians(
     splats = bpy.data.objects.new(name, mesh)
     # They shine and have no surface to throw a shadow with; EEVEE spends minutes on those of thousands of objects.
     splats.visible_shadow = False
+    # Nor do they light what stands among them: each bounce would meet hundreds. See `estimated_light`.
+    splats.visible_diffuse = False
     collection.objects.link(splats)
     modifier = splats.modifiers.new(MODIFIER_NAME, "NODES")
     modifier.node_group = _shared_group(gaussians.sh_degree)

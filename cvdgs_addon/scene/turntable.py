@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.splats.gaussians import core_bounds
 from ..activity import scene_by_uid
+from .bystanders import bystanders
 from .cameras import SENSOR_WIDTH, is_capture_camera
 from .display import match_display
 from .remembered_settings import Setting, change_settings, changes, restore_settings
-from .render_settings import Engine, engine_settings, png_settings
+from .render_settings import Display, Engine, display_of, engine_settings, png_settings
 from .splat_attributes import point_positions
 
 _RENDER = "cvdgs_turntable_render"
@@ -131,7 +132,8 @@ def render_turntable(scene: bpy.types.Scene, turntable: Turntable, folder: Path,
         raise InputError("the scene has no turntable", where=scene.name, remedy="add one first")
     _require_writable(folder)
     camera.parent[_FRAMES] = turntable.frames
-    told = change_settings(scene, _RENDER, _turn_settings(camera, turntable, folder))
+    display = display_of(scene) if bystanders(scene) else Display.PHOTO  # Gaussians alone need one sample
+    told = change_settings(scene, _RENDER, _turn_settings(camera, turntable, display, folder))
     match_display(scene)
     if not wait:
         bpy.ops.render.render("INVOKE_DEFAULT", animation=True, scene=scene.name)
@@ -155,9 +157,11 @@ def restore_interrupted(scene: bpy.types.Scene) -> None:
         _restore(scene)
 
 
-def picture_settings(camera: bpy.types.Object, turntable: Turntable) -> dict[str, Setting]:
+def picture_settings(
+    camera: bpy.types.Object, turntable: Turntable, display: Display = Display.PHOTO
+) -> dict[str, Setting]:
     """What a picture that `camera` takes needs, by path from the scene."""
-    settings = engine_settings(turntable.engine) if turntable.engine is not None else {}
+    settings = engine_settings(turntable.engine, display) if turntable.engine is not None else {}
     return {
         **settings,
         **png_settings(),
@@ -170,9 +174,11 @@ def picture_settings(camera: bpy.types.Object, turntable: Turntable) -> dict[str
     }
 
 
-def _turn_settings(camera: bpy.types.Object, turntable: Turntable, folder: Path) -> dict[str, Setting]:
+def _turn_settings(
+    camera: bpy.types.Object, turntable: Turntable, display: Display, folder: Path
+) -> dict[str, Setting]:
     return {
-        **picture_settings(camera, turntable),
+        **picture_settings(camera, turntable, display),
         "frame_start": 1,
         "frame_end": turntable.frames,
         "frame_step": 1,
