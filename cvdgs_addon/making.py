@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,7 @@ from ..core.errors import InputError
 from ..core.pipeline import launch
 from ..core.runs.layout import CAPTURE_FOLDER
 from ..core.runtime.process import Workers
+from ..core.runtime.progress import STARTING
 from ..core.runtime.supervisor import Listener
 from ..core.settings import Layer, Settings
 from .activity import ACTIVITY, redraw_panels, remember_for_undo, scene_by_uid
@@ -21,8 +24,8 @@ from .environment import make_workers
 from .folders import folder_beside, normalised_folder
 from .messages import show_information, show_problem
 from .pictures import PICTURES
-from .preferences import get_preferences, machine_speed, shrink_cache
-from .quality import TIME_MODEL, Quality, in_words, learned_speed, quality_called
+from .preferences import get_preferences, learned_stage_speeds, machine_speed, shrink_cache
+from .quality import TIME_MODEL, Quality, expected_seconds, in_words, learned_speeds, quality_called
 from .results import is_finished_run, read_report, show_run
 
 JOB = "run"
@@ -91,7 +94,7 @@ def estimated_seconds(scene: bpy.types.Scene, quality: Quality) -> float | None:
     """How long the button will take on this machine, or None while the capture is not known."""
     if not scene.cvdgs.capture.inspected:
         return None
-    return sum(_reference_seconds(scene, quality).values()) / machine_speed()
+    return sum(_here(_reference_seconds(scene, quality)).values())
 
 
 def start_run(scene: bpy.types.Scene) -> None:
@@ -102,11 +105,11 @@ def start_run(scene: bpy.types.Scene) -> None:
     """
     settings = run_settings(scene)
     PICTURES.forget(PREVIEW)
-    expected = _reference_seconds(scene, quality_called(scene.cvdgs.run.quality))
+    reference = _reference_seconds(scene, quality_called(scene.cvdgs.run.quality))
     job = BackgroundJob(
-        "Make CVD-friendly", partial(_run, settings), make_workers(), launch.stages_of(settings), expected
+        "Make CVD-friendly", partial(_run, settings), make_workers(), launch.stages_of(settings), _here(reference)
     )
-    known = sum(expected.values()) if scene.cvdgs.capture.inspected else None
+    known = reference if scene.cvdgs.capture.inspected else {}
     take_over = partial(_take_over, scene.session_uid, settings, known)
     ACTIVITY.start(JOB, job, take_over, on_change=_PreviewLoader(), ends_with_file=True)
 
@@ -173,16 +176,30 @@ def _reference_seconds(scene: bpy.types.Scene, quality: Quality) -> dict[str, fl
     )
 
 
-def _take_over(scene_uid: int, settings: Settings, expected: float | None, job: BackgroundJob) -> None:
+def _here(reference: Mapping[str, float]) -> dict[str, float]:
+    """Seconds by stage on this machine."""
+    return expected_seconds(reference, machine_speed(), learned_stage_speeds())
+
+
+def _learn(reference: Mapping[str, float], taken: Mapping[str, float | None]) -> None:
+    """Let the next estimate know what a run has taken by stage."""
+    speeds = learned_speeds(learned_stage_speeds(), reference, taken)
+    get_preferences().stage_speeds = json.dumps(speeds)
+
+
+def _take_over(scene_uid: int, settings: Settings, reference: Mapping[str, float], job: BackgroundJob) -> None:
     PICTURES.forget(PREVIEW)
+    if job.state is State.CANCELLED:
+        _learn(reference, job.progress.stage_seconds())
     if job.state is State.FAILED:
         show_problem(job.title, job.problem)
     if job.state is not State.DONE:
         return
-    seconds = launch.latest_seconds(job.result)["total"] or 0.0
-    if seconds and expected:
-        preferences = get_preferences()
-        preferences.speed = learned_speed(preferences.speed, expected, seconds)
+    by_stage = dict(launch.latest_seconds(job.result))
+    seconds = by_stage.pop("total") or 0.0
+    if seconds:
+        start = max(seconds - sum(part or 0.0 for part in by_stage.values()), 0.0)
+        _learn(reference, {**by_stage, STARTING: start})
     shrink_cache()
     scene = scene_by_uid(scene_uid)
     if scene is None:

@@ -27,6 +27,7 @@ class Preferences:
         cache_limit: megabytes.
         machine: what the last check of the worker found, as JSON.
         speed: relative to the reference machine; 0: not measured.
+        stage_speeds: the same of the stages that runs have timed, as JSON.
     """
 
     python: str = ""
@@ -36,6 +37,7 @@ class Preferences:
     cache_limit: int = 1000
     machine: str = ""
     speed: float = 0.0
+    stage_speeds: str = ""
 
 
 def get_preferences() -> Preferences:
@@ -58,6 +60,15 @@ def shrink_cache() -> None:
 def machine_speed() -> float:
     """This machine's speed relative to the reference one, as far as it is known."""
     return get_preferences().speed or likely_speed()
+
+
+def learned_stage_speeds() -> dict[str, float]:
+    """This machine's speeds by stage, as runs have shown them."""
+    try:
+        found = json.loads(get_preferences().stage_speeds or "{}")
+        return {str(stage): float(speed) for stage, speed in found.items() if float(speed) > 0.0}
+    except (ValueError, TypeError, AttributeError):
+        return {}
 
 
 def known_machine() -> dict[str, Any]:

@@ -60,6 +60,9 @@ class CVDGS_Preferences(bpy.types.AddonPreferences):
         description="Speed of this machine relative to the reference machine; 0: not measured",
         options={"HIDDEN"},
     )
+    stage_speeds: bpy.props.StringProperty(
+        name="Stage Speeds", description="The same of the stages that runs have timed, as JSON", options={"HIDDEN"}
+    )
 
     def draw(self, _context: bpy.types.Context) -> None:
         """Called by Blender."""

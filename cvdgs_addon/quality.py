@@ -1,17 +1,19 @@
 """How fine a run becomes, and how long it takes on this machine. No bpy.
 
 The times are a model that was fitted to runs on a reference machine; a machine's speed relative to that one is measured
-when its worker is checked and corrected by every run that it finishes.
+when its worker is checked, and every run that it finishes or is cancelled corrects that stage by stage.
 """
 
 from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..core.settings import QUALITIES, Quality
 
+_LEAST_SECONDS = 0.05  # of a stage
 REFERENCE_PROCESSORS = 2  # of the reference machine, an AMD EPYC without a GPU
 
 
@@ -84,14 +86,34 @@ def likely_speed() -> float:
     return math.sqrt((os.cpu_count() or REFERENCE_PROCESSORS) / REFERENCE_PROCESSORS)
 
 
-def learned_speed(before: float, expected_seconds: float, seconds: float) -> float:
-    """The speed after a run that took `seconds` where the reference machine takes `expected_seconds`.
+def expected_seconds(reference: Mapping[str, float], speed: float, learned: Mapping[str, float]) -> dict[str, float]:
+    """Seconds by stage on this machine.
 
     Args:
-        before: what was believed; 0 where nothing was measured yet.
+        reference: seconds of the stages on the reference machine.
+        speed: relative to that, of stages that no run has timed yet.
+        learned: speeds of those that one has.
     """
-    now = expected_seconds / max(seconds, 1.0)
-    return now if before <= 0.0 else math.sqrt(before * now)
+    return {stage: seconds / learned.get(stage, speed) for stage, seconds in reference.items()}
+
+
+def learned_speeds(
+    before: Mapping[str, float], reference: Mapping[str, float], taken: Mapping[str, float | None]
+) -> dict[str, float]:
+    """The speeds of the stages after a run: what the first one showed, then a mean in which later ones weigh most.
+
+    Args:
+        before: what was learned so far.
+        reference: seconds of the stages on the reference machine.
+        taken: seconds of those that were timed.
+    """
+    speeds = dict(before)
+    for stage, seconds in taken.items():
+        if seconds is None or stage not in reference:
+            continue
+        now = reference[stage] / max(seconds, _LEAST_SECONDS)
+        speeds[stage] = math.sqrt(before[stage] * now) if before.get(stage, 0.0) > 0.0 else now
+    return speeds
 
 
 def in_words(seconds: float) -> str:

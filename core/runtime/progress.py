@@ -14,6 +14,7 @@ STARTING = "start"
 
 # What an estimate is made from at least: a share of the work, and seconds.
 LEAST_SHARE, _LEAST_SECONDS = 0.02, 2.0
+_TELLING_SHARE = 0.2  # of a stage, from which its whole time is concluded
 
 # Share of a run's time that each stage takes, measured on two cores with the embedded demo; only the estimate of the
 # time left depends on it, and that corrects itself during the run.
@@ -44,6 +45,7 @@ class RunProgress:
     stage: str = ""
     message: str = ""
     shares: Mapping[str, float] = field(default_factory=lambda: STAGE_SHARES)
+    _seconds: dict[str, float] = field(default_factory=dict)
     _fraction: float = 0.0
     _reached: float = 0.0
     _stage_seconds_left: float | None = None
@@ -54,13 +56,23 @@ class RunProgress:
         """Take in a status or progress event; others are ignored."""
         if event.get("event") not in ("status", "progress"):
             return
-        self._worked, self._updated = self._seconds_worked, time.monotonic()
+        now = time.monotonic()
+        if self.stage:
+            self._seconds[self.stage] = self._seconds.get(self.stage, 0.0) + now - self._updated
+        self._worked, self._updated = self._seconds_worked, now
         if event.get("stage") != self.stage:
             self.stage, self._fraction, self._stage_seconds_left = str(event.get("stage")), 0.0, None
         self.message = str(event.get("message") or self.message)
         if event["event"] == "progress":
             self._fraction = float(event["fraction"])
             self._stage_seconds_left = event.get("seconds_left")
+
+    def stage_seconds(self) -> dict[str, float]:
+        """Of the stages that were left, and of the present one, what it will have taken, where that can be told."""
+        known = {stage: seconds for stage, seconds in self._seconds.items() if stage != self.stage}
+        if self._fraction >= _TELLING_SHARE and self.stage in self._seconds:
+            known[self.stage] = self._seconds[self.stage] / self._fraction
+        return known
 
     @property
     def fraction(self) -> float:

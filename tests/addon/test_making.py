@@ -287,5 +287,5 @@ def test_the_estimate_follows_what_runs_have_taken(capture, worker, run_folder, 
     press()
     finished(making.JOB)
     capture.cvdgs.run.start_over = True
-    assert addon.speed > 1.0
+    assert addon.stage_speeds
     assert making.estimated_seconds(capture, quality) < before

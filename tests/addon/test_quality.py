@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.cvdgs_addon.quality import QUALITIES, TIME_MODEL, Quality, in_words, learned_speed
+from cvdgs.cvdgs_addon.quality import QUALITIES, TIME_MODEL, Quality, expected_seconds, in_words, learned_speeds
 
 SIZES = st.integers(64, 6000)
 
@@ -22,12 +22,29 @@ def test_finer_takes_longer_and_a_further_layer_takes_less(views, width, height)
         assert seconds(quality, adds_layer=True) < whole < seconds(quality, adds_layer=False, scene_file=True)
 
 
-@given(st.floats(0.05, 20.0), st.floats(5.0, 5000.0))
-def test_the_speed_settles_at_what_runs_show(true_speed, expected):
-    speed = 0.0
+@given(st.integers(2, 500), SIZES, SIZES, st.floats(0.1, 10.0), st.floats(0.1, 10.0))
+def test_one_run_is_enough_for_the_next_estimate(views, width, height, geometry, rest):
+    reference = TIME_MODEL.stages(QUALITIES[1], views, width, height, adds_layer=False)
+    taken = {stage: seconds * (geometry if stage == "geometry" else rest) for stage, seconds in reference.items()}
+    learned = learned_speeds({}, reference, taken)
+    for stage, seconds in expected_seconds(reference, 3.0, learned).items():
+        assert seconds == pytest.approx(taken[stage], rel=0.25, abs=0.1)
+
+
+def test_a_cancelled_run_teaches_the_stages_that_it_reached():
+    reference = TIME_MODEL.stages(QUALITIES[1], 40, 480, 360, adds_layer=False)
+    learned = learned_speeds({}, reference, {"capture": 2.0 * reference["capture"], "unknown": 3.0, "enhance": None})
+    expected = expected_seconds(reference, 1.0, learned)
+    assert expected["capture"] == pytest.approx(2.0 * reference["capture"])
+    assert expected["geometry"] == reference["geometry"]
+
+
+@given(st.floats(0.05, 20.0))
+def test_the_speed_settles_at_what_runs_show(true_speed):
+    speeds: dict[str, float] = {"geometry": 1.0}
     for _ in range(12):
-        speed = learned_speed(speed, expected, max(expected / true_speed, 1.0))
-    assert speed == pytest.approx(min(true_speed, expected), rel=1e-3)
+        speeds = learned_speeds(speeds, {"geometry": 300.0}, {"geometry": 300.0 / true_speed})
+    assert speeds["geometry"] == pytest.approx(true_speed, rel=1e-2)
 
 
 @pytest.mark.parametrize(
