@@ -87,6 +87,7 @@ def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         complain(layout, context, str(error))
         layout.operator("preferences.addon_show", text="Open Preferences", icon="PREFERENCES").module = PACKAGE
         return
+    _draw_output(layout, context)
     if not making.adds_to_run(scene):
         column = layout.column(align=True)
         for quality in QUALITIES:
@@ -104,12 +105,20 @@ def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     if body is not None:
         body = split_column(body)
         body.prop(properties, "enhancer")
-        body.prop(properties, "out")
-        if not properties.out:
-            say(body, context, f"Results will be written to {making.output_folder(scene)}")
         if not making.adds_to_run(scene):
             body.prop(properties, "refine_poses")
         body.prop(properties, "scene_file")
+
+
+def _draw_output(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Where the results go, before somebody starts what makes them."""
+    properties = context.scene.cvdgs.run
+    split_column(layout).prop(properties, "out")
+    folder = making.output_folder(context.scene)
+    if not properties.out:
+        say(layout, context, f"Results will be written to {folder}")
+    elif properties.out.startswith("//") and not bpy.data.filepath:
+        say(layout, context, f"This file is not saved yet: results will be written to {folder}", "INFO")
 
 
 def _what_next(scene: bpy.types.Scene) -> str:

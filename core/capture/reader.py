@@ -147,7 +147,7 @@ def warnings_of_cameras(where: Path, views: int, points: int) -> tuple[CaptureWa
     """What so many views and sparse points in `where` are too few for."""
     found = []
     if views < _FEW_VIEWS:
-        found.append(CaptureWarning("few-views", f"{where}: only {views} views; expect gaps, thirty or more work well"))
+        found.append(CaptureWarning("few-views", f"Only {views} photographs: expect gaps. 30 or more work well."))
     if not points:
         what = "no sparse points; training starts from points where the photographs agree"
         found.append(CaptureWarning("no-points", f"{where}: {what}"))

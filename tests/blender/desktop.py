@@ -120,6 +120,12 @@ class Desktop:
         if settle:
             self.settle()
 
+    def drag(self, x: float, y: float, right: float, down: float) -> None:
+        """Drag from a place with the middle button, which orbits."""
+        self.hover(x, y)
+        way = ("mousemove_relative", str(round(SCALE * right)), str(round(SCALE * down)))
+        self._exec("xdotool", "mousedown", "2", "sleep", "0.3", *way, "sleep", "0.3", "mouseup", "2")
+
     def hover(self, x: float, y: float) -> None:
         """Move the mouse to a place; what is there hears the keys."""
         self._move(x, y)

@@ -104,3 +104,16 @@ def test_another_job_brings_the_shares_of_its_own_stages():
     run = RunProgress(("read", "enhance"), shares={"read": 1.0, "enhance": 3.0})
     run.update({"event": "progress", "stage": "enhance", "fraction": 0.5, "seconds_left": 1.0})
     assert run.fraction == pytest.approx(0.625)
+
+
+def test_the_seconds_of_stages_are_known_as_far_as_they_were_reached(clock):
+    run = RunProgress(("capture", "geometry", "layers"))
+    run.update({"event": "status", "stage": "capture", "message": "reading"})
+    clock.now += 4.0
+    run.update({"event": "progress", "stage": "geometry", "fraction": 0.0})
+    clock.now += 30.0
+    run.update({"event": "progress", "stage": "geometry", "fraction": 0.1})
+    assert run.stage_seconds() == {"capture": pytest.approx(4.0)}
+    clock.now += 30.0
+    run.update({"event": "progress", "stage": "geometry", "fraction": 0.25})
+    assert run.stage_seconds() == {"capture": pytest.approx(4.0), "geometry": pytest.approx(240.0)}
