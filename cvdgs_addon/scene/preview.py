@@ -70,6 +70,7 @@ def look_around(scene: bpy.types.Scene, view: bpy.types.SpaceView3D) -> None:
         show_form(splats, Form.INSTANCES)
         set_input(splats, Input.CAMERA_VIEW, False)
         budget = get_input(splats, Input.BUDGET)
+        assert isinstance(budget, int)
         if not has_graphics_card() and not 0 < budget <= LOOK_AROUND_BUDGET:
             splats[_BUDGET_BEFORE] = budget
             set_input(splats, Input.BUDGET, LOOK_AROUND_BUDGET)

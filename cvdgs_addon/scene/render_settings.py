@@ -25,7 +25,7 @@ _EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
 
 # Denoisers would take the weave of the Gaussians for noise.
 _LIT_OBJECTS: dict[str, Setting] = {
-    "cycles.samples": 128,
+    "cycles.samples": 64,
     "cycles.use_adaptive_sampling": True,
     "cycles.adaptive_threshold": 0.05,
     "cycles.adaptive_min_samples": 4,
@@ -33,7 +33,7 @@ _LIT_OBJECTS: dict[str, Setting] = {
     "cycles.use_preview_adaptive_sampling": True,
     "cycles.preview_adaptive_threshold": 0.1,
     "cycles.preview_adaptive_min_samples": 1,
-    "cycles.max_bounces": 4,
+    "cycles.max_bounces": 2,
 }
 
 
