@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,37 @@ class CaptureWarning:
 
 
 @dataclass(frozen=True)
+class Estimate:
+    """How cameras were estimated.
+
+    Attributes:
+        photographs: number of them.
+        placed: number of those that have a camera now.
+        pieces: number of photographs in each piece that hangs together, largest first; the first one is used.
+        focal_ratios: of each camera, its focal length as a multiple of the photographs' longer side.
+        method: "global" or "incremental".
+        sheet: (H, W, 3) uint8 small pictures of all photographs, where some have no place.
+    """
+
+    photographs: int
+    placed: int
+    pieces: tuple[int, ...]
+    focal_ratios: tuple[float, ...]
+    method: str
+    sheet: NDArray[np.uint8] | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the report says of it."""
+        return {
+            "photographs": self.photographs,
+            "placed": self.placed,
+            "pieces": list(self.pieces),
+            "focal_ratios": [round(ratio, 4) for ratio in self.focal_ratios],
+            "method": self.method,
+        }
+
+
+@dataclass(frozen=True)
 class Capture:
     """Views in file-name order, sparse points (possibly none) and what was noticed while reading.
 
@@ -68,6 +100,7 @@ class Capture:
         points: (P, 3) float32 world positions; P may be 0.
         point_colors: (P, 3) uint8 sRGB.
         warnings: in the order in which they were noticed.
+        estimate: of cameras that were estimated.
     """
 
     source: Path
@@ -76,6 +109,7 @@ class Capture:
     points: NDArray[np.float32]
     point_colors: NDArray[np.uint8]
     warnings: tuple[CaptureWarning, ...] = field(default=())
+    estimate: Estimate | None = None
 
     def moved(self, poses: Mapping[str, NDArray[np.float64]]) -> Capture:
         """The same photographs, those of the given keys from other (4, 4) world-to-camera poses."""

@@ -97,7 +97,8 @@ def read_capture(
     _warn_about_alpha(model, views)
     for warning in model.warnings:
         reporter.warning(warning.name, warning.message)
-    return Capture(folder, model.format, tuple(views), model.points, model.point_colors, tuple(model.warnings))
+    warnings = tuple(model.warnings)
+    return Capture(folder, model.format, tuple(views), model.points, model.point_colors, warnings, model.estimate)
 
 
 @contextmanager

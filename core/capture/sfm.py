@@ -1,4 +1,4 @@
-"""Estimates the cameras of photographs: SIFT, matching and incremental mapping by pycolmap on the CPU."""
+"""Estimates the cameras of photographs: SIFT, matching, global and incremental mapping by pycolmap on the CPU."""
 
 from __future__ import annotations
 
@@ -8,26 +8,34 @@ import queue
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..bootstrap import ROOT
-from ..errors import InputError
 from ..runtime.protocol import Reporter
 from .colmap import add_model
 from .colmap_files import read_model
 from .images import read_header
-from .sfm_process import DATABASE, RESULT, SfmJob, SfmSettings
+from .model import Estimate
+from .sfm_images import PLAIN, copy_name
+from .sfm_job import DATABASE, RESULT, Placed, SfmJob, SfmSettings
+from .sfm_verdict import Frame, contact_sheet, read_frames, require_enough, say_left_out
 from .source import SourceModel
 
 _POLL_SECONDS = 0.25
 _MESSAGES = {
+    "reading": "reading {count} photographs",
     "features": "finding features in {count} photographs",
-    "matching": "matching {pairs} pairs of photographs",
+    "matching": "matching up to {pairs} pairs of photographs",
     "mapping": "estimating the cameras of {count} photographs",
 }
+_MORE = "more "  # before the name of a step that is done again with more effort
 _TABLES = {"features": "keypoints", "matching": "two_view_geometries"}
 
 
@@ -37,11 +45,11 @@ def estimate_cameras(
     """Estimate the cameras of photographs.
 
     Args:
-        folder: holds the photographs; nothing is written there.
+        folder: holds the photographs; nothing is written there. Frames of a video are listed in a `FRAMES_FILE`.
         names: of the photographs, relative to `folder`, in the order in which they were taken.
         workspace: an empty folder for the database and the result.
-        reporter: told of the steps "sfm-features", "sfm-matching" and "sfm-mapping" and their progress. What it raises
-            stops the estimation at once.
+        reporter: told of the steps "sfm-reading", "sfm-features", "sfm-matching" and "sfm-mapping" and their progress.
+            What it raises stops the estimation at once.
         settings: the defaults suit two cores.
 
     Raises:
@@ -49,36 +57,64 @@ def estimate_cameras(
         RuntimeError: pycolmap ended unexpectedly.
     """
     settings = settings or SfmSettings()
-    job = SfmJob(str(folder.resolve()), group_by_camera(folder, names), str(workspace), settings)
+    frames = read_frames(folder)
+    names = sorted(names, key=lambda name: _moment(names, frames, name)) if frames else list(names)
+    cameras = number_cameras(folder, names, frames)
+    job = SfmJob(str(folder.resolve()), names, cameras, str(workspace), settings)
     process = _start(job)
     try:
-        found = _Watch(process, workspace / DATABASE, job, reporter).wait()
+        placed = _Watch(process, workspace, job, reporter).wait()
     finally:
         process.kill()
         process.wait()
-    if not found:
-        raise InputError(
-            "no cameras could be estimated from the photographs",
-            where=folder,
-            remedy="take sharp photographs from different places that overlap by two thirds, or give their cameras",
-        )
+    require_enough(placed, names, folder)
     model = SourceModel("sfm", folder, [])
     add_model(model, read_model(workspace / RESULT), folder, folder)
     model.views = [replace(view, estimated=True) for view in model.views]
+    model.warnings = [warning for warning in model.warnings if warning.name != "unregistered"]
+    left_out = say_left_out(placed, names, frames)
+    if left_out:
+        model.warn("not-placed", f"{folder}: {left_out}")
+    model.estimate = Estimate(
+        photographs=len(names),
+        placed=len(placed.names),
+        pieces=tuple(placed.pieces),
+        focal_ratios=tuple(placed.lenses),
+        method=placed.method,
+        sheet=_sheet(job, placed) if left_out else None,
+    )
     return model
 
 
-def group_by_camera(folder: Path, names: Sequence[str]) -> list[list[str]]:
-    """`names` by what took them: all of one size, and of one camera and focal length where their EXIF data names it.
+def _moment(names: Sequence[str], frames: Mapping[str, Frame], name: str) -> tuple[str, float]:
+    """What sorts frames by video and time; photographs among them come first, in their own order."""
+    frame = frames.get(name)
+    return (frame.video, frame.time) if frame else ("", float(names.index(name)))
 
+
+def _sheet(job: SfmJob, placed: Placed) -> NDArray[np.uint8]:
+    """Read from the copies, which are small."""
+    copies = (Path(job.workspace) / PLAIN / copy_name(index) for index in range(len(job.names)))
+    files = [(copy, Path(job.folder) / name) for copy, name in zip(copies, job.names, strict=True)]
+    with_place = set(placed.names)
+    return contact_sheet(files, [name in with_place for name in job.names])
+
+
+def number_cameras(folder: Path, names: Sequence[str], frames: Mapping[str, Frame]) -> list[int]:
+    """For each of `names` the number of the camera that took it, counted from 0.
+
+    One camera took what is of one size, of one video, and of one camera and focal length where EXIF data name them.
     pycolmap would give each photograph without such data (frames of a video, what a messenger passed on) a camera of
     its own, which is then guessed from that photograph alone.
     """
-    groups: dict[tuple[int, int, str], list[str]] = {}
+    numbers: dict[tuple[int, int, str, str], int] = {}
+    cameras = []
     for name in names:
         header = read_header(folder / name)
-        groups.setdefault((header.width, header.height, header.taken_with), []).append(name)
-    return list(groups.values())
+        video = frames[name].video if name in frames else ""
+        taken_by = (header.width, header.height, header.taken_with, video)
+        cameras.append(numbers.setdefault(taken_by, len(numbers)))
+    return cameras
 
 
 def _start(job: SfmJob) -> subprocess.Popen[str]:
@@ -108,16 +144,16 @@ def _start(job: SfmJob) -> subprocess.Popen[str]:
 class _Watch:
     """Follows the process and tells the reporter."""
 
-    def __init__(self, process: subprocess.Popen[str], database: Path, job: SfmJob, reporter: Reporter) -> None:
+    def __init__(self, process: subprocess.Popen[str], workspace: Path, job: SfmJob, reporter: Reporter) -> None:
         self._process = process
-        self._database = database
-        count = sum(map(len, job.names))
-        self._totals = {"features": count, "matching": job.settings.pairs(count), "mapping": count}
+        self._workspace = workspace
+        count = len(job.names)
+        pairs = job.settings.pairs(count)
+        self._totals = {"reading": count, "features": count, "matching": pairs, "mapping": count}
         self._reporter = reporter
-        self._step = ""
-        self._done = 0
+        self._step, self._effort, self._done = "", 0, 0
         # None stands for the end of the output.
-        self._messages: queue.Queue[str | int | None] = queue.Queue()
+        self._messages: queue.Queue[str | int | dict[str, Any] | None] = queue.Queue()
         Thread(target=self._read, name="sfm-messages", daemon=True).start()
 
     def _read(self) -> None:
@@ -130,8 +166,8 @@ class _Watch:
         finally:
             self._messages.put(None)
 
-    def wait(self) -> bool:
-        """Until the process says what came of it: whether there is a result."""
+    def wait(self) -> Placed:
+        """Until the process says what came of it."""
         while True:
             try:
                 message = self._messages.get(timeout=_POLL_SECONDS)
@@ -141,14 +177,15 @@ class _Watch:
                 if message is None:
                     code = self._process.wait()
                     raise RuntimeError(f"pycolmap ended unexpectedly during {self._step or 'its start'} (exit {code})")
-                if message in ("done", "nothing"):
-                    return message == "done"
+                if isinstance(message, dict):
+                    return Placed(**message)
                 self._receive(message)
             self._report()
 
     def _look_at_database(self) -> None:
         if self._step in _TABLES:
-            self._done = max(self._done, _count_rows(self._database, _TABLES[self._step]))
+            database = self._workspace / f"{self._effort}-{DATABASE}"
+            self._done = max(self._done, _count_rows(database, _TABLES[self._step]))
 
     def _report(self) -> None:
         if self._step:
@@ -160,18 +197,20 @@ class _Watch:
         if isinstance(message, int):
             self._done = message
             return
-        self._step, self._done = message, 0
-        text = _MESSAGES[message].format(count=self._totals["features"], pairs=self._totals["matching"])
-        self._reporter.status(f"sfm-{message}", text)
+        self._effort, self._done = int(message.startswith(_MORE)), 0
+        self._step = message.removeprefix(_MORE)
+        text = _MESSAGES[self._step].format(count=self._totals["features"], pairs=self._totals["matching"])
+        self._reporter.status(f"sfm-{self._step}", f"{text}, with more effort" if self._effort else text)
 
 
-def _parse(line: str) -> str | int | None:
+def _parse(line: str) -> str | int | dict[str, Any] | None:
     """The message in `line`; None where a library printed something."""
     try:
         message = json.loads(line)
     except ValueError:
         return None
-    return message if message in (*_MESSAGES, "done", "nothing") or type(message) is int else None
+    is_step = isinstance(message, str) and message.removeprefix(_MORE) in _MESSAGES
+    return message if is_step or type(message) is int or isinstance(message, dict) else None
 
 
 def _count_rows(database: Path, table: str) -> int:

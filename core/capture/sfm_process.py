@@ -11,86 +11,22 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import pycolmap
 
 from ..runtime.process import follow_parent
+from .sfm_images import EVEN, MASKS, PLAIN, copy_name, copy_photographs, even_out, index_of
+from .sfm_job import DATABASE, RESULT, Placed, SfmJob
+from .sfm_mapping import Mapped, focal_ratio, map_photographs, median_angle
+from .sfm_pairs import pairs_alike, pairs_in_time, signatures_of, write_pairs
 
-DATABASE = "database.db"
-RESULT = "result"
-_ATTEMPTS = 4  # at a reconstruction
-_ENOUGH = 0.5  # of the photographs, after which no further one is made
-
-
-@dataclass(frozen=True)
-class SfmSettings:
-    """What trades time for completeness.
-
-    Attributes:
-        max_image_size: longer side in pixels at which features are sought; COLMAP's "medium" quality.
-        max_features: for each photograph.
-        exhaustive_limit: up to this many photographs every pair is matched; above, each with its neighbours in order
-            of their names, as a walk around the scene or a video gives them.
-        sequential_overlap: number of neighbours, besides those at distances of powers of two.
-        camera_model: while photographs are added one by one. One focal length, because two cannot be told apart where
-            the camera is only carried around something: of the demo, taken on an arc, they came out as 485 and 749
-            pixels and not as 480. One number of distortion, because more take up what a guessed focal length leaves,
-            and then no third photograph fits the first two: of a street, 2 of 29 were placed instead of 27.
-        refined_model: at the end, when all photographs hold it; suits phones and cameras with ordinary lenses.
-        min_model_size: photographs; a capture of two is still one.
-        threads: for every step.
-        seed: of RANSAC and the mapper.
-    """
-
-    max_image_size: int = 1600
-    max_features: int = 4096
-    exhaustive_limit: int = 80
-    sequential_overlap: int = 10
-    camera_model: str = "SIMPLE_RADIAL"
-    refined_model: str = "RADIAL"
-    min_model_size: int = 2
-    threads: int = 2
-    seed: int = 0
-
-    def matches_every_pair(self, count: int) -> bool:
-        """Whether `count` photographs are few enough to match each with each."""
-        return count <= self.exhaustive_limit
-
-    def pairs(self, count: int) -> int:
-        """Number of pairs that are matched among `count` photographs."""
-        if self.matches_every_pair(count):
-            return count * (count - 1) // 2
-        powers = {2**exponent for exponent in range(self.sequential_overlap)}
-        distances = {*range(1, self.sequential_overlap + 1), *powers}
-        return sum(max(count - distance, 0) for distance in distances)
-
-
-@dataclass(frozen=True)
-class SfmJob:
-    """What to do.
-
-    Attributes:
-        folder: holds the photographs.
-        names: of the photographs, a list for each camera that took some.
-        workspace: an empty folder for database and result.
-        settings: see there.
-    """
-
-    folder: str
-    names: list[list[str]]
-    workspace: str
-    settings: SfmSettings
-
-    def to_json(self) -> str:
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def from_json(cls, text: str) -> SfmJob:
-        fields = json.loads(text)
-        return cls(**{**fields, "settings": SfmSettings(**fields["settings"])})
+# Of features, by effort: how many times as many, and the least contrast of one (COLMAP's own is 0.0067).
+_MORE, _PEAKS = (1, 2), (0.02 / 3, 0.004)
+_FOLDERS = (PLAIN, EVEN)
+# With fewer features in the median photograph the plain ones are not even matched: it is dark, blurred or bare.
+_HOPELESS = 100
 
 
 def main() -> None:
@@ -111,116 +47,157 @@ def _end_alone(workspace: Path) -> None:
 def _estimate(job: SfmJob) -> None:
     """Write the largest reconstruction of the photographs to the workspace.
 
-    Tells the name of each step as it begins ("features", "matching", "mapping"), the number of cameras found so far,
-    and at the end "done" or, where nothing could be reconstructed, "nothing".
+    Tells the name of each step as it begins ("reading", "features", "matching", "mapping"), with "more " before it when
+    it is done again with more features; how far it is, as a number; and at the end the fields of `Placed`.
     """
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.FATAL.value)
     pycolmap.set_random_seed(job.settings.seed)
-    workspace = Path(job.workspace)
-    database = workspace / DATABASE
-    _tell("features")
-    for names in job.names:
-        _extract(database, Path(job.folder), names, job.settings)
-    _tell("matching")
-    _match(database, sum(map(len, job.names)), job.settings)
-    _tell("mapping")
-    best = _largest(database, job)
-    if best is None:
-        _tell("nothing")
-        return
-    _refine(best, job.settings)
-    (workspace / RESULT).mkdir()
-    best.write_binary(str(workspace / RESULT))
-    _tell("done")
+    _tell("reading")
+    sizes = copy_photographs(job, _tell)
+    count, best, placed = len(job.names), None, Placed()
+    for effort in range(len(_FOLDERS)):
+        again = "more " if effort else ""
+        database = Path(job.workspace) / f"{effort}-{DATABASE}"
+        _tell(f"{again}features")
+        if effort:
+            even_out(job)
+        _extract(database, job, sizes, effort)
+        if effort == 0 and _median_features(database) < _HOPELESS:
+            continue
+        _tell(f"{again}matching")
+        matched = _match(database, job)
+        _tell(f"{again}mapping")
+        found = map_photographs(database, count, job.settings, _tell)
+        if best is None or (found and found.score > best.score):
+            placed = _describe(found, job, matched, effort)
+            best = found
+        if best and best.model.num_reg_images() >= job.settings.enough * count:
+            break
+    if best:
+        _write(best, job, sizes)
+    _tell(placed.to_dict())
 
 
-def _tell(message: str | int) -> None:
+def _tell(message: str | int | dict[str, Any]) -> None:
     print(json.dumps(message), flush=True)
 
 
-def _extract(database: Path, folder: Path, names: Sequence[str], settings: SfmSettings) -> None:
-    """Find the features of photographs of one camera."""
+def _extract(database: Path, job: SfmJob, sizes: list[tuple[int, int]], effort: int) -> None:
+    """Find the features of all photographs, those of one camera with one lens."""
+    settings = job.settings
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = settings.max_image_size
     options.num_threads = settings.threads
-    options.sift.max_num_features = settings.max_features
-    reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = settings.camera_model
-    pycolmap.extract_features(
-        database,
-        folder,
-        list(names),
-        camera_mode=pycolmap.CameraMode.SINGLE,
-        reader_options=reader,
-        extraction_options=options,
-        device=pycolmap.Device.cpu,
+    options.sift.max_num_features = settings.max_features * _MORE[effort]
+    options.sift.peak_threshold = _PEAKS[effort]
+    for camera in sorted(set(job.cameras)):
+        indices = [index for index, one in enumerate(job.cameras) if one == camera]
+        reader = pycolmap.ImageReaderOptions()
+        reader.camera_model = settings.camera_model
+        reader.mask_path = str(Path(job.workspace) / MASKS) if _has_masks(job) else ""
+        pycolmap.extract_features(
+            database,
+            Path(job.workspace) / _FOLDERS[effort],
+            [copy_name(index) for index in indices],
+            camera_mode=pycolmap.CameraMode.SINGLE,
+            reader_options=reader,
+            extraction_options=options,
+            device=pycolmap.Device.cpu,
+        )
+        _take_prior(database, Path(job.folder) / job.names[indices[0]], copy_name(indices[0]), settings.camera_model)
+
+
+def _has_masks(job: SfmJob) -> bool:
+    return any((Path(job.workspace) / MASKS).iterdir())
+
+
+def _take_prior(database: Path, photograph: Path, copy: str, camera_model: str) -> None:
+    """Give a camera the focal length that EXIF data of `photograph` tell, where they do."""
+    options = pycolmap.ImageReaderOptions()
+    options.camera_model = camera_model
+    try:
+        told = pycolmap.infer_camera_from_image(photograph, options)
+    except (RuntimeError, ValueError):  # of a format that pycolmap does not read
+        return
+    if not told.has_prior_focal_length:
+        return
+    with pycolmap.Database.open(str(database)) as opened:
+        image = opened.read_image_with_name(copy)
+        if image is None:
+            return
+        camera = opened.read_camera(image.camera_id)
+        told.rescale(camera.width, camera.height)
+        camera.focal_length = told.mean_focal_length()
+        camera.has_prior_focal_length = True
+        opened.update_camera(camera)
+
+
+def _image_ids(database: pycolmap.Database) -> dict[int, int]:
+    """Number of each photograph's image in the database, by its place in the job."""
+    return {index_of(image.name): image.image_id for image in database.read_all_images()}
+
+
+def _median_features(database: Path) -> int:
+    with pycolmap.Database.open(str(database)) as opened:
+        counts = sorted(opened.num_keypoints_for_image(image) for image in _image_ids(opened).values())
+    return counts[len(counts) // 2] if counts else 0
+
+
+def _match(database: Path, job: SfmJob) -> list[int]:
+    """Match pairs of photographs; returns for each photograph with how many others it has enough in common."""
+    settings, count = job.settings, len(job.names)
+    pairs = pairs_in_time(count, settings)
+    with pycolmap.Database.open(str(database)) as opened:
+        ids = _image_ids(opened)
+        if not settings.matches_every_pair(count):
+            signatures = signatures_of(opened, [ids[index] for index in range(count)], settings.seed)
+            pairs |= pairs_alike(signatures, settings.alike)
+    listed = Path(job.workspace) / "pairs.txt"
+    write_pairs(listed, pairs, [copy_name(index) for index in range(count)])
+    options = pycolmap.FeatureMatchingOptions()
+    options.num_threads = settings.threads
+    pairing = pycolmap.ImportedPairingOptions()
+    pairing.match_list_path = str(listed)
+    pycolmap.match_image_pairs(database, matching_options=options, pairing_options=pairing, device=pycolmap.Device.cpu)
+    with pycolmap.Database.open(str(database)) as opened:
+        found, inliers = opened.read_two_view_geometry_num_inliers()
+        partners = [0] * count
+        indices = {image: index for index, image in ids.items()}
+        for pair, number in zip(found, inliers, strict=True):
+            if number:
+                for image in pycolmap.pair_id_to_image_pair(pair):
+                    partners[indices[image]] += 1
+    return partners
+
+
+def _describe(found: Mapped | None, job: SfmJob, matched: list[int], effort: int) -> Placed:
+    if found is None:
+        return Placed(matched=matched, effort=effort)
+    model = found.model
+    images = [model.image(image) for image in model.reg_image_ids()]
+    used = {image.camera_id for image in images}
+    return Placed(
+        names=[job.names[index] for index in sorted(index_of(image.name) for image in images)],
+        pieces=found.pieces,
+        lenses=[focal_ratio(model.camera(camera)) for camera in sorted(used)],
+        angle=median_angle(model),
+        matched=matched,
+        method=found.method,
+        effort=effort,
     )
 
 
-def _match(database: Path, count: int, settings: SfmSettings) -> None:
-    options = pycolmap.FeatureMatchingOptions()
-    options.num_threads = settings.threads
-    if settings.matches_every_pair(count):
-        pycolmap.match_exhaustive(database, matching_options=options, device=pycolmap.Device.cpu)
-        return
-    pairing = pycolmap.SequentialPairingOptions()
-    pairing.overlap = settings.sequential_overlap
-    pycolmap.match_sequential(database, matching_options=options, pairing_options=pairing, device=pycolmap.Device.cpu)
-
-
-def _largest(database: Path, job: SfmJob) -> pycolmap.Reconstruction | None:
-    """The reconstruction of most photographs; begun anew, from another pair, while most have no place in it.
-
-    A first pair can bend the lens until it fits itself alone, as when walking straight ahead; no third one fits then.
-    So lenses are taken as straight when it is tried again. Such attempts end in seconds.
-    """
-    count = sum(map(len, job.names))
-    best = None
-    for attempt in range(_ATTEMPTS):
-        folder = Path(job.workspace) / f"models-{attempt}"
-        found = _map(database, Path(job.folder), folder, job.settings, job.settings.seed + attempt, attempt == 0)
-        best = max(filter(None, (best, found)), key=lambda model: model.num_reg_images(), default=None)
-        if best is not None and best.num_reg_images() >= _ENOUGH * count:
-            break
-    return best
-
-
-def _map(
-    database: Path, folder: Path, output: Path, settings: SfmSettings, seed: int, distortion: bool
-) -> pycolmap.Reconstruction | None:
-    """One attempt, in the new folder `output`; without `distortion`, lenses are taken as straight."""
-    pycolmap.set_random_seed(seed)
-    options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads = settings.threads
-    options.random_seed = seed
-    options.min_model_size = settings.min_model_size
-    options.ba_refine_extra_params = distortion
-    output.mkdir()
-    found = 0
-
-    def count_camera() -> None:
-        nonlocal found
-        found += 1
-        _tell(found)
-
-    models = pycolmap.incremental_mapping(database, folder, output, options, next_image_callback=count_camera)
-    return max(models.values(), key=lambda model: model.num_reg_images(), default=None)
-
-
-def _refine(model: pycolmap.Reconstruction, settings: SfmSettings) -> None:
-    """Adjust all of a reconstruction at once, with `settings.refined_model` for its cameras."""
-    for camera in model.cameras.values():
-        (focal,) = (camera.params[index] for index in camera.focal_length_idxs())
-        refined = pycolmap.Camera.create_from_model_name(
-            camera.camera_id, settings.refined_model, focal, camera.width, camera.height
-        )
-        params = refined.params
-        # Both models are one family: the further numbers of the larger one stand last and begin at zero.
-        params[: len(camera.params)] = camera.params
-        camera.model, camera.params = refined.model, params
-    config = pycolmap.BundleAdjustmentConfig()
-    for image in model.reg_image_ids():
-        config.add_image(image)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    options = pycolmap.BundleAdjustmentOptions(print_summary=False)
-    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+def _write(found: Mapped, job: SfmJob, sizes: list[tuple[int, int]]) -> None:
+    """Write the model under the photographs' own names, for their own sizes."""
+    model = found.model
+    scaled: set[int] = set()
+    for image in model.images.values():
+        index = index_of(image.name)
+        camera = model.camera(image.camera_id)
+        if image.camera_id not in scaled:
+            camera.rescale(*sizes[index])
+            scaled.add(image.camera_id)
+        image.name = job.names[index]
+    folder = Path(job.workspace) / RESULT
+    folder.mkdir()
+    model.write_binary(str(folder))

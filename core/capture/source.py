@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError, one_line
 from .files import quote_first
-from .model import CaptureWarning
+from .model import CaptureWarning, Estimate
 
 # Of a capture; all views are in memory together, and 20,000 of one megapixel have 60 GB.
 MOST_VIEWS = 20_000
@@ -50,6 +50,7 @@ class SourceModel:
         file: the file or folder it was read from, for messages.
         views: those whose image file exists.
         points: (P, 3) float32 and `point_colors` (P, 3) uint8 sRGB, in the frame of the views.
+        estimate: of cameras that were estimated.
     """
 
     format: str
@@ -58,6 +59,7 @@ class SourceModel:
     points: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 3), np.float32))
     point_colors: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     warnings: list[CaptureWarning] = field(default_factory=list)
+    estimate: Estimate | None = None
 
     def warn(self, name: str, message: str) -> None:
         """Note something that does not stop the run."""

@@ -11,8 +11,8 @@ import pytest
 
 from cvdgs.core.capture.images import read_pixels
 from cvdgs.core.capture.reader import read_capture
-from cvdgs.core.capture.sfm import group_by_camera
-from cvdgs.core.capture.sfm_process import SfmSettings
+from cvdgs.core.capture.sfm import number_cameras
+from cvdgs.core.capture.sfm_verdict import Frame
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import Cancelled, InputError
 from cvdgs.core.runtime.protocol import Reporter
@@ -56,7 +56,7 @@ def test_progress_is_reported_step_by_step(tmp_path: Path) -> None:
     recorder = Recorder()
     with pytest.raises(InputError):
         read_capture(tmp_path, max_size=None, cameras="estimate", reporter=recorder)
-    assert recorder.stages == ["capture", "sfm-features", "sfm-matching", "sfm-mapping"]
+    assert recorder.stages == ["capture", "sfm-reading", "sfm-features", "sfm-features", "sfm-matching", "sfm-mapping"]
 
 
 def test_frames_without_exif_share_a_camera_and_its_one_focal_length_is_found(tmp_path: Path) -> None:
@@ -97,7 +97,7 @@ def test_photographs_of_a_telephone_held_upright_are_upright(tmp_path: Path, ori
         assert np.median(np.abs(colors - capture.point_colors[in_camera[:, 2] > 0.0][seen])) < 22.0
 
 
-def test_photographs_are_grouped_by_camera(tmp_path: Path) -> None:
+def test_photographs_are_numbered_by_camera_and_a_video_has_one(tmp_path: Path) -> None:
     def take(name: str, size: int, **exif: str) -> None:
         save(tmp_path / name, np.zeros((size, 20, 3), np.uint8), **exif)
 
@@ -105,14 +105,51 @@ def test_photographs_are_grouped_by_camera(tmp_path: Path) -> None:
     take("b.jpg", 30)
     take("c.jpg", 20, Model="a telephone")
     take("d.jpg", 20)
-    groups = group_by_camera(tmp_path, ["a.jpg", "b.jpg", "c.jpg", "d.jpg"])
-    assert groups == [["a.jpg", "d.jpg"], ["b.jpg"], ["c.jpg"]]
+    take("e.jpg", 20)
+    frames = {"e.jpg": Frame(0.0, "walk.mp4")}
+    assert number_cameras(tmp_path, ["a.jpg", "b.jpg", "c.jpg", "d.jpg", "e.jpg"], frames) == [0, 1, 2, 0, 3]
 
 
-def test_many_photographs_are_matched_with_their_neighbours() -> None:
-    settings = SfmSettings()
-    assert settings.pairs(80) == 80 * 79 // 2
-    assert settings.pairs(300) < 300 * 16
+def test_names_may_hold_spaces_and_lie_in_folders(tmp_path: Path) -> None:
+    for number, path in enumerate(sorted((SHOWROOM / "images").iterdir())[::4]):
+        target = tmp_path / f"shelf {number % 2}" / f"photo {number} é.png"
+        target.parent.mkdir(exist_ok=True)
+        shutil.copy(path, target)
+    capture = read_capture(tmp_path, max_size=160, cameras="estimate")
+    assert len(capture.views) == 10
+    assert capture.estimate is not None
+    assert (capture.estimate.photographs, capture.estimate.placed, capture.estimate.sheet) == (10, 10, None)
+
+
+@pytest.mark.slow
+def test_dark_blurred_frames_are_placed_by_the_features_that_even_contrast_shows(tmp_path: Path) -> None:
+    generator = np.random.default_rng(0)
+    for path in sorted((SHOWROOM / "images").iterdir())[::2]:
+        light = read_pixels(path)[0].astype(np.float32)
+        blurred = (np.roll(light, 1, 0) + np.roll(light, -1, 0) + np.roll(light, 1, 1) + np.roll(light, -1, 1)) / 4
+        dark = 0.1 * blurred + generator.normal(0.0, 0.7, light.shape)
+        save(tmp_path / path.name, np.clip(dark, 0, 255).astype(np.uint8))
+    capture = read_capture(tmp_path, max_size=None, cameras="estimate")
+    assert len(capture.views) >= 16
+    assert capture.views[0].camera.fx == pytest.approx(480.0, rel=0.03)
+
+
+def test_strays_are_left_out_shown_and_named(tmp_path: Path) -> None:
+    for path in sorted((SHOWROOM / "images").iterdir())[::4]:
+        shutil.copy(path, tmp_path)
+    generator = np.random.default_rng(0)
+    for name in ("z1.png", "z2.png"):
+        save(tmp_path / name, generator.integers(0, 256, (90, 120, 3)).astype(np.uint8).repeat(4, 0).repeat(4, 1))
+    capture = read_capture(tmp_path, max_size=160, cameras="estimate")
+    assert len(capture.views) == 10
+    (warning,) = (warning for warning in capture.warnings if warning.name == "not-placed")
+    assert "10 of 12 photographs hang together" in warning.message
+    assert "z1.png" in warning.message
+    assert capture.estimate is not None
+    assert capture.estimate.sheet is not None
+    vermilion = (capture.estimate.sheet == (213, 94, 0)).all(axis=2)
+    assert vermilion.any()
+    assert not vermilion[: len(vermilion) // 2].any()
 
 
 def test_cancelling_stops_at_the_next_picture_and_leaves_nothing(tmp_path: Path) -> None:
