@@ -31,6 +31,7 @@ ESTIMATE, GIVEN = "estimate", "given"
 MIN_SIZE = 32  # pixels of the longer side; below that SSIM's 11-pixel window sees little else than its own border
 
 _UPDATE = "update the program that sends them"
+_SMALLEST_UNIT, _LARGEST_UNIT = 1e-6, 1e6  # metres
 _MOST_EXACT = 2**53  # of whole numbers as floating-point ones
 _TYPE_NAMES: Mapping[type, str] = {
     bool: "true or false",
@@ -188,6 +189,12 @@ class Settings:
     engine: str = _option("cycles", "render engine of the turntable", choices=ENGINES)
     blend: bool = _option(True, "write scene.blend and stills with Blender", label="Scene File and Stills")
     resume: bool = _option(False, "add the layers to the finished run in DIR")
+    scale: str = _option(
+        "",
+        'two points of the capture\'s world and the metres between them, "x,y,z x,y,z 2.4"',
+        metavar="REFERENCE",
+        fixed=True,
+    )
     cameras: str = _option(
         AUTO,
         "auto|estimate|given|FILE; FILE: a COLMAP model's folder or a transforms.json",
@@ -240,6 +247,7 @@ class Settings:
             "--holdout",
             "give 0 for none, or 2 and more",
         )
+        scale_of(self.scale)
         _check(self.turntable != 1, "one picture is no turn", "--turntable", "give 2 or more, or 0 for none")
         _check(self.blend or not self.turntable, "Blender renders it", "--turntable", "leave out --no-blend")
 
@@ -247,6 +255,11 @@ class Settings:
     def cameras_from(self) -> str:
         """Where the cameras come from, as `capture.reader.read_capture` takes it."""
         return ESTIMATE if self.sfm else self.cameras
+
+    @property
+    def metres_per_unit(self) -> float | None:
+        """How long a unit of the capture's world is; None where nobody has measured it."""
+        return scale_of(self.scale)
 
     @property
     def corrects_poses(self) -> bool:
@@ -295,6 +308,33 @@ def typed_value(owner: type, name: str, value: Any) -> Any:
         remedy = f"give {' or '.join(_TYPE_NAMES[one] for one in allowed)}"
         raise InputError(f"{repr(value)[:40]} is unusable", where=flag(name), remedy=remedy)
     return value
+
+
+def scale_of(reference: str) -> float | None:
+    """Metres in a unit of the capture's world, from two of its points and the metres between them; None without.
+
+    Args:
+        reference: ``x,y,z x,y,z metres``.
+
+    Raises:
+        InputError: it is something else, the points are one, or the distance is not above 0.
+    """
+    if not reference:
+        return None
+    try:
+        first, second, metres = reference.split()
+        start, end = ([float(number) for number in point.split(",")] for point in (first, second))
+        distance, length = (math.dist(start, end) if len(start) == len(end) == 3 else math.nan), float(metres)
+        scale = length / distance
+    except (ValueError, ZeroDivisionError, OverflowError):
+        scale = math.nan
+    _check(
+        _SMALLEST_UNIT <= scale <= _LARGEST_UNIT,
+        f"{repr(reference)[:60]} is no reference",
+        "--scale",
+        'give two points and the metres between them, as in "0,0,0 0,1.5,0 2.4"',
+    )
+    return scale
 
 
 def is_enhancer(name: str) -> bool:

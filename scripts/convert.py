@@ -24,8 +24,8 @@ import bootstrap
 bootstrap.load(modules=("numpy",))
 from cvdgs.core.errors import InputError, one_line
 from cvdgs.core.runtime.cli import OneLineParser, exit_code
-from cvdgs.core.splats.io.files import most_important, read_layers, require_known_suffix, write_layers
-from cvdgs.core.splats.io.layers import TO_Y_UP
+from cvdgs.core.splats.io.files import WITH_A_WORLD, most_important, read_layers, require_known_suffix, write_layers
+from cvdgs.core.splats.io.layers import TO_Y_UP, world_of_run
 from cvdgs.core.splats.web.finished_run import is_finished_run, surroundings_of
 from cvdgs.core.splats.web.page import SUFFIX as WEB_PAGE_SUFFIX
 from cvdgs.core.splats.web.page import write_web_page
@@ -56,7 +56,7 @@ def build_parser() -> argparse.ArgumentParser:
         "--up",
         default="",
         choices=tuple(TO_Y_UP),
-        help="axis of the scene that points up in a .glb, .usd or .html; otherwise it stands as it is",
+        help="axis of the scene that points up in a .glb, .usd or .html; else what report.json beside IN says",
     )
     parser.add_argument(
         "--gaussians",
@@ -89,7 +89,8 @@ def convert(options: argparse.Namespace) -> str:
     if target.suffix.lower() == WEB_PAGE_SUFFIX and len(folders) == 1 and is_finished_run(*folders):
         write_web_page(target, layers, options.up, surroundings_of(*folders))
     else:
-        write_layers(target, layers, up=options.up)
+        up, metres = world_of_run(options.sources[0]) if target.suffix.lower() in WITH_A_WORLD else ("", 1.0)
+        write_layers(target, layers, up=options.up or up, metres=metres)
     first = next(iter(layers.values()))
     said = f"wrote {target}: {len(first):,} Gaussians, {target.stat().st_size / 1e6:.1f} MB"
     if len(layers) > 1:

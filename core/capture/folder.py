@@ -23,6 +23,7 @@ from .model import PinholeCamera
 
 _RUN_AGAIN = "choose the output folder of a finished run"
 _IMPORT_AGAIN = "import the capture again"
+_LEAST_UP = 1e-6  # length of a vector that is a direction
 _ORTHONORMAL_TOLERANCE = 1e-3
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 
@@ -62,11 +63,15 @@ class CaptureFolder:
         folder: the folder.
         views: at least one, in file order.
         is_cut_out: whether photographs have transparency.
+        up: (3,) unit vector, or None where the worker did not say what is up.
+        metres_per_unit: None where nobody has measured it.
     """
 
     folder: Path
     views: tuple[CaptureView, ...]
     is_cut_out: bool
+    up: NDArray[np.float64] | None = None
+    metres_per_unit: float | None = None
 
 
 def is_normalised(folder: Path) -> bool:
@@ -89,12 +94,35 @@ def read_capture_folder(folder: Path) -> CaptureFolder:
     if not path.is_file():
         raise InputError("no such file", where=path, remedy=_RUN_AGAIN)
     try:
-        views = tuple(_read_view(frame, path) for frame in _frames(path))
+        frames = _frames(path)
+        views = tuple(_read_view(frame, path) for frame in frames)
+        up = _read_up(frames[0].get("up")) if frames else None
+        unit = _read_unit(frames[0].get("metres_per_unit")) if frames else None
     except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError, RuntimeError) as error:
         raise InputError(f"not the cameras of a run{explained(error)}", where=path, remedy=_RUN_AGAIN) from None
     if not views:
         raise InputError("it lists no cameras", where=path, remedy=_RUN_AGAIN)
-    return CaptureFolder(folder, views, any(view.image is not None and _has_alpha(view.image) for view in views))
+    is_cut_out = any(view.image is not None and _has_alpha(view.image) for view in views)
+    return CaptureFolder(folder, views, is_cut_out, up, unit)
+
+
+def _read_up(stated: Any) -> NDArray[np.float64] | None:
+    if stated is None:
+        return None
+    up = np.array(stated, np.float64)
+    norm = float(np.linalg.norm(up))
+    if up.shape != (3,) or not np.isfinite(norm) or norm < _LEAST_UP:
+        raise ValueError("up is no direction")
+    return up / norm
+
+
+def _read_unit(stated: Any) -> float | None:
+    if stated is None:
+        return None
+    metres = float(stated)
+    if not 0.0 < metres < np.inf:
+        raise ValueError("a unit is no number of metres")
+    return metres
 
 
 def _frames(path: Path) -> list[Mapping[str, Any]]:

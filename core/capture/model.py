@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .upright import UpDirection
+
 MIN_VIEWS = 2
 
 
@@ -101,6 +103,8 @@ class Capture:
         point_colors: (P, 3) uint8 sRGB.
         warnings: in the order in which they were noticed.
         estimate: of cameras that were estimated.
+        up: which direction of the world is up.
+        metres_per_unit: of the world, or None where nobody has measured it.
     """
 
     source: Path
@@ -110,6 +114,17 @@ class Capture:
     point_colors: NDArray[np.uint8]
     warnings: tuple[CaptureWarning, ...] = field(default=())
     estimate: Estimate | None = None
+    up: UpDirection | None = None
+    metres_per_unit: float | None = None
+
+    def turned(self, rotation: NDArray[np.float64]) -> Capture:
+        """The same photographs in a world turned by a (3, 3) rotation."""
+        back = np.eye(4)
+        back[:3, :3] = rotation.T
+        views = tuple(view.at(view.world_to_camera @ back) for view in self.views)
+        points = (self.points @ rotation.T).astype(np.float32)
+        up = self.up and replace(self.up, direction=rotation @ self.up.direction)
+        return replace(self, views=views, points=points, up=up)
 
     def moved(self, poses: Mapping[str, NDArray[np.float64]]) -> Capture:
         """The same photographs, those of the given keys from other (4, 4) world-to-camera poses."""

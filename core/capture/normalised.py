@@ -41,6 +41,10 @@ def write_cameras(capture: Capture, folder: Path) -> None:
     document: dict[str, Any] = {"camera_model": "PINHOLE", "frames": [_frame(view) for view in capture.views]}
     if len(capture.points):
         document["ply_file_path"] = POINTS_FILE
+    if capture.up:
+        document["up"] = capture.up.direction.tolist()
+    if capture.metres_per_unit:
+        document["metres_per_unit"] = capture.metres_per_unit
     with replacing(folder / CAMERAS_FILE) as temporary:
         temporary.write_text(json.dumps(document, indent=1, allow_nan=False), encoding="utf-8")
 

@@ -29,6 +29,7 @@ from .scaling import downscale_with_alpha, fit_size
 from .sfm import estimate_cameras
 from .source import MOST_VIEWS, SourceModel
 from .transforms import find_transforms, read_transforms
+from .upright import DOWN_IS_Y, find_up, rotation_to
 from .views import STAGE, plan_views, read_views
 
 # Below this a reconstruction has to guess what lies between the views.
@@ -98,7 +99,12 @@ def read_capture(
     for warning in model.warnings:
         reporter.warning(warning.name, warning.message)
     warnings = tuple(model.warnings)
-    return Capture(folder, model.format, tuple(views), model.points, model.point_colors, warnings, model.estimate)
+    up = find_up([view.world_to_camera for view in views], model.points)
+    capture = Capture(
+        folder, model.format, tuple(views), model.points, model.point_colors, warnings, model.estimate, up
+    )
+    # Estimated cameras have a world that nobody has chosen yet.
+    return capture.turned(rotation_to(up.direction, DOWN_IS_Y)) if model.estimate else capture
 
 
 @contextmanager

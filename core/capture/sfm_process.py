@@ -11,6 +11,7 @@ import os
 import shutil
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ import pycolmap
 
 from ..runtime.process import follow_parent
 from .sfm_images import EVEN, MASKS, PLAIN, copy_name, copy_photographs, even_out, index_of
-from .sfm_job import DATABASE, RESULT, Placed, SfmJob
+from .sfm_job import DATABASE, RESULT, Placed, SfmJob, SfmSettings
 from .sfm_mapping import Mapped, focal_ratio, map_photographs, median_angle
 from .sfm_pairs import pairs_alike, pairs_in_time, signatures_of, write_pairs
 
@@ -65,7 +66,7 @@ def _estimate(job: SfmJob) -> None:
         if effort == 0 and _median_features(database) < _HOPELESS:
             continue
         _tell(f"{again}matching")
-        matched = _match(database, job)
+        matched = _match(database, job, _with_effort(job.settings, effort))
         _tell(f"{again}mapping")
         found = map_photographs(database, count, job.settings, _tell)
         if best is None or (found and found.score > best.score):
@@ -143,9 +144,15 @@ def _median_features(database: Path) -> int:
     return counts[len(counts) // 2] if counts else 0
 
 
-def _match(database: Path, job: SfmJob) -> list[int]:
+def _with_effort(settings: SfmSettings, effort: int) -> SfmSettings:
+    """Which pairs to match: of photographs with many weak features, those that have nothing in common cost most."""
+    limit, alike = settings.exhaustive_limit, settings.alike
+    return replace(settings, exhaustive_limit=limit // 2, alike=2 * alike) if effort else settings
+
+
+def _match(database: Path, job: SfmJob, settings: SfmSettings) -> list[int]:
     """Match pairs of photographs; returns for each photograph with how many others it has enough in common."""
-    settings, count = job.settings, len(job.names)
+    count = len(job.names)
     pairs = pairs_in_time(count, settings)
     with pycolmap.Database.open(str(database)) as opened:
         ids = _image_ids(opened)

@@ -23,6 +23,9 @@ _LEAST_POINTS = 200  # below that no plane is looked for
 _THICKNESS = 0.006  # of a plane, as a share of the extent of the points
 _LEAST_SHARE = 0.06  # of the points, on a plane
 _LEAST_WIDTH = 0.08  # of the extent: standard deviation of a plane's points along its narrower side
+# Length of the mean of the cameras' up directions from which it says something, and how far it can be off: photographs
+# taken obliquely from above have a mean far from up where they are on one side.
+_AGREED, _DISAGREEMENT = 0.3, np.radians(50.0)
 _ROUNDS = 4  # of fitting a plane to the points near it
 _TRIM = 2.0  # percent of the points at each end of an axis that are strays
 
@@ -38,6 +41,10 @@ class UpDirection:
 
     direction: NDArray[np.float64]
     source: str
+
+
+DOWN_IS_Y = np.array([0.0, -1.0, 0.0])
+"""Up in the world of estimated cameras: y points down as in cameras, which viewers of splat files take for upright."""
 
 
 def find_up(poses: Sequence[NDArray[np.float64]], points: NDArray[np.floating]) -> UpDirection:
@@ -68,8 +75,8 @@ def _from_cameras(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
         if values[1] < _LEAST_TURN * values[2]:
             break  # all look the same way: then pitch is known from the mean alone
         candidate = vectors[:, 0] * np.sign(vectors[:, 0] @ up or 1.0)
-        if _angle(candidate, up) > np.radians(40.0) and norm > 0.3 * 1.0:
-            break
+        if norm > _AGREED and _angle(candidate, up) > _DISAGREEMENT:
+            break  # most were held on their side; the mean is nearer then
         tilt = right @ candidate
         weights = 1.0 / (1.0 + (tilt / np.sin(np.radians(3.0))) ** 2)
         up = candidate

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ from ..capture.reader import read_capture
 from ..enhance import Enhancer, make_enhancer
 from ..evaluate.advice import advise
 from ..evaluate.evaluation import Split
-from ..runs.layout import CAPTURE_FOLDER
+from ..files.images import write_png
+from ..runs.layout import CAPTURE_FOLDER, PLACED_FILE
 from ..runs.report import SCHEMA, without_non_finite
 from ..runtime.progress import Clock
 from ..runtime.protocol import Reporter
@@ -55,7 +57,10 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
             capture = read_capture(
                 Path(settings.capture), max_size=size, cameras=settings.cameras_from, reporter=recorder
             )
+            capture = replace(capture, metres_per_unit=settings.metres_per_unit)
             write_capture(capture, folder / CAPTURE_FOLDER)
+            if capture.estimate and capture.estimate.sheet is not None:
+                write_png(folder / CAPTURE_FOLDER / PLACED_FILE, capture.estimate.sheet)
     raster.load(device, recorder)
     split = _split(capture, settings.holdout, recorder)
     stages = Stages.of(settings, folder, recorder, capture, split, raster.Rasterizer(device), previews=previews)
@@ -150,6 +155,10 @@ def _describe_capture(capture: Capture, split: Split) -> dict[str, Any]:
         "width": first.width,
         "height": first.height,
         "points": len(capture.points),
+        "up": [round(value, 6) for value in capture.up.direction.tolist()] if capture.up else None,
+        "up_from": capture.up.source if capture.up else None,
+        "metres_per_unit": capture.metres_per_unit,
+        "estimate": capture.estimate.to_dict() if capture.estimate else None,
     }
 
 

@@ -55,7 +55,7 @@ def add_settings(parser: argparse.ArgumentParser, names: Iterable[str]) -> None:
     for name in names:
         option, default = OPTIONS[name], getattr(Settings, name)
         text = f"{option.text}: {'|'.join(option.choices)}" if option.choices else option.text
-        shown = f"{text} ({AUTO if default is None else default})"
+        shown = text if default == "" else f"{text} ({AUTO if default is None else default})"
         if hints[name] is bool and default:
             parser.add_argument(flag(f"no-{name}"), dest=name, action="store_false", help=f"do not {option.text}")
         elif hints[name] is bool:

@@ -21,7 +21,7 @@ from .cameras import use_camera
 from .display import BACKGROUND_PROPERTY, Form, show_form
 from .finished_run import PARTIAL_FOLDER, RUN_PROPERTY, FinishedRun, read_run
 from .import_capture import add_cameras
-from .placement import placement
+from .placement import Found, placement
 from .preview import shade_flat
 from .render_settings import Display, display_of, set_background, set_cycles, set_display
 from .splat_nodes import Input
@@ -115,7 +115,9 @@ def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOption
     """
     check_gaussians(run.gaussians, run.layers, where=run.folder)
     center, _ = core_bounds(run.gaussians.means)
-    added = add_cameras(run.views, placement(run.views, center) if options.place else np.eye(4), center, scene)
+    found = Found(run.up, run.metres_per_unit)
+    matrix = placement(run.views, center, found=found) if options.place else np.eye(4)
+    added = add_cameras(run.views, matrix, center, scene, found)
     splats = add_gaussians(run.gaussians, run.layers, added.collection)
     splats.parent = added.empty
     set_input(splats, Input.SCENE_LINEAR, display_of(scene) is Display.SCENE_LINEAR)

@@ -34,6 +34,8 @@ class FinishedRun:
         gaussians: geometry and original colours.
         layers: (N, 3) colours by layer name.
         background: sRGB that the Gaussians were trained over: black, or white for cut-outs.
+        up: (3,) unit vector, or None where the run does not say what is up.
+        metres_per_unit: of the run's world, or None where nobody has measured it.
     """
 
     folder: Path
@@ -41,6 +43,8 @@ class FinishedRun:
     gaussians: Gaussians
     layers: Mapping[str, NDArray[np.float32]]
     background: tuple[float, float, float]
+    up: NDArray[np.float64] | None = None
+    metres_per_unit: float | None = None
 
     def view(self, key: str) -> CaptureView:
         """The view called `key`.
@@ -77,7 +81,7 @@ def read_run(folder: str | Path) -> FinishedRun:
             )
         layers[layer_of(path.name)] = layer.base_colors
     background = (1.0, 1.0, 1.0) if capture.is_cut_out else (0.0, 0.0, 0.0)
-    return FinishedRun(folder, capture.views, gaussians, layers, background)
+    return FinishedRun(folder, capture.views, gaussians, layers, background, capture.up, capture.metres_per_unit)
 
 
 def _existing(path: Path) -> Path:

@@ -15,7 +15,17 @@ from ...core.capture.folder import CaptureView, read_capture_folder, read_points
 from ...core.splats.gaussians import core_bounds
 from .cameras import Clip, add_camera, camera_intrinsics, camera_to_world, is_capture_camera
 from .display import match_display
-from .placement import Placing, add_empty, camera_distance, is_capture, near_depth, placement
+from .placement import (
+    NOTHING_FOUND,
+    Found,
+    Placing,
+    add_empty,
+    camera_distance,
+    found_of,
+    is_capture,
+    near_depth,
+    placement,
+)
 from .sparse_points import add_sparse_points, is_sparse_points
 from .splat_attributes import point_positions
 from .splats import is_splats
@@ -67,7 +77,9 @@ def import_capture(folder: Path, scene: bpy.types.Scene, options: ImportOptions 
     capture = read_capture_folder(folder)
     positions, colors = read_points(folder)
     center = core_bounds(positions)[0] if len(positions) else _focus(capture.views)
-    added = add_cameras(capture.views, placement(capture.views, center, options.placing), center, scene)
+    found = Found(capture.up, capture.metres_per_unit)
+    matrix = placement(capture.views, center, options.placing, found)
+    added = add_cameras(capture.views, matrix, center, scene, found)
     if options.images:
         for view in capture.views:
             if view.image is not None:
@@ -82,7 +94,11 @@ def import_capture(folder: Path, scene: bpy.types.Scene, options: ImportOptions 
 
 
 def add_cameras(
-    views: Sequence[CaptureView], matrix: NDArray[np.float64], center: NDArray[np.float64], scene: bpy.types.Scene
+    views: Sequence[CaptureView],
+    matrix: NDArray[np.float64],
+    center: NDArray[np.float64],
+    scene: bpy.types.Scene,
+    found: Found = NOTHING_FOUND,
 ) -> CaptureObjects:
     """Add a camera for each view, below an Empty, in a collection of its own.
 
@@ -91,11 +107,12 @@ def add_cameras(
         matrix: (4, 4) similarity from the capture's world to the scene (see `placement`).
         center: (3,) of the subject, in the capture's world.
         scene: gets all of it.
+        found: what is known of the capture's world, for placing it again.
     """
     scale, distance = _scale_of(matrix), camera_distance(views, center)
     clip = Clip(near_depth(views, distance) * scale, _CLIP_END * distance * scale)
     top = _add_collection("Capture", scene.collection)
-    empty = add_empty(matrix, _EMPTY_SIZE * distance, top)
+    empty = add_empty(matrix, _EMPTY_SIZE * distance, top, found)
     collection = _add_collection("Cameras", top)
     cameras = {}
     for view in views:
@@ -122,7 +139,7 @@ def place_again(empty: bpy.types.Object, placing: Placing) -> None:
     ]
     if not views:
         return
-    matrix = placement(views, _center_of(empty, views), placing)
+    matrix = placement(views, _center_of(empty, views), placing, found_of(empty))
     ratio = _scale_of(matrix) / _scale_of(np.array(empty.matrix_basis))
     empty.matrix_basis = mathutils.Matrix(matrix.tolist())
     for camera in empty.children:

@@ -15,10 +15,13 @@ from ...core.capture.folder import CaptureView
 
 EMPTY_NAME = "Capture"
 
-_IS_CAPTURE = "cvdgs_capture"  # custom property of the Empty
+# Custom properties of the Empty.
+_IS_CAPTURE, _UP, _METRES = "cvdgs_capture", "cvdgs_up", "cvdgs_metres_per_unit"
 
 # A capture whose +Z is within this angle of up is taken to be upright already, and stays as it is.
 _UPRIGHT_TOLERANCE = np.radians(25.0)
+# The same where the worker has found out what is up.
+_KNOWN_TOLERANCE = np.radians(1.0)
 NEAR = 0.05  # of the rasteriser (`core.splats.raster.frame`), in the trainer's units
 # Distances from camera to subject that suit Blender's units, grid and clipping, and what another one is scaled to.
 _COMFORTABLE_DISTANCE = (0.3, 30.0)  # metres
@@ -29,7 +32,7 @@ class Up(Enum):
     """Which direction of a capture's world is up."""
 
     AUTO = "AUTO"
-    """The mean of the cameras' up directions, unless +Z is near it already."""
+    """What the worker found, else the mean of the cameras' up directions, unless +Z is near it already."""
 
     X, Y, Z = "X", "Y", "Z"
     NEGATIVE_X, NEGATIVE_Y, NEGATIVE_Z = "-X", "-Y", "-Z"
@@ -49,8 +52,27 @@ class Placing:
     distance: float = 0.0
 
 
+@dataclass(frozen=True)
+class Found:
+    """What the worker knows of a capture's world.
+
+    Attributes:
+        up: (3,) unit vector, or None.
+        metres_per_unit: or None where nobody has measured it.
+    """
+
+    up: NDArray[np.float64] | None = None
+    metres_per_unit: float | None = None
+
+
+NOTHING_FOUND = Found()
+
+
 def placement(
-    views: Sequence[CaptureView], center: NDArray[np.float64], placing: Placing = Placing()
+    views: Sequence[CaptureView],
+    center: NDArray[np.float64],
+    placing: Placing = Placing(),
+    found: Found = NOTHING_FOUND,
 ) -> NDArray[np.float64]:
     """(4, 4) similarity from the capture's world to Blender's, the identity where that suits already.
 
@@ -61,9 +83,15 @@ def placement(
         views: the cameras.
         center: (3,) of the subject.
         placing: what to do instead.
+        found: what is known of the capture's world.
     """
-    rotation = _rotation(_up_direction(views, placing.up), is_chosen=placing.up is not Up.AUTO)
-    scale = _scale(camera_distance(views, center), placing.distance)
+    if placing.up is Up.AUTO and found.up is not None:
+        rotation = _rotation(found.up, _KNOWN_TOLERANCE)
+    else:
+        tolerance = _UPRIGHT_TOLERANCE if placing.up is Up.AUTO else 0.0
+        rotation = _rotation(_up_direction(views, placing.up), tolerance)
+    measured = found.metres_per_unit if not placing.distance else None
+    scale = measured or _scale(camera_distance(views, center), placing.distance)
     if scale == 1.0 and np.array_equal(rotation, np.eye(3)):
         return np.eye(4)
     matrix = np.eye(4)
@@ -80,9 +108,8 @@ def _up_direction(views: Sequence[CaptureView], up: Up) -> NDArray[np.float64]:
     return mean / np.linalg.norm(mean) if np.linalg.norm(mean) > 1e-6 else np.array([0.0, 0.0, 1.0])
 
 
-def _rotation(up: NDArray[np.float64], *, is_chosen: bool) -> NDArray[np.float64]:
-    """(3, 3) that takes `up` to +Z; the identity where that is near and nobody asked for more."""
-    tolerance = 0.0 if is_chosen else _UPRIGHT_TOLERANCE
+def _rotation(up: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+    """(3, 3) that takes `up` to +Z; the identity where that is within the angle `tolerance`."""
     if np.arccos(np.clip(up[2], -1.0, 1.0)) <= tolerance:
         return np.eye(3)
     return np.array(mathutils.Vector(up).rotation_difference((0.0, 0.0, 1.0)).to_matrix(), np.float64)
@@ -115,16 +142,34 @@ def near_depth(views: Sequence[CaptureView], distance: float) -> float:
     return NEAR * (extent if extent > 1e-6 * distance else distance)
 
 
-def add_empty(matrix: NDArray[np.float64], size: float, collection: bpy.types.Collection) -> bpy.types.Object:
-    """The Empty that carries cameras and Gaussians, its axes `size` scene units long."""
+def add_empty(
+    matrix: NDArray[np.float64],
+    size: float,
+    collection: bpy.types.Collection,
+    found: Found = NOTHING_FOUND,
+) -> bpy.types.Object:
+    """The Empty that carries cameras and Gaussians, its axes `size` scene units long; it remembers what is `found`."""
     empty = bpy.data.objects.new(EMPTY_NAME, None)
     empty.empty_display_type = "ARROWS"
     empty.empty_display_size = size
     empty.rotation_mode = "QUATERNION"
     empty.matrix_basis = mathutils.Matrix(matrix.tolist())
     empty[_IS_CAPTURE] = True
+    if found.up is not None:
+        empty[_UP] = found.up.tolist()
+    if found.metres_per_unit:
+        empty[_METRES] = found.metres_per_unit
     collection.objects.link(empty)
     return empty
+
+
+def found_of(empty: bpy.types.Object) -> Found:
+    """What `add_empty` was told of `empty`; nothing where someone has changed it beyond use."""
+    up = np.array(empty.get(_UP, ()), np.float64).ravel()
+    length = float(np.linalg.norm(up))
+    is_direction = up.shape == (3,) and 0.0 < length < np.inf
+    metres = float(empty.get(_METRES, 0.0))
+    return Found(up / length if is_direction else None, metres if 0.0 < metres < np.inf else None)
 
 
 def is_capture(candidate: bpy.types.Object) -> bool:

@@ -19,7 +19,8 @@ from cvdgs.core.splats.io.ply import write_ply
 from cvdgs.cvdgs_addon.scene import cameras, splats, worker
 from cvdgs.cvdgs_addon.scene.convert import ConversionOptions, convert, load_run
 from cvdgs.cvdgs_addon.scene.finished_run import PARTIAL_FOLDER, read_run
-from cvdgs.cvdgs_addon.scene.placement import placement
+from cvdgs.cvdgs_addon.scene.import_capture import place_again
+from cvdgs.cvdgs_addon.scene.placement import Placing, Up, placement
 from cvdgs.cvdgs_addon.scene.render_settings import Display
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 
@@ -129,6 +130,27 @@ def test_a_tilted_tiny_capture_is_set_upright_and_enlarged(run_folder):
     assert up[2] / np.linalg.norm(up) > 0.999
     distances = [np.linalg.norm((matrix @ view.camera_to_world)[:3, 3]) for view in views]
     assert np.median(distances) == pytest.approx(3.0, rel=1e-5)
+
+
+def test_what_the_worker_found_is_up_and_a_metre_is_a_unit(scene, run_folder):
+    file = run_folder / "capture" / "transforms.json"
+    up = np.array([0.1, -0.2, 1.0]) / np.linalg.norm([0.1, -0.2, 1.0])  # 13 degrees off: else taken for upright
+    document = json.loads(file.read_text()) | {"up": (2.0 * up).tolist(), "metres_per_unit": 0.5}
+    file.write_text(json.dumps(document))
+    loaded = load_run(read_run(run_folder), scene)
+    matrix = np.array(loaded.empty.matrix_basis)
+    np.testing.assert_allclose(matrix[:3, :3] @ up, (0.0, 0.0, 0.5), atol=1e-5)
+    place_again(loaded.empty, Placing(Up.X, 20.0))
+    place_again(loaded.empty, Placing())
+    np.testing.assert_allclose(np.array(loaded.empty.matrix_basis), matrix, atol=1e-5)
+
+
+@pytest.mark.parametrize("damage", [{"up": [0, 0, 0]}, {"up": "z"}, {"up": [1, 2]}, {"metres_per_unit": -1}])
+def test_a_damaged_up_or_unit_is_refused(run_folder, damage):
+    file = run_folder / "capture" / "transforms.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | damage))
+    with pytest.raises(InputError, match="not the cameras of a run"):
+        read_run(run_folder)
 
 
 # ---------------------------------------------------------------------------------------------------------- the worker

@@ -97,3 +97,19 @@ def test_settings_survive_the_way_to_the_worker():
 def test_unknown_settings_are_refused():
     with pytest.raises(InputError, match="flavour"):
         Settings.from_dict({**settings().to_dict(), "flavour": "mint"})
+
+
+def test_two_points_and_the_metres_between_them_give_the_length_of_a_unit() -> None:
+    assert Settings("c", "o", scale="0,0,0 0,-1.5,2 5").metres_per_unit == pytest.approx(2.0)
+    assert Settings("c", "o").metres_per_unit is None
+    for unusable in (
+        "2.4",
+        "0,0,0 0,0,0 1",
+        "0,0 1,1 1",
+        "0,0,0 1,1,1 -2",
+        "0,0,0 1,1,nan 2",
+        "a b c",
+        "0,0,0 1,1,1 1e99",
+    ):
+        with pytest.raises(InputError, match="is no reference"):
+            Settings("c", "o", scale=unusable)

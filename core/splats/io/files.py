@@ -28,13 +28,16 @@ from .usd import SUFFIXES as USD_SUFFIXES
 from .usd import require_usd, write_usd
 
 _WRITERS: dict[str, Callable[[Path, Gaussians], None]] = {".ply": write_ply, ".spz": write_spz, ".splat": write_splat}
-# These hold several layers, and what points up.
-_WRITERS_OF_LAYERS: dict[str, Callable[[Path, Mapping[str, Gaussians], str], None]] = {
+# These hold several layers, what points up, and how long a unit is.
+_WRITERS_OF_LAYERS: dict[str, Callable[[Path, Mapping[str, Gaussians], str, float], None]] = {
     ".glb": write_glb,
     **dict.fromkeys(USD_SUFFIXES, write_usd),
-    WEB_PAGE_SUFFIX: write_web_page,
+    # A page has its own cameras, and no unit.
+    WEB_PAGE_SUFFIX: lambda path, layers, up, _: write_web_page(path, layers, up),
 }
 SUFFIXES = (*_WRITERS, ".glb")  # of what is read and written
+WITH_A_WORLD = (".glb", *USD_SUFFIXES)
+"""Suffixes of the formats that say which direction is up, and how long a unit is."""
 _WRITTEN = (*_WRITERS, *_WRITERS_OF_LAYERS)
 # Other formats of splat programs, by suffix; most have no magic bytes.
 _OTHER_FORMATS = {
@@ -113,11 +116,12 @@ def write_gaussians(path: str | Path, gaussians: Gaussians) -> None:
     write_layers(path, {ORIGINAL: gaussians})
 
 
-def write_layers(path: str | Path, layers: Mapping[str, Gaussians], *, up: str = "") -> None:
+def write_layers(path: str | Path, layers: Mapping[str, Gaussians], *, up: str = "", metres: float = 1.0) -> None:
     """Write `layers`, whose geometry is the first one's, as `write_gaussians` does.
 
     Args:
-        up: the axis of the scene that points up, one of `layers.TO_Y_UP`, or nothing where that is not known.
+        up: the axis of the scene that points up, as `layers.turn_to_y` takes it, or nothing where that is not known.
+        metres: in a unit of the scene; formats without a place for it leave it out.
 
     Raises:
         InputError: also for several layers, or `up`, in a format that has no place for them.
@@ -126,7 +130,7 @@ def write_layers(path: str | Path, layers: Mapping[str, Gaussians], *, up: str =
     require_known_suffix(path)
     suffix = path.suffix.lower()
     if suffix in _WRITERS_OF_LAYERS:
-        _WRITERS_OF_LAYERS[suffix](path, layers, up)
+        _WRITERS_OF_LAYERS[suffix](path, layers, up, metres)
         return
     if up or len(layers) > 1:
         what = "cannot say what is up" if up else f"holds one layer, not {len(layers)}"

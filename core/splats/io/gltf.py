@@ -27,7 +27,7 @@ from ...color.srgb import decode
 from ...errors import InputError
 from ...files.untrusted import opened, parse_json, writing_whole
 from ..gaussians import HIGHEST_SH_DEGREE, MOST_FILE_BYTES, Gaussians, require_room
-from .layers import TO_Y_UP, first_of
+from .layers import first_of, turn_to_y
 from .splat_file import logarithm, normalised
 
 MAGIC = b"glTF"
@@ -57,12 +57,13 @@ _MOST_LOG_SCALE = 88.0  # exp of which float32 holds
 _USE_ANOTHER = "choose a .glb that scripts/convert.py has written, or export a .ply"
 
 
-def write_glb(path: str | Path, layers: Mapping[str, Gaussians], up: str = "") -> None:
+def write_glb(path: str | Path, layers: Mapping[str, Gaussians], up: str = "", metres: float = 1.0) -> None:
     """Write `layers`, whose geometry is the first one's, to `path`.
 
     Args:
-        up: the axis of the scene that points up, one of `TO_Y_UP`: the nodes turn it to glTF's Y. Without it they stand
-            as they are.
+        up: the axis of the scene that points up, as `turn_to_y` takes it: the nodes turn it to glTF's Y. Without it
+            they stand as they are.
+        metres: in a unit of the scene, by which the nodes scale it.
 
     Raises:
         InputError: no Gaussians, or more than a GLB can hold.
@@ -80,7 +81,7 @@ def write_glb(path: str | Path, layers: Mapping[str, Gaussians], up: str = "") -
     for name, gaussians in layers.items():
         colors = zip(_coefficients(gaussians.sh_degree), gaussians.sh.transpose(1, 0, 2), strict=True)
         attributes = {semantic: document.add(values) for semantic, values in colors}
-        document.add_layer(name, geometry | attributes | fallback, TO_Y_UP.get(up))
+        document.add_layer(name, geometry | attributes | fallback, turn_to_y(up), metres)
         fallback = {}
     document.write(path)
 
@@ -150,11 +151,14 @@ class _Writer:
         self._size += values.nbytes  # of four bytes each, or pairs of two: views stay aligned
         return len(self._arrays) - 1
 
-    def add_layer(self, name: str, attributes: dict[str, int], rotation: tuple[float, ...] | None) -> None:
+    def add_layer(
+        self, name: str, attributes: dict[str, int], rotation: tuple[float, ...] | None, scale: float
+    ) -> None:
         """A primitive, in a mesh, node and scene of its own."""
         number = len(self._document["meshes"])
         primitive = {"attributes": attributes, "mode": _POINTS, "extensions": {_EXTENSION: _SPLATTING}}
         node = {"name": name, "mesh": number} | ({"rotation": rotation} if rotation else {})
+        node |= {"scale": [scale] * 3} if scale != 1.0 else {}
         self._document["meshes"].append({"name": name, "primitives": [primitive]})
         self._document["nodes"].append(node)
         self._document["scenes"].append({"name": name, "nodes": [number]})

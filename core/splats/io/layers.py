@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from math import sqrt
+from math import inf, sqrt
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import InputError
-from ...runs.layout import GAUSSIANS_FILE, ORIGINAL, layer_gaussians_file, layer_of
+from ...files.untrusted import is_file, read_json
+from ...runs.layout import GAUSSIANS_FILE, ORIGINAL, REPORT_FILE, layer_gaussians_file, layer_of
 from ..gaussians import Gaussians
 
 _HALF = sqrt(0.5)
@@ -26,6 +27,56 @@ TO_Y_UP: Mapping[str, tuple[float, float, float, float]] = {
     "-z": (_HALF, 0.0, 0.0, _HALF),
 }
 """By the axis of a scene that points up: the rotation, as a quaternion xyzw, that turns it to +Y."""
+
+
+def turn_to_y(up: str) -> tuple[float, float, float, float] | None:
+    """The rotation, as a quaternion xyzw, that turns `up` to +Y: an axis of `TO_Y_UP`, or three numbers ``x,y,z``.
+
+    None where `up` is empty.
+
+    Raises:
+        ValueError: `up` is no direction.
+    """
+    if not up or up in TO_Y_UP:
+        return TO_Y_UP.get(up)
+    x, y, z = (float(number) for number in up.split(","))
+    length = sqrt(x * x + y * y + z * z)
+    if not 0.0 < length < inf:
+        raise ValueError("no direction")
+    x, y, z = x / length, y / length, z / length
+    if y <= _OPPOSITE:
+        return TO_Y_UP["-y"]
+    # The shortest turn: about the axis at right angles to both.
+    w = sqrt(0.5 * (1.0 + y))
+    return -z / (2.0 * w), 0.0, x / (2.0 * w), w
+
+
+def world_of_run(file: Path) -> tuple[str, float]:
+    """What the report beside a run's `file` of Gaussians says of its world; the defaults where it says nothing.
+
+    Returns:
+        What is up, as `turn_to_y` takes it or empty, and the metres in a unit, 1 where that is not known.
+    """
+    report = file.parent / REPORT_FILE
+    if not is_file(report):
+        return "", 1.0
+    try:
+        capture = read_json(report, remedy="give --up")["capture"]
+        up = ",".join(f"{float(value):.6g}" for value in capture["up"])
+        turn_to_y(up)
+        metres = float(capture["metres_per_unit"] or 1.0)
+    except (InputError, KeyError, TypeError, ValueError, OverflowError):
+        return "", 1.0  # of another program, or of a version that did not look for it
+    axes = {",".join(f"{value:g}" for value in axis): name for name, axis in _AXES.items()}
+    return axes.get(up, up), metres if 0.0 < metres < inf else 1.0
+
+
+_AXES: Mapping[str, tuple[float, ...]] = {
+    f"{sign}{name}": tuple((-1.0 if sign else 1.0) if name == other else 0.0 for other in "xyz")
+    for name in "xyz"
+    for sign in ("", "-")
+}
+_OPPOSITE = -1.0 + 1e-12  # cosine of half a turn
 _GEOMETRY = tuple(field.name for field in fields(Gaussians) if field.name != "sh")
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from ...errors import InputError
 from ...files.untrusted import replacing
 from ..gaussians import Gaussians
-from .layers import TO_Y_UP, first_of
+from .layers import first_of, turn_to_y
 from .splat_file import normalised
 
 SUFFIXES = (".usd", ".usda", ".usdc")
@@ -39,12 +39,13 @@ def variant_name(layer: str) -> str:
     return _NOT_IN_VARIANTS.sub("_", layer)
 
 
-def write_usd(path: str | Path, layers: Mapping[str, Gaussians], up: str = "") -> None:
+def write_usd(path: str | Path, layers: Mapping[str, Gaussians], up: str = "", metres: float = 1.0) -> None:
     """Write `layers`, whose geometry is the first one's, to `path`; the first layer is the variant that is selected.
 
     Args:
         up: the axis of the scene that points up. Y and Z are what a stage can have; from another the scene is turned.
             Without it the scene stands as it is, in a stage whose Y points up.
+        metres: in a unit of the stage.
 
     Raises:
         InputError: OpenUSD is not here, there are no Gaussians, two layers would be called alike, or the file cannot be
@@ -60,7 +61,7 @@ def write_usd(path: str | Path, layers: Mapping[str, Gaussians], up: str = "") -
         with replacing(path) as temporary:
             temporary.touch()  # OpenUSD would make the folder
             stage = pxr.Usd.Stage.CreateNew(str(temporary))
-            _fill(pxr, stage, first, variants, up)
+            _fill(pxr, stage, first, variants, up, metres)
             stage.GetRootLayer().Save()
             del stage  # closes the file, which Windows wants before it gets its name
     except (OSError, pxr.Tf.ErrorException) as error:
@@ -86,15 +87,16 @@ def _library(where: Path) -> Any:
     return pxr
 
 
-def _fill(pxr: Any, stage: Any, first: Gaussians, variants: Mapping[str, Gaussians], up: str) -> None:
+def _fill(pxr: Any, stage: Any, first: Gaussians, variants: Mapping[str, Gaussians], up: str, metres: float) -> None:
     is_z_up = up == "z"
     pxr.UsdGeom.SetStageUpAxis(stage, pxr.UsdGeom.Tokens.z if is_z_up else pxr.UsdGeom.Tokens.y)
-    pxr.UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    pxr.UsdGeom.SetStageMetersPerUnit(stage, metres)
     scene = pxr.UsdGeom.Xform.Define(stage, SCENE)
     stage.SetDefaultPrim(scene.GetPrim())
     pxr.Usd.ModelAPI(scene).SetKind(pxr.Kind.Tokens.component)
-    if up not in ("", "y", "z"):
-        x, y, z, w = TO_Y_UP[up]
+    turn = turn_to_y(up)
+    if turn and up not in ("y", "z"):
+        x, y, z, w = turn
         scene.AddOrientOp().Set(pxr.Gf.Quatf(w, x, y, z))
     field = pxr.UsdVol.ParticleField3DGaussianSplat.Define(stage, GAUSSIANS)
     _set_geometry(pxr, field, first)

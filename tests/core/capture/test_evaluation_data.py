@@ -174,3 +174,17 @@ def test_sfm_finds_the_cameras_of_kermit(tmp_path: Path) -> None:
     assert recorder.fractions
     assert sorted(path.name for path in tmp_path.iterdir()) == ["kermit"]
     assert all(path.suffix == ".jpg" for path in (tmp_path / "kermit").iterdir())
+
+
+def test_a_meeting_room_stands_on_its_green_floor() -> None:
+    capture = read_capture(DATA / "room_lounge", max_size=32)
+    red, green, blue = capture.point_colors.astype(float).T
+    assert capture.up is not None
+    heights = capture.points @ capture.up.direction
+    low = heights < np.median(heights)
+    floor = capture.points[(green > 1.08 * red) & (green > 1.08 * blue) & low].astype(float)
+    for _ in range(5):
+        normal = np.linalg.svd(floor - floor.mean(axis=0))[2][2]
+        away = np.abs((floor - floor.mean(axis=0)) @ normal)
+        floor = floor[away < 2.0 * np.median(away) + 1e-9]
+    assert np.degrees(np.arccos(abs(normal @ capture.up.direction))) < 3.0

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from cvdgs.core.color.srgb import encode
 from cvdgs.core.errors import InputError
@@ -319,6 +320,23 @@ def test_a_damaged_gaussian_is_dropped_from_all_layers(tmp_path):
     assert list(kept) == ["original", "deutan-1.0"]
     for gaussians in kept.values():
         np.testing.assert_array_equal(gaussians.means, np.delete(original["original"].means, 3, axis=0))
+
+
+def test_a_run_says_itself_what_is_up_and_how_long_a_metre_is(tmp_path):
+    write_layers(tmp_path / "splats.ply", layers(6, 1))
+    up = np.array([0.6, -0.64, 0.48])
+    for stated in (up.tolist(), [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]):
+        report = {"capture": {"up": stated, "metres_per_unit": 2.5}}
+        (tmp_path / "report.json").write_text(json.dumps(report))
+        assert run(tmp_path / "splats.ply", tmp_path / "s.glb").returncode == 0
+        node = parts(tmp_path / "s.glb")[0]["nodes"][0]
+        turned = Rotation.from_quat(node["rotation"]).apply(stated)
+        np.testing.assert_allclose(turned, (0.0, 1.0, 0.0), atol=1e-5)
+        assert node["scale"] == [2.5] * 3
+    for damaged in ({"capture": {"up": [0, 0, 0]}}, {"capture": 3}, []):
+        (tmp_path / "report.json").write_text(json.dumps(damaged))
+        assert run(tmp_path / "splats.ply", tmp_path / "s.glb").returncode == 0
+        assert "rotation" not in parts(tmp_path / "s.glb")[0]["nodes"][0]
 
 
 def test_the_script_gathers_a_run_in_one_file_and_takes_it_apart(tmp_path):
