@@ -19,6 +19,7 @@ LENSES = (0.3, 5.0)
 distortion, to a long telephoto lens."""
 _DISTORTION = 1.0  # the largest number of it that an ordinary lens has
 _ATTEMPTS = 3  # at an incremental reconstruction
+_MOST = 0.5  # of the photographs, after which no further incremental one is made
 _LEAST_POINTS = 15  # that hold a photograph in its place; RANSAC finds fewer by chance
 _REPROJECTION = 4.0  # pixels, of the copies
 _ANGLE = 1.5  # degrees between rays, below which a point's depth is not known
@@ -70,7 +71,7 @@ def map_photographs(database: Path, count: int, settings: SfmSettings, told: Cal
     if found:
         told(found.model.num_reg_images())
     for attempt in range(_ATTEMPTS):
-        if found and found.model.num_reg_images() >= settings.enough * count:
+        if found and found.model.num_reg_images() >= (_MOST if attempt else settings.enough) * count:
             break
         # A first pair can bend the lens until it fits itself alone, as when walking straight ahead; no third one fits
         # then. So lenses are taken as straight when it is tried again. Such attempts end in seconds.

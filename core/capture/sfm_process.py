@@ -27,7 +27,7 @@ from .sfm_pairs import pairs_alike, pairs_in_time, signatures_of, write_pairs
 _MORE, _PEAKS = (1, 2), (0.02 / 3, 0.004)
 _FOLDERS = (PLAIN, EVEN)
 # With fewer features in the median photograph the plain ones are not even matched: it is dark, blurred or bare.
-_HOPELESS = 100
+_HOPELESS = 250
 
 
 def main() -> None:
