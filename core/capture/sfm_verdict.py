@@ -19,7 +19,7 @@ from .images import apply_orientation, downscale, fit_size, read_header, read_pi
 from .sfm_job import Placed
 
 FRAMES_FILE = "frames.json"
-"""Beside the frames of a video or in their folder: a list of ``{"name", "time", "video"}``, time in seconds."""
+"""Beside the frames of a video or in their folder: ``{"frames": [{"name", "time", "video"}]}``, time in seconds."""
 _MOST_BYTES = 64 << 20
 _LEAST_SHARE = 1 / 3  # of the photographs, below which a model is of a corner, or wrong
 _FEW = 6  # photographs, up to which that is two
@@ -56,7 +56,7 @@ def read_frames(folder: Path) -> dict[str, Frame]:
     if file.stat().st_size > _MOST_BYTES:
         raise InputError("is too large", where=file, remedy=remedy)
     try:
-        listed = parse_json(file.read_text(encoding="utf-8"))
+        listed = parse_json(file.read_text(encoding="utf-8"))["frames"]
         found = {str(entry["name"]): Frame(float(entry["time"]), str(entry["video"])) for entry in listed}
     except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
         raise InputError("is no list of a video's frames", where=file, remedy=remedy) from None

@@ -80,9 +80,10 @@ def test_a_list_of_frames_is_found_and_a_damaged_one_refused(tmp_path: Path) -> 
     folder.mkdir()
     assert read_frames(folder) == {}
     file = tmp_path / "frames.json"
-    file.write_text(json.dumps([{"name": "a.jpg", "time": 1.5, "video": "walk.mp4"}]))
+    file.write_text(json.dumps({"frames": [{"name": "a.jpg", "time": 1.5, "video": "walk.mp4"}]}))
     assert read_frames(folder) == {"a.jpg": Frame(1.5, "walk.mp4")}
-    for damaged in ("{", "3", '[{"name": "a.jpg"}]', '[{"name": "a", "time": "x", "video": ""}]', "[" * 9999):
+    frame = {"name": "a", "time": "x", "video": ""}
+    for damaged in ("{", "3", "[]", json.dumps({"frames": [frame]}), '{"frames": [{"name": "a.jpg"}]}', "[" * 9999):
         file.write_text(damaged)
         with pytest.raises(InputError, match="no list of a video"):
             read_frames(folder)
