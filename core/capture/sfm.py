@@ -18,13 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bootstrap import ROOT
+from ..errors import InputError
 from ..runtime.protocol import Reporter
 from .colmap import add_model
 from .colmap_files import read_model
 from .images import read_header
 from .model import Estimate
 from .sfm_images import PLAIN, copy_name
-from .sfm_job import DATABASE, RESULT, Placed, SfmJob, SfmSettings
+from .sfm_job import DATABASE, REFUSAL, RESULT, Placed, SfmJob, SfmSettings
 from .sfm_verdict import Frame, contact_sheet, read_frames, require_enough, say_left_out
 from .source import SourceModel
 
@@ -58,7 +59,7 @@ def estimate_cameras(
     """
     settings = settings or SfmSettings()
     frames = read_frames(folder)
-    names = sorted(names, key=lambda name: _moment(names, frames, name)) if frames else list(names)
+    names = _in_order(names, frames)
     cameras = number_cameras(folder, names, frames)
     job = SfmJob(str(folder.resolve()), names, cameras, str(workspace), settings)
     process = _start(job)
@@ -86,10 +87,11 @@ def estimate_cameras(
     return model
 
 
-def _moment(names: Sequence[str], frames: Mapping[str, Frame], name: str) -> tuple[str, float]:
-    """What sorts frames by video and time; photographs among them come first, in their own order."""
-    frame = frames.get(name)
-    return (frame.video, frame.time) if frame else ("", float(names.index(name)))
+def _in_order(names: Sequence[str], frames: Mapping[str, Frame]) -> list[str]:
+    """`names`, those of frames by video and time; photographs among them come first, in their own order."""
+    photographs = [name for name in names if name not in frames]
+    filmed = [name for name in names if name in frames]
+    return [*photographs, *sorted(filmed, key=lambda name: (frames[name].video, frames[name].time))]
 
 
 def _sheet(job: SfmJob, placed: Placed) -> NDArray[np.uint8]:
@@ -177,6 +179,8 @@ class _Watch:
                 if message is None:
                     code = self._process.wait()
                     raise RuntimeError(f"pycolmap ended unexpectedly during {self._step or 'its start'} (exit {code})")
+                if isinstance(message, dict) and REFUSAL in message:
+                    raise InputError(message[REFUSAL])
                 if isinstance(message, dict):
                     return Placed(**message)
                 self._receive(message)

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 
 DATABASE = "database.db"
 RESULT = "result"
+REFUSAL = "refusal"  # the key of a last message that says what cannot be used, in a line
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,10 @@ from typing import Any
 
 import pycolmap
 
+from ..errors import InputError
 from ..runtime.process import follow_parent
 from .sfm_images import EVEN, MASKS, PLAIN, copy_name, copy_photographs, even_out, index_of
-from .sfm_job import DATABASE, RESULT, Placed, SfmJob, SfmSettings
+from .sfm_job import DATABASE, REFUSAL, RESULT, Placed, SfmJob, SfmSettings
 from .sfm_mapping import Mapped, focal_ratio, map_photographs, median_angle
 from .sfm_pairs import pairs_alike, pairs_in_time, signatures_of, write_pairs
 
@@ -36,7 +37,10 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     job = SfmJob.from_json(sys.stdin.readline())
     follow_parent(lambda: _end_alone(Path(job.workspace)))
-    _estimate(job)
+    try:
+        _estimate(job)
+    except InputError as refusal:  # a photograph whose pixels are damaged
+        _tell({REFUSAL: str(refusal)})
 
 
 def _end_alone(workspace: Path) -> None:

@@ -122,6 +122,14 @@ def test_names_may_hold_spaces_and_lie_in_folders(tmp_path: Path) -> None:
     assert (capture.estimate.photographs, capture.estimate.placed, capture.estimate.sheet) == (10, 10, None)
 
 
+def test_a_photograph_that_is_cut_is_named_and_refused(tmp_path: Path) -> None:
+    save_noise(tmp_path, 3, 128)
+    whole = (tmp_path / "1.png").read_bytes()
+    (tmp_path / "1.png").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"1\.png"):
+        read_capture(tmp_path, max_size=None, sfm=True)
+
+
 @pytest.mark.slow
 def test_dark_blurred_frames_are_placed_by_the_features_that_even_contrast_shows(tmp_path: Path) -> None:
     generator = np.random.default_rng(0)
