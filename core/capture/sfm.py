@@ -180,7 +180,8 @@ class _Watch:
                     code = self._process.wait()
                     raise RuntimeError(f"pycolmap ended unexpectedly during {self._step or 'its start'} (exit {code})")
                 if isinstance(message, dict) and REFUSAL in message:
-                    raise InputError(message[REFUSAL])
+                    what, where, remedy = message[REFUSAL]
+                    raise InputError(what, where=where, remedy=remedy)
                 if isinstance(message, dict):
                     return Placed(**message)
                 self._receive(message)

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 
 DATABASE = "database.db"
 RESULT = "result"
-REFUSAL = "refusal"  # the key of a last message that says what cannot be used, in a line
+REFUSAL = "refusal"  # the key of a last message with what, where and remedy of an `InputError`
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ def main() -> None:
     try:
         _estimate(job)
     except InputError as refusal:  # a photograph whose pixels are damaged
-        _tell({REFUSAL: str(refusal)})
+        _tell({REFUSAL: [refusal.what, refusal.where, refusal.remedy]})
 
 
 def _end_alone(workspace: Path) -> None:
