@@ -347,7 +347,7 @@ def test_the_script_gathers_a_run_in_one_file_and_takes_it_apart(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     assert "layers original, deutan-1.0" in done.stdout
     for arguments, said in (
-        (("a.ply",), "a .ply file holds one layer, not 2 - write .glb or .usd, or choose one"),
+        (("a.ply",), "a .ply file holds one layer, not 2 - write .glb, .usd or .html, or choose one"),
         (("a.ply", "--layer", "tritan"), "there is no layer 'tritan' - name original or deutan-1.0"),
         (("a.ply", "--layer", "original", "--up", "z"), "a .ply file cannot say what is up"),
         (("a.glb", "--up", "w"), "invalid choice: 'w'"),
