@@ -24,15 +24,11 @@ from ..intake.selection import choose
 from ..intake.video import Look, extract, look_through
 from ..runtime.protocol import Reporter
 from .colmap import IMAGE_FOLDERS
-from .files import FOREIGN_EXTENSIONS, list_images, make_keys, quote_first, resolve_inside
+from .files import FOREIGN_EXTENSIONS, FRAMES_FILE, list_images, make_keys, quote_first, resolve_inside
 from .images import read_pixels
 from .model import MIN_VIEWS, CaptureWarning
 
 STAGE = "capture"
-FRAMES_FILE = "frames.json"
-"""Beside extracted frames: ``{"frames": [{"name", "time", "video"}, ...]}`` in order, names as `estimate_cameras` gets
-them, times in seconds from the beginning of the video of that name. Photographs are not in it."""
-
 _QUALITY = 98
 _CONVERTED = ("heif", "avif", "raw")
 _LOOK_SHARE = 0.5  # of the time that a video takes

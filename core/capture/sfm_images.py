@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ..files.images import write_png
-from .images import downscale_with_alpha, fit_size, read_pixels
+from .images import read_pixels
+from .scaling import downscale_with_alpha, fit_size
 from .sfm_job import SfmJob
 
 PLAIN, EVEN, MASKS = "photographs", "even", "masks"

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..files.untrusted import is_file, parse_json
-from .files import quote_first
-from .images import apply_orientation, downscale, fit_size, read_header, read_pixels
+from .files import FRAMES_FILE, quote_first
+from .images import apply_orientation, read_header, read_pixels
+from .scaling import downscale, fit_size
 from .sfm_job import Placed
 
-FRAMES_FILE = "frames.json"
-"""Beside the frames of a video or in their folder: ``{"frames": [{"name", "time", "video"}]}``, time in seconds."""
 _MOST_BYTES = 64 << 20
 _LEAST_SHARE = 1 / 3  # of the photographs, below which a model is of a corner, or wrong
 _FEW = 6  # photographs, up to which that is two

@@ -151,7 +151,7 @@ def test_a_gltf_file_holds_all_layers_upright_as_they_stand_in_the_scene(addon, 
 
 def test_an_ending_that_cannot_hold_layers_is_refused_and_nothing_written(addon, run_folder, tmp_path):
     show_run(str(run_folder), bpy.context.scene)
-    with pytest.raises(RuntimeError, match="write .glb"):
+    with pytest.raises(RuntimeError, match=r"write \.glb"):
         bpy.ops.cvdgs.export_layers(filepath=str(tmp_path / "scene.spz"))
     assert not (tmp_path / "scene.spz").exists()
 

@@ -192,7 +192,7 @@ def test_a_meeting_room_stands_on_its_green_floor() -> None:
 
 @pytest.mark.slow
 def test_photographs_round_a_doll_are_placed_by_a_lens_near_the_calibrated_one() -> None:
-    capture = read_capture(DATA / "plush_bedroom", max_size=None, sfm=True)
+    capture = read_capture(DATA / "plush_bedroom", max_size=None, cameras="estimate")
     assert capture.estimate is not None
     assert capture.estimate.placed >= 0.95 * capture.estimate.photographs
     assert capture.views[0].camera.fx == pytest.approx(763.97, rel=0.02)
@@ -201,4 +201,4 @@ def test_photographs_round_a_doll_are_placed_by_a_lens_near_the_calibrated_one()
 @pytest.mark.slow
 def test_a_room_in_few_photographs_is_refused() -> None:
     with pytest.raises(InputError, match=r"hang together|no cameras could be estimated"):
-        read_capture(DATA / "room_few_views", max_size=None, sfm=True)
+        read_capture(DATA / "room_few_views", max_size=None, cameras="estimate")

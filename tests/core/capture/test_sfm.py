@@ -127,7 +127,7 @@ def test_a_photograph_that_is_cut_is_named_and_refused(tmp_path: Path) -> None:
     whole = (tmp_path / "1.png").read_bytes()
     (tmp_path / "1.png").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"1\.png"):
-        read_capture(tmp_path, max_size=None, sfm=True)
+        read_capture(tmp_path, max_size=None, cameras="estimate")
 
 
 @pytest.mark.slow
