@@ -39,7 +39,7 @@ class StartRule:
     steps: float = 0.05
     fewest_steps: int = 100
     most_steps: int = 200
-    largest_share: float = 0.2
+    largest_share: float = 0.25
     doubling_gain: float = GrowthRule.doubling_gain
 
     def trial_steps(self, steps: int) -> int:
