@@ -69,7 +69,7 @@ def test_points_enough_are_not_added_to(rasterizer, views):
 
 
 def test_a_short_run_makes_no_trial():
-    assert [DEFAULT.trial_steps(steps) for steps in (5, 300, 499, 500, 3000, 30_000)] == [0, 0, 0, 100, 150, 200]
+    assert [DEFAULT.trial_steps(steps) for steps in (5, 300, 399, 400, 3000, 30_000)] == [0, 0, 0, 100, 150, 200]
 
 
 def test_without_views_that_judge_there_is_no_trial(rasterizer, views):
