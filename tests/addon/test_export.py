@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 
+import addon_utils
 import bpy
 import mathutils
 import numpy as np
@@ -147,6 +148,22 @@ def test_a_gltf_file_holds_all_layers_upright_as_they_stand_in_the_scene(addon, 
     up = mathutils.Quaternion((turned[3], *turned[:3])) @ mathutils.Vector((0.0, 0.0, 1.0))
     np.testing.assert_allclose(up, (0.0, 1.0, 0.0), atol=1e-6)  # glTF's +Y is up
     np.testing.assert_allclose(layers["deutan-1.0"].base_colors, stands.base_colors, atol=1e-5)
+
+
+def test_blenders_own_reader_puts_the_points_of_a_gltf_file_where_the_gaussians_stand(addon, run_folder, tmp_path):
+    splats = show_run(str(run_folder), bpy.context.scene)
+    splats.rotation_euler.z += 0.7
+    bpy.context.view_layer.update()
+    stands = read_gaussians(splats, "original", 1.0, in_scene_axes=True).gaussians.means
+    bpy.ops.cvdgs.export_layers(filepath=str(tmp_path / "scene.glb"))
+    before = set(bpy.data.objects)
+    addon_utils.enable("io_scene_gltf2")
+    bpy.ops.import_scene.gltf(filepath=str(tmp_path / "scene.glb"))
+    bpy.context.view_layer.update()
+    imported = {made.name: made for made in set(bpy.data.objects) - before if made.type == "MESH"}
+    assert set(imported) == {"original", "deutan-1.0", "tritan-0.5"}
+    points = [imported["original"].matrix_world @ vertex.co for vertex in imported["original"].data.vertices]
+    np.testing.assert_allclose(np.array(points), stands, atol=1e-4)
 
 
 def test_an_ending_that_cannot_hold_layers_is_refused_and_nothing_written(addon, run_folder, tmp_path):
