@@ -69,6 +69,7 @@ def surroundings_of(folder: Path) -> Surroundings:
         "under GPL-3.0-or-later.",
         views=capture.views,
         start=start,
+        up=capture.up,
         background=(1.0, 1.0, 1.0) if capture.is_cut_out else (0.0, 0.0, 0.0),
         model=model if model in SIMULATIONS else SIMULATIONS[0],
         stills=_stills(folder, list(report["layers"]), start),

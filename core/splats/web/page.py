@@ -63,6 +63,7 @@ class Surroundings:
         credit: whose the scene is and how it was made; "" leaves that out.
         views: the capture's cameras; none: the scene is looked at from one side.
         start: the view in which the page begins.
+        up: (3,) unit vector that points up in the scene; None where only the cameras tell.
         background: behind the Gaussians, display-referred sRGB.
         model: of the simulations, one of `settings.SIMULATIONS`.
         stills: what is shown where the scene cannot be.
@@ -75,6 +76,7 @@ class Surroundings:
     credit: str = ""
     views: Sequence[CaptureView] = ()
     start: str = ""
+    up: NDArray[np.float64] | None = None
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     model: str = "machado"
     stills: Sequence[Still] = ()
@@ -157,7 +159,7 @@ def _cameras(around: Surroundings, up: str, center: NDArray[np.float64], radius:
     shown = [view for n, view in enumerate(around.views) if n % every == 0 or view.key == around.start]
     names = [view.key for view in shown]
     return {
-        "up": (_AXES[up] if up else up_of(around.views)).tolist(),
+        "up": (_AXES[up] if up else up_of(around.views) if around.up is None else around.up).tolist(),
         "cameras": [_camera(view, center) for view in shown],
         "start": names.index(around.start) if around.start in names else 0,
         "near": _NEAR * (extent if extent > 1e-6 * radius else radius),

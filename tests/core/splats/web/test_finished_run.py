@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -43,6 +44,14 @@ def test_it_begins_where_the_report_does_and_says_what_it_says(run):
     ):
         assert part in text
     assert text.count("<figure>") == 5  # the original, and each layer as everybody and as its observer see it
+
+
+def test_up_is_what_the_run_found(tmp_path):
+    folder = write_run(tmp_path)
+    cameras = folder / "capture" / "transforms.json"
+    cameras.write_text(json.dumps({**json.loads(cameras.read_text()), "up": [0.0, -3.0, 4.0]}))
+    write_viewer(folder)
+    assert scene_of(folder / "viewer.html")["up"] == [0.0, -0.6, 0.8]
 
 
 def test_a_run_without_layers_has_one_too(tmp_path):
