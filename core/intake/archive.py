@@ -42,7 +42,7 @@ def unpack(archive: Path, folder: Path, progress: Callable[[float], None] = lamb
             for entry in entries:
                 done += _extract(opened, entry, folder, archive)
                 progress(done / max(total, 1))
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, UnicodeError, ValueError):
+    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, UnicodeError, ValueError):
         raise _refusal(archive, "the zip is damaged or not one that can be read") from None
     except OSError as error:
         raise _refusal(archive, f"cannot be unpacked ({error.strerror or error})", "free space on the disk") from None
