@@ -17,8 +17,7 @@ scenes keep theirs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,6 +36,7 @@ from ..color.spaces import (
     xyz_to_lab,
 )
 from ..runtime.protocol import Reporter
+from ..runtime.threads import one_thread
 from .lut import ColorLut, interpolate
 from .pairs import Alphas, Images, PairSampling, sample_neighbours, sample_pairs
 
@@ -212,17 +212,6 @@ def initial_residual(observer: Observer, nodes: int, shift: float) -> Tensor:
 
 def _description(observer: Observer) -> dict[str, str]:
     return {"cvd": observer.cvd, "severity": repr(float(observer.severity)), "simulation": observer.simulation}
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Keep torch on one thread: for tensors this small two are no faster, and next to a busy process much slower."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _objectives(

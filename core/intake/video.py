@@ -9,11 +9,11 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -21,6 +21,7 @@ from ..color.hdr import white_of
 from ..errors import InputError
 from ..files.images import write_jpeg
 from ..files.untrusted import opened
+from ..runtime.threads import one_thread
 from .kinds import MAX_VIDEO_BYTES, is_plain_image, kind_of
 from .motion import WIDTH, Followed, Follower
 from .selection import Film, Frame
@@ -39,6 +40,7 @@ _SHARPNESS_SCALE = 2  # of the picture that sharpness is measured in, to that in
 _MOST_DAMAGED = 200  # packets in a row
 _CUT = 0.95  # of the stated length; what ends before it was cut
 _SEEK_SECONDS = 3.0  # over a longer gap than this it is quicker to seek
+_SAME_TIME = 1e-4  # seconds
 _QUALITY = 95
 _MOST_THREADS = 4  # each holds frames
 _INTERLACED_FRAMES = 30
@@ -116,12 +118,12 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
     probes: list[Followed] = []
     lights: list[Tensor] = []
     follower, next_probe, next_light, transfer, time, start = Follower(), 0.0, 0.0, "", 0.0, 0.0
-    with _opened(path) as (container, stream), _one_thread():
+    with _opened(path) as (container, stream), one_thread():
         stated = _stated_seconds(container, stream)
-        for number, frame in enumerate(_frames(container, stream, path)):
+        # What is computed for one small picture is over before more threads have begun; the decoder needs them.
+        for number, (time, frame) in enumerate(_timed(container, stream, path)):
             if number < _INTERLACED_FRAMES and frame.interlaced_frame:
                 raise InputError("the video is interlaced", where=path, remedy="deinterlace it first")
-            time = _time(frame, number, stream)
             if not number:
                 start = time
                 transfer = transfer_of(frame)
@@ -164,46 +166,33 @@ def extract(
     folder.mkdir(parents=True, exist_ok=True)
     written: list[tuple[str, float]] = []
     with _opened(look.path) as (container, stream):
-        waiting = list(chosen)
-        step = stream.time_base
-        source = _frames(container, stream, look.path)
-        number = -1
-        can_seek = step is not None
-        while waiting:
-            frame = next(source, None)
-            if frame is None:
-                break
-            number += 1
-            can_seek = can_seek and frame.time is not None
-            at = float(frame.time) if can_seek else number
-            wanted = waiting[0].time if can_seek else waiting[0].number
-            tolerance = 1e-4 if can_seek else 0
-            if at < wanted - tolerance:
-                if can_seek and wanted - at > _SEEK_SECONDS:
-                    container.seek(int(wanted / float(step)), stream=stream)
-                    target, source = wanted, _frames(container, stream, look.path)
-                    frame = next(source, None)
-                    # A file without an index may land anywhere: then it is read on from its beginning.
-                    if frame is None or frame.time is None or frame.time > target + tolerance:
-                        container.seek(0)
-                        source, can_seek, number = _frames(container, stream, look.path), False, -1
-                    elif frame.time >= wanted - tolerance:
-                        written.append(_write(frame, waiting.pop(0), folder, white))
-                continue
-            written.append(_write(frame, waiting.pop(0), folder, white))
+        for frame, wanted in _found(container, stream, look, chosen):
+            written.append(_write(frame, wanted, folder, white))
             progress(len(written) / len(chosen))
     return written
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """What is computed for one small picture is over before more threads have begun; the decoder needs them."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
+def _found(container: Any, stream: Any, look: Look, chosen: Sequence[Frame]) -> Iterator[tuple[Any, Frame]]:
+    """The decoded frames that are `chosen`; long gaps between them are jumped over."""
+    source, position = _timed(container, stream, look.path), look.film.frames[0].time
+    can_seek = stream.time_base is not None
+    for wanted in chosen:
+        if can_seek and wanted.time - position > _SEEK_SECONDS:
+            container.seek(int(wanted.time / float(stream.time_base)), stream=stream)
+            source = _timed(container, stream, look.path)
+            landed = next(source, None)
+            # A file without an index may land anywhere: then it is read on from its beginning.
+            can_seek = landed is not None and landed[1].time is not None and landed[0] <= wanted.time + _SAME_TIME
+            if landed is not None and can_seek:
+                source = chain([landed], source)
+            else:
+                container.seek(0)
+                source = _timed(container, stream, look.path)
+        frame = next((frame for time, frame in source if time >= wanted.time - _SAME_TIME), None)
+        if frame is None:
+            return
+        position = wanted.time
+        yield frame, wanted
 
 
 def _write(frame: Any, chosen: Frame, folder: Path, white: float) -> tuple[str, float]:
@@ -309,6 +298,15 @@ def _frames(container: Any, stream: Any, path: Path) -> Iterator[Any]:
                 yield frame
 
 
+def _timed(container: Any, stream: Any, path: Path) -> Iterator[tuple[float, Any]]:
+    """The frames with their times in seconds; where they have none, the numbers from here on stand for them."""
+    for number, frame in enumerate(_frames(container, stream, path)):
+        if frame.time is not None:
+            yield float(frame.time), frame
+        else:
+            yield number / float(stream.average_rate or 30), frame
+
+
 def _greys(frame: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """The picture in grey in two sizes, for sharpness and for motion."""
     scale = _SHARPNESS_SCALE * WIDTH / max(frame.width, frame.height)
@@ -325,12 +323,6 @@ def _sharpness(grey: NDArray[np.uint8]) -> float:
     middle = values[1:-1, 1:-1]
     laplacian = values[:-2, 1:-1] + values[2:, 1:-1] + values[1:-1, :-2] + values[1:-1, 2:] - 4 * middle
     return float(laplacian.var())
-
-
-def _time(frame: Any, number: int, stream: Any) -> float:
-    if frame.time is not None:
-        return float(frame.time)
-    return number / float(stream.average_rate or 30)
 
 
 def _stated_seconds(container: Any, stream: Any) -> float:

@@ -1,1 +1,1 @@
-"""The worker as a process: protocol, supervisor, environment, resources, progress, command lines."""
+"""The worker as a process: protocol, supervisor, environment, resources, threads, progress, command lines."""

@@ -16,7 +16,10 @@ STANDARD_LIBRARY_ONLY = (
     *("batch/*", "rendering/*", "runs/*", "runtime/*", "doctor/*"),
 )
 # Run by an interpreter that may have more; an engine that an optional package brings; zstandard and USD, if there.
-EXCEPTIONS = {"doctor/probe", "batch/dask", "splats/io/spz", "splats/io/usd", "batch/page_markup", "runs/report_page"}
+EXCEPTIONS = {
+    *("doctor/probe", "runtime/threads", "batch/dask", "splats/io/spz", "splats/io/usd"),
+    *("batch/page_markup", "runs/report_page"),
+}
 NUMPY_ONLY = (
     *("files/ply", "capture/model", "capture/folder", "color/matrices", "color/machado2009", "color/srgb"),
     *("splats/gaussians", "splats/scene_frame", "splats/io/*", "splats/web/*", "splats/strategy/*"),

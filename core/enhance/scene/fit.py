@@ -19,8 +19,9 @@ from torch.nn import functional
 from ...color.simulation import Observer
 from ...errors import InputError
 from ...runtime.protocol import Reporter
+from ...runtime.threads import one_thread
 from ..pairs import Alphas, Images
-from ..teacher import initial_residual, one_thread
+from ..teacher import initial_residual
 from .network import SceneNetwork, features
 from .objective import Objective, ObjectiveWeights, lost_contrast
 
