@@ -17,11 +17,12 @@ from ..runs.layout import CAPTURE_FOLDER, PLACED_FILE
 from ..runs.report import SCHEMA, without_non_finite
 from ..runtime.progress import Clock
 from ..runtime.protocol import Reporter
+from ..runtime.resources import peak_memory_mb
 from ..settings import Layer, Settings
 from ..splats import raster
 from ..splats.training.lens import FOCAL_LENGTH, FocalLength
 from ..splats.training.trainer import TrainingResult
-from .device import choose_warp_device, describe_device, peak_memory_mb, versions
+from .device import choose_warp_device, describe_device, versions
 from .resume import EarlierRun
 from .stages import Reconstruction, Stages
 

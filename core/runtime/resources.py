@@ -1,14 +1,16 @@
-"""The resources of this machine that tasks share. Standard library only."""
+"""The resources of this machine that tasks share, and what a process has used. Standard library only."""
 
 from __future__ import annotations
 
 import os
 import shutil
 import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 _CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
+_STATUS = Path("/proc/self/status")
 _UNKNOWN_MEMORY_MB = 8192  # where the system does not tell
 _MIB = 1 << 20
 
@@ -74,3 +76,17 @@ def available_processors() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def peak_memory_mb() -> int | None:
+    """Largest resident size of this process so far, in MiB; None where the system does not say."""
+    # What getrusage says on Linux includes the process that started this one: Blender, with its scene.
+    if _STATUS.exists():
+        (peak,) = (line for line in _STATUS.read_text(encoding="ascii").splitlines() if line.startswith("VmHWM:"))
+        return round(int(peak.split()[1]) / 1024)
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    peak_bytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    return round(peak_bytes / _MIB)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import struct
 import subprocess
 import sys
@@ -26,8 +25,9 @@ from pathlib import Path
 from cvdgs.core.capture.colmap_files import read_model
 from cvdgs.core.capture.images import read_pixels
 from cvdgs.core.enhance.gan.weights import load_generator
+from cvdgs.core.runtime.resources import peak_memory_mb
 {0}(Path(sys.argv[1]))
-print(Path("/proc/self/status").read_text())
+print(peak_memory_mb())
 """
 
 
@@ -113,6 +113,5 @@ def test_the_largest_file_does_not_take_more_memory_than_stated(
     command = [sys.executable, "-c", _CHILD.format(reader), str(make(tmp_path))]
     result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
-    (peak,) = re.findall(r"VmHWM:\s+(\d+) kB", result.stdout)
-    print(f"peak: {int(peak) / 1024:,.0f} MiB")
-    assert int(peak) * 1024 < PEAK_BYTES
+    print(f"peak: {int(result.stdout):,} MiB")
+    assert int(result.stdout) << 20 < PEAK_BYTES

@@ -19,10 +19,10 @@ from ....core.enhance import Enhancer, enhance_bytes
 from ....core.evaluate.advice import advise
 from ....core.evaluate.evaluation import MOST_SCORED_VIEWS, Evaluation, SceneMatches, enhanced_path, spread
 from ....core.files.images import to_bytes, write_png
-from ....core.pipeline.device import peak_memory_mb
 from ....core.pipeline.stages import Reconstruction, Stages
 from ....core.runs.layout import ENHANCED_FOLDER
 from ....core.runtime.protocol import Reporter
+from ....core.runtime.resources import peak_memory_mb
 from ....core.settings import Layer
 from ....core.splats import raster
 from ....core.splats.gaussians import Gaussians
