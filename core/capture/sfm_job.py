@@ -28,7 +28,7 @@ class SfmSettings:
         refined_model: at the end, when all photographs hold it; suits phones and cameras with ordinary lenses.
         min_model_size: photographs; a capture of two is still one.
         enough: share of the photographs after which no further way of placing them is tried.
-        threads: for every step.
+        threads: for features and matching.
         seed: of RANSAC and the mappers.
     """
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from .bundle import THREADS, adjust, extended_params
 from .sfm_images import PLAIN
 from .sfm_job import SfmSettings
 
@@ -107,7 +108,7 @@ def _calibrate(database: Path, settings: SfmSettings) -> bool:
 
 def _map_globally(database: Path, images: Path, output: Path, settings: SfmSettings) -> list[pycolmap.Reconstruction]:
     options = pycolmap.GlobalPipelineOptions()
-    options.num_threads = settings.threads
+    options.num_threads = THREADS
     options.random_seed = settings.seed
     options.min_model_size = max(settings.min_model_size, 2)
     output.mkdir()
@@ -127,7 +128,7 @@ def _map_one_by_one(
     """One attempt, in the new folder `output`; without `distortion`, lenses are taken as straight."""
     pycolmap.set_random_seed(seed)
     options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads = settings.threads
+    options.num_threads = THREADS
     options.random_seed = seed
     options.min_model_size = settings.min_model_size
     options.ba_refine_extra_params = distortion
@@ -151,7 +152,7 @@ def _checked(models: list[pycolmap.Reconstruction], method: str, settings: SfmSe
         _refine(model, settings)
         _drop_unheld(model)
         if model.num_reg_images() >= settings.min_model_size:
-            adjust(model, settings)
+            adjust(model, robust=True)
             _drop_unheld(model)
         if model.num_reg_images() >= settings.min_model_size:
             return Mapped(model, [model.num_reg_images(), *pieces[1:]], method)
@@ -165,23 +166,9 @@ def _refine(model: pycolmap.Reconstruction, settings: SfmSettings) -> None:
         refined = pycolmap.Camera.create_from_model_name(
             camera.camera_id, settings.refined_model, focal, camera.width, camera.height
         )
-        params = refined.params
-        # Both models are one family: the further numbers of the larger one stand last and begin at zero.
-        params[: len(camera.params)] = camera.params
+        params = extended_params(list(camera.params), refined)
         camera.model, camera.params = refined.model, params
-    adjust(model, settings)
-
-
-def adjust(model: pycolmap.Reconstruction, settings: SfmSettings) -> None:
-    """Bundle adjustment of all photographs; a wrong match pulls less than a right one."""
-    config = pycolmap.BundleAdjustmentConfig()
-    for image in model.reg_image_ids():
-        config.add_image(image)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    options = pycolmap.BundleAdjustmentOptions(print_summary=False)
-    options.ceres.loss_function_type = pycolmap.LossFunctionType.SOFT_L1
-    options.ceres.solver_options.num_threads = settings.threads
-    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    adjust(model, robust=True)
 
 
 def _drop_unheld(model: pycolmap.Reconstruction) -> None:

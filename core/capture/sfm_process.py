@@ -95,15 +95,19 @@ def _extract(database: Path, job: SfmJob, sizes: list[tuple[int, int]], effort: 
     options.num_threads = settings.threads
     options.sift.max_num_features = settings.max_features * _MORE[effort]
     options.sift.peak_threshold = _PEAKS[effort]
+    pycolmap.Database.open(str(database)).close()  # makes it
     for camera in sorted(set(job.cameras)):
         indices = [index for index, one in enumerate(job.cameras) if one == camera]
         reader = pycolmap.ImageReaderOptions()
         reader.camera_model = settings.camera_model
         reader.mask_path = str(Path(job.workspace) / MASKS) if _has_masks(job) else ""
+        images, names = Path(job.workspace) / _FOLDERS[effort], [copy_name(index) for index in indices]
+        # Otherwise they are numbered as the threads finish them, and the mappers start elsewhere every time.
+        pycolmap.import_images(database, images, pycolmap.CameraMode.SINGLE, names, reader)
         pycolmap.extract_features(
             database,
-            Path(job.workspace) / _FOLDERS[effort],
-            [copy_name(index) for index in indices],
+            images,
+            names,
             camera_mode=pycolmap.CameraMode.SINGLE,
             reader_options=reader,
             extraction_options=options,
@@ -169,7 +173,9 @@ def _match(database: Path, job: SfmJob, settings: SfmSettings) -> list[int]:
     options.num_threads = settings.threads
     pairing = pycolmap.ImportedPairingOptions()
     pairing.match_list_path = str(listed)
-    pycolmap.match_image_pairs(database, matching_options=options, pairing_options=pairing, device=pycolmap.Device.cpu)
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = settings.seed  # of each pair; otherwise each thread goes on with its own
+    pycolmap.match_image_pairs(database, options, pairing, verification, pycolmap.Device.cpu)
     with pycolmap.Database.open(str(database)) as opened:
         found, inliers = opened.read_two_view_geometry_num_inliers()
         partners = [0] * count

@@ -14,6 +14,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from .bundle import adjust, extended_params
 from .colmap_files import ColmapModel
 
 _LEAST_VIEWS = 20  # of one lens; fewer are better judged one by one
@@ -66,7 +67,7 @@ def share_lens(model: ColmapModel) -> SharedLens | None:
     """Adjust poses, points and one lens to the tracks of a model, and keep them if held-out observations bear it out.
 
     Both explanations, a camera for every view and one lens, are fitted to the same observations by bundle adjustment
-    (Triggs et al. 2000) and judged by the others. Deterministic.
+    and judged by the others. Deterministic.
 
     Args:
         model: read with its observations; `may_share_lens`.
@@ -84,13 +85,13 @@ def share_lens(model: ColmapModel) -> SharedLens | None:
     errors = []
     for camera in (None, lens):
         fitted = _reconstruction(model, tracks, camera, held)
-        _adjust(fitted)
+        adjust(fitted, robust=False, steps=_STEPS)
         errors.append(_median_error(fitted, tracks, held))
     apart, shared = errors
     if not shared <= _AS_GOOD * apart:
         return SharedLens(model, 0, lens.params[0], apart, shared)
     final = _reconstruction(model, tracks, lens, set())
-    _adjust(final)
+    adjust(final, robust=False, steps=_STEPS)
     (fitted_lens,) = final.cameras.values()
     if not (np.isfinite(fitted_lens.params).all() and fitted_lens.focal_length > 0.0):
         return SharedLens(model, 0, lens.params[0], apart, shared)
@@ -158,8 +159,7 @@ def _lens(model: ColmapModel) -> pycolmap.Camera:
     first = cameras[0]
     lens = pycolmap.Camera.create_from_model_name(1, _LENS, 1.0, first.width, first.height)
     middle = np.median([camera.params for camera in cameras], axis=0)
-    # The models are one family: the further numbers of the larger one stand last and begin at zero.
-    lens.params = [*middle, *lens.params[len(middle) :]]
+    lens.params = extended_params(list(middle), lens)
     return lens
 
 
@@ -200,17 +200,6 @@ def _reconstruction(
         )
         made.add_point3D(model.points[point].astype(np.float64), track, np.zeros(3, np.uint8))
     return made
-
-
-def _adjust(model: pycolmap.Reconstruction) -> None:
-    config = pycolmap.BundleAdjustmentConfig()
-    for image in model.reg_image_ids():
-        config.add_image(image)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    options = pycolmap.BundleAdjustmentOptions(print_summary=False)
-    options.ceres.solver_options.max_num_iterations = _STEPS
-    options.ceres.solver_options.num_threads = 1  # sums in another order would be other bits
-    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
 
 
 def _point_numbers(model: pycolmap.Reconstruction) -> list[int]:

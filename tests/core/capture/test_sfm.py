@@ -60,7 +60,7 @@ def test_progress_is_reported_step_by_step(tmp_path: Path) -> None:
     assert recorder.stages == ["capture", "sfm-reading", *steps, *steps]  # the second time with more effort
 
 
-def test_frames_without_exif_share_a_camera_and_its_one_focal_length_is_found(tmp_path: Path) -> None:
+def test_frames_without_exif_share_a_camera_whose_one_focal_length_is_found_and_every_time_the_same(tmp_path: Path) -> None:
     # The demo's arc is a motion in which two focal lengths could not be told apart.
     showroom = SHOWROOM / "images"
     for path in sorted(showroom.iterdir())[::4]:
@@ -71,6 +71,11 @@ def test_frames_without_exif_share_a_camera_and_its_one_focal_length_is_found(tm
     camera = capture.views[0].camera
     assert camera.fx == pytest.approx(480.0, rel=0.03)
     assert camera.fy == pytest.approx(camera.fx, rel=1e-6)
+    again = read_capture(tmp_path, max_size=None, cameras="estimate")
+    assert again.points.tobytes() == capture.points.tobytes()
+    for view, other in zip(capture.views, again.views, strict=True):
+        assert other.camera == view.camera
+        assert other.world_to_camera.tobytes() == view.world_to_camera.tobytes()
 
 
 @pytest.mark.parametrize("orientation", [3, 6, 8])
