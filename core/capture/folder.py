@@ -7,7 +7,7 @@ it; ``images/<key>.png``; and ``points.ply``.
 from __future__ import annotations
 
 from collections import ChainMap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -31,6 +31,7 @@ _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 _PNG_COLOR_TYPE = 25
 _PNG_TYPES_WITH_ALPHA = (4, 6)
 
+_LEAST_UP = 1e-6  # length of the mean of directions that say anything
 _MOST_VIEWS = 20_000  # as many as a worker reads
 _MOST_POINT_BYTES = 1 << 30
 _COLOR = ("red", "green", "blue")
@@ -72,6 +73,13 @@ class CaptureFolder:
     is_cut_out: bool
     up: NDArray[np.float64] | None = None
     metres_per_unit: float | None = None
+
+
+def mean_up(views: Sequence[CaptureView]) -> NDArray[np.float64]:
+    """(3,) the cameras' mean up direction: photographers hold them upright. +Z where they cancel out."""
+    mean = np.stack([view.camera_to_world for view in views])[:, :3, 1].mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    return mean / length if length > _LEAST_UP else np.array([0.0, 0.0, 1.0])
 
 
 def is_normalised(folder: Path) -> bool:

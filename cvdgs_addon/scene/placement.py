@@ -11,7 +11,7 @@ import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.capture.folder import CaptureView
+from ...core.capture.folder import CaptureView, mean_up
 
 EMPTY_NAME = "Capture"
 
@@ -76,8 +76,8 @@ def placement(
 ) -> NDArray[np.float64]:
     """(4, 4) similarity from the capture's world to Blender's, the identity where that suits already.
 
-    Structure from motion has neither up nor size. Photographers hold a camera upright, so that the mean of the
-    cameras' up directions is up; the subject's distance becomes a few metres, and its centre the origin.
+    Structure from motion has neither up nor size. The mean of the cameras' up directions is up; the subject's distance
+    becomes a few metres, and its centre the origin.
 
     Args:
         views: the cameras.
@@ -104,8 +104,7 @@ def _up_direction(views: Sequence[CaptureView], up: Up) -> NDArray[np.float64]:
     if up is not Up.AUTO:
         sign = -1.0 if up.value.startswith("-") else 1.0
         return sign * np.eye(3)["XYZ".index(up.value[-1])]
-    mean = np.stack([view.camera_to_world for view in views])[:, :3, 1].mean(axis=0)
-    return mean / np.linalg.norm(mean) if np.linalg.norm(mean) > 1e-6 else np.array([0.0, 0.0, 1.0])
+    return mean_up(views)
 
 
 def _rotation(up: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:

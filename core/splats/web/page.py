@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...capture.folder import CaptureView
+from ...capture.folder import CaptureView, mean_up
 from ...color.machado2009 import MATRICES, SEVERITY_STEP
 from ...color.matrices import linear_simulation
 from ...errors import InputError
@@ -136,11 +136,8 @@ def write_web_page(
 
 def up_of(views: Sequence[CaptureView]) -> NDArray[np.float64]:
     """(3,) which direction is up: the mean of the cameras' up directions, unless +Z is near it already."""
-    mean = np.stack([view.camera_to_world for view in views])[:, :3, 1].mean(axis=0)
-    length = float(np.linalg.norm(mean))
-    if length < 1e-6 or mean[2] / length >= np.cos(_UPRIGHT_TOLERANCE):
-        return np.array([0.0, 0.0, 1.0])
-    return mean / length
+    mean = mean_up(views)
+    return mean if mean[2] < np.cos(_UPRIGHT_TOLERANCE) else np.array([0.0, 0.0, 1.0])
 
 
 def _cameras(around: Surroundings, up: str, center: NDArray[np.float64], radius: float) -> dict[str, Any]:

@@ -60,7 +60,9 @@ def test_progress_is_reported_step_by_step(tmp_path: Path) -> None:
     assert recorder.stages == ["capture", "sfm-reading", *steps, *steps]  # the second time with more effort
 
 
-def test_frames_without_exif_share_a_camera_whose_one_focal_length_is_found_and_every_time_the_same(tmp_path: Path) -> None:
+def test_frames_without_exif_share_a_camera_whose_focal_length_is_found_every_time_the_same(
+    tmp_path: Path,
+) -> None:
     # The demo's arc is a motion in which two focal lengths could not be told apart.
     showroom = SHOWROOM / "images"
     for path in sorted(showroom.iterdir())[::4]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
-import pickle
 import subprocess
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from copy import copy
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -167,7 +169,8 @@ def test_a_perturbed_capture_is_the_same_in_another_process_and_differs_by_seed_
 
 def test_perturbed_captures_can_be_sent_to_another_process(tmp_path: Path) -> None:
     sent = [PerturbedCapture(CaptureFolder("empty", tmp_path, 100), axis, 2, 0) for axis in AXES]
-    assert pickle.loads(pickle.dumps(sent)) == sent
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        assert list(pool.map(copy, sent)) == sent
 
 
 @pytest.mark.parametrize("name", ["poses", "exposure", "light"])
