@@ -64,6 +64,7 @@ _COLOR_CONFIGURATION = "ocio://default"
 _LINEAR = "lin_rec709"
 
 _T = TypeVar("_T")
+_Pixel = TypeVar("_Pixel", np.uint8, np.bool_)
 
 # OpenImageIO's own check, which comes before its readers make room for anything.
 oiio.attribute("limits:imagesize_MB", 2 * MAX_DECODED_BYTES // 1_000_000)
@@ -359,7 +360,7 @@ def upright_rotation(orientation: int) -> NDArray[np.float64] | None:
     return steps if np.linalg.det(steps) > 0.0 else None
 
 
-def apply_orientation(pixels: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:
+def apply_orientation(pixels: NDArray[_Pixel], orientation: int) -> NDArray[_Pixel]:
     """Turn (H, W, ...) upright. (OpenImageIO's reorient exchanges orientations 5 and 7.)"""
     flip_rows, flip_columns, transpose = _ORIENTATION_STEPS[orientation]
     if flip_rows:

@@ -22,6 +22,7 @@ from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file
 from ..intake.raw import Development
 from ..intake.selection import choose
 from ..intake.video import Look, extract, look_through
+from ..runs.layout import MASKS_FOLDER
 from ..runtime.protocol import Reporter
 from .colmap import IMAGE_FOLDERS
 from .files import FOREIGN_EXTENSIONS, FRAMES_FILE, list_images, make_keys, quote_first, resolve_inside
@@ -104,6 +105,7 @@ def find_material(path: Path) -> Material:
     videos = list_images(path, VIDEO_EXTENSIONS)
     inside = next((name for name in IMAGE_FOLDERS if (path / name).is_dir()), "")
     names = [f"{inside}/{name}" if inside else name for name in list_images(path / inside)]
+    names = [name for name in names if not name.startswith(f"{MASKS_FOLDER}/")]
     what = remedy = ""
     if not names and not videos:
         unreadable = list_images(path, FOREIGN_EXTENSIONS)

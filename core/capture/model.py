@@ -30,6 +30,8 @@ class View:
         again: like `image`, of a second photograph from the same place, or None without one. Two photographs differ by
             their noise alone, so no scene can be more like a photograph than the other one is.
         time: seconds into the video that it is a frame of, or None for a photograph.
+        mask: (H, W) bool, False where the photograph is not looked at, or None where all of it is. Unlike `alpha` it
+            does not say that nothing is there.
     """
 
     key: str
@@ -40,10 +42,18 @@ class View:
     alpha: NDArray[np.uint8] | None = None
     again: NDArray[np.uint8] | None = None
     time: float | None = None
+    mask: NDArray[np.bool_] | None = None
 
     def at(self, world_to_camera: NDArray[np.float64]) -> View:
         """The same photograph from another (4, 4) pose."""
         return replace(self, world_to_camera=world_to_camera)
+
+    @property
+    def shown(self) -> NDArray[np.uint8] | None:
+        """(H, W) uint8 `alpha` that is 0 where the photograph is masked: what counts of its colours; None for all."""
+        if self.mask is None:
+            return self.alpha
+        return np.where(self.mask, 255 if self.alpha is None else self.alpha, 0).astype(np.uint8)
 
     @property
     def center(self) -> NDArray[np.float64]:

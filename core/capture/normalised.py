@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..files.images import write_png
 from ..files.untrusted import replacing
-from ..runs.layout import CAMERAS_FILE, IMAGES_FOLDER, POINTS_FILE
+from ..runs.layout import CAMERAS_FILE, IMAGES_FOLDER, MASKS_FOLDER, POINTS_FILE
 from .model import Capture, View
 from .points import write_point_cloud
 from .source import OPENGL_TO_OPENCV, invert_rigid
@@ -27,6 +29,8 @@ def write_capture(capture: Capture, folder: str | Path) -> None:
     (folder / IMAGES_FOLDER).mkdir(parents=True, exist_ok=True)
     for view in capture.views:
         write_png(folder / _image_name(view), view.image, view.alpha)
+        if view.mask is not None:
+            write_png(folder / _mask_name(view), np.repeat(np.where(view.mask, 255, 0)[..., None], 3, axis=2))
     if len(capture.points):
         write_point_cloud(folder / POINTS_FILE, capture.points, capture.point_colors)
     write_cameras(capture, folder)
@@ -53,10 +57,15 @@ def _image_name(view: View) -> str:
     return f"{IMAGES_FOLDER}/{view.key}.png"
 
 
+def _mask_name(view: View) -> str:
+    return f"{MASKS_FOLDER}/{view.key}.png"
+
+
 def _frame(view: View) -> dict[str, Any]:
     camera = view.camera
     camera_to_world = invert_rigid(view.world_to_camera) @ OPENGL_TO_OPENCV
     time = {} if view.time is None else {"time": view.time}
+    mask = {} if view.mask is None else {"mask_path": _mask_name(view)}
     return {
         "file_path": _image_name(view),
         "w": camera.width,
@@ -67,4 +76,5 @@ def _frame(view: View) -> dict[str, Any]:
         "cy": camera.cy,
         "transform_matrix": camera_to_world.tolist(),
         **time,
+        **mask,
     }

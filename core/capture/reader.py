@@ -23,6 +23,7 @@ from ..settings import AUTO, ESTIMATE, GIVEN
 from .colmap import find_colmap, read_colmap
 from .foreign import find_foreign_cameras
 from .images import MIN_SIDE, read_header, read_pixels
+from .masks import find_masks, usable_views, warn_about_unused
 from .material import Material, describe, find_material, make_photographs, named_after, unpacked
 from .model import MIN_VIEWS, Capture, CaptureSummary, CaptureWarning, View
 from .scaling import downscale_with_alpha, fit_size
@@ -62,6 +63,7 @@ def _inspect(folder: Path, cameras: str, reporter: Reporter | None) -> CaptureSu
         seconds = sum(header.seconds for header in headers)
         count = len(material.photographs)
         return CaptureSummary(folder, "sfm", count, _by_frequency(sizes), 0, (), len(headers), seconds)
+    _add_masks(model, folder)
     sizes = Counter(plan.photograph_size for plan in plan_views(model, max_size=None))
     _drop_unusable_points(model)
     _warn_about_cameras(model)
@@ -92,7 +94,7 @@ def read_capture(
     with unpacked(folder, reporter) as opened, _source_model(opened, cameras, reporter) as model:
         plans = plan_views(model, max_size)
         reporter.status(STAGE, f"reading {len(plans)} photographs")
-        views = read_views(plans, reporter)
+        views = usable_views(read_views(plans, reporter), model)
     _drop_unusable_points(model)
     _warn_about_cameras(model)
     _warn_about_alpha(model, views)
@@ -112,6 +114,7 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter) -> Iterator[So
     """The cameras that the folder gives, else estimated ones while their temporary files exist."""
     model = read_cameras(folder, reporter, cameras, adjusted=True)
     if model is not None:
+        _add_masks(model, folder)
         yield model
         return
     material = material_without_cameras(folder, cameras)
@@ -125,13 +128,28 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter) -> Iterator[So
         workspace.mkdir()
         extracted.mkdir()
         photographs = make_photographs(material, extracted, reporter)
-        model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter)
+        found = find_masks(material.folder, {name: material.folder / name for name in material.photographs})
+        # What was made of photographs comes first, in their order.
+        made = zip(photographs.names, material.photographs, strict=False)
+        masks = {name: found.files[original] for name, original in made if original in found.files}
+        model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter, masks=masks)
+        warn_about_unused(model, found.unused)
         model.views = [replace(view, time=photographs.times.get(view.name)) for view in model.views]
         told = (
             replace(warning, message=warning.message.replace(str(extracted), str(folder))) for warning in model.warnings
         )
         model.warnings = [*photographs.warnings, *told]
         yield model
+
+
+def _add_masks(model: SourceModel, folder: Path) -> None:
+    """Give the views the masks that lie beside them, unless the camera file names others."""
+    without = {view.name: view.path for view in model.views if view.mask is None}
+    found = find_masks(folder, without)
+    model.views = [replace(view, mask=view.mask or found.files.get(view.name)) for view in model.views]
+    named = {view.mask.resolve() for view in model.views if view.mask is not None}
+    if not named - {path.resolve() for path in found.files.values()}:  # a camera file that names masks knows best
+        warn_about_unused(model, found.unused)
 
 
 def _sizes(material: Material) -> Counter[tuple[int, int]]:

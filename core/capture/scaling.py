@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 # Below one step of 8 bits a straight colour is rounding alone.
 _LEAST_COVERAGE = 1.0 / 255.0
+# A camera file and a downscaled photograph round their sizes differently, by this many pixels.
+_ROUNDING = 1.5
 
 
 def fit_size(width: int, height: int, max_size: int | None) -> tuple[int, int]:
@@ -17,6 +19,13 @@ def fit_size(width: int, height: int, max_size: int | None) -> tuple[int, int]:
     if max_size is None or longer <= max_size:
         return width, height
     return max(1, round(width * max_size / longer)), max(1, round(height * max_size / longer))
+
+
+def same_aspect(first: tuple[int, int], second: tuple[int, int]) -> bool:
+    """Whether the size `second` is `first`, (width, height) each, scaled uniformly, up to rounding."""
+    (width, height), (other_width, other_height) = first, second
+    cross_error = abs(width * other_height - height * other_width)
+    return cross_error <= _ROUNDING * max(width, height)
 
 
 def downscale(pixels: NDArray[Any], width: int, height: int) -> NDArray[Any]:

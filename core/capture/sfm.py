@@ -41,7 +41,12 @@ _TABLES = {"features": "keypoints", "matching": "two_view_geometries"}
 
 
 def estimate_cameras(
-    folder: Path, names: Sequence[str], workspace: Path, reporter: Reporter, settings: SfmSettings | None = None
+    folder: Path,
+    names: Sequence[str],
+    workspace: Path,
+    reporter: Reporter,
+    settings: SfmSettings | None = None,
+    masks: Mapping[str, Path] | None = None,
 ) -> SourceModel:
     """Estimate the cameras of photographs.
 
@@ -52,6 +57,7 @@ def estimate_cameras(
         reporter: told of the steps "sfm-reading", "sfm-features", "sfm-matching" and "sfm-mapping" and their progress.
             What it raises stops the estimation at once.
         settings: the defaults suit two cores.
+        masks: of photographs, by name: no features are sought in what they leave out.
 
     Raises:
         InputError: the photographs do not overlap enough.
@@ -61,7 +67,9 @@ def estimate_cameras(
     frames = read_frames(folder)
     names = _in_order(names, frames)
     cameras = number_cameras(folder, names, frames)
-    job = SfmJob(str(folder.resolve()), names, cameras, str(workspace), settings)
+    masks = masks or {}
+    mask_files = {name: str(path.resolve()) for name, path in masks.items()}
+    job = SfmJob(str(folder.resolve()), names, cameras, str(workspace), settings, mask_files)
     process = _start(job)
     try:
         placed = _Watch(process, workspace, job, reporter).wait()
@@ -71,7 +79,7 @@ def estimate_cameras(
     require_enough(placed, names, folder)
     model = SourceModel("sfm", folder, [])
     add_model(model, read_model(workspace / RESULT), folder, folder)
-    model.views = [replace(view, estimated=True) for view in model.views]
+    model.views = [replace(view, estimated=True, mask=masks.get(view.name)) for view in model.views]
     model.warnings = [warning for warning in model.warnings if warning.name != "unregistered"]
     left_out = say_left_out(placed, names, frames)
     if left_out:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ..files.images import write_png
-from .images import read_pixels
+from .images import read_header, read_pixels
+from .masks import read_mask, resized_mask
 from .scaling import downscale_with_alpha, fit_size
 from .sfm_job import SfmJob
 
@@ -38,7 +39,7 @@ def index_of(copy: str) -> int:
 
 
 def copy_photographs(job: SfmJob, told: Callable[[int], None]) -> list[tuple[int, int]]:
-    """Copy the job's photographs into its workspace, with masks where they are transparent.
+    """Copy the job's photographs into its workspace, with masks where they have some or are transparent.
 
     Args:
         told: called with how many are done.
@@ -47,7 +48,7 @@ def copy_photographs(job: SfmJob, told: Callable[[int], None]) -> list[tuple[int
         (width, height) of each as it is stored.
 
     Raises:
-        InputError: a photograph is damaged.
+        InputError: a photograph or a mask is damaged.
     """
     workspace = Path(job.workspace)
     (workspace / MASKS).mkdir()
@@ -59,8 +60,12 @@ def copy_photographs(job: SfmJob, told: Callable[[int], None]) -> list[tuple[int
         width, height = fit_size(*sizes[-1], job.settings.max_image_size)
         image, alpha = downscale_with_alpha(image, alpha, width, height)
         write_png(workspace / PLAIN / copy_name(index), image)
-        if alpha is not None:
-            covered = np.where(alpha >= _COVERED, 255, 0).astype(np.uint8)
+        covered = None if alpha is None else np.where(alpha >= _COVERED, 255, 0).astype(np.uint8)
+        if name in job.masks:
+            shown = read_mask(Path(job.masks[name]), read_header(Path(job.folder) / name), upright=False)
+            shown = resized_mask(shown, width, height)
+            covered = shown if covered is None else np.minimum(covered, shown)
+        if covered is not None:
             write_png(workspace / MASKS / f"{copy_name(index)}.png", np.repeat(covered[..., None], 3, axis=2))
         told(index + 1)
     return sizes

@@ -71,6 +71,7 @@ class SfmJob:
         cameras: for each of them the number of the camera that took it, counted from 0.
         workspace: an empty folder for database and result.
         settings: see there.
+        masks: files that say what of a photograph is looked at, by its name.
     """
 
     folder: str
@@ -78,6 +79,7 @@ class SfmJob:
     cameras: list[int]
     workspace: str
     settings: SfmSettings
+    masks: dict[str, str] = field(default_factory=dict)
 
     def to_json(self) -> str:
         return json.dumps(asdict(self))

@@ -30,6 +30,7 @@ class SourceView:
         size_known: False where the camera file gives no image size; then `camera` has the upright size of the image.
         estimated: `camera` was estimated from the image as it is stored. The view is turned upright with its camera.
         time: seconds into the video that it is a frame of.
+        mask: the image file of its mask, which exists.
     """
 
     name: str
@@ -39,6 +40,7 @@ class SourceView:
     size_known: bool = True
     estimated: bool = False
     time: float | None = None
+    mask: Path | None = None
 
 
 @dataclass

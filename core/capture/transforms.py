@@ -80,6 +80,7 @@ class _Reader:
         self._document = document
         self._cameras: dict[tuple, pycolmap.Camera] = {}
         self._spelling = Spelling()
+        self._without_masks: list[str] = []
 
     def read(self, frames: list[dict[str, Any]]) -> SourceModel:
         model = SourceModel("transforms", self._file, [])
@@ -95,12 +96,12 @@ class _Reader:
             if repaired:
                 reshaped.append(name)
             camera, size_known = self._camera(frame, name, path)
-            model.views.append(SourceView(name, path, camera, matrix, size_known))
+            model.views.append(SourceView(name, path, camera, matrix, size_known, mask=self._mask(frame, name)))
         self._refuse_repeated(model)
         model.warn_about_views(missing, reshaped, len(frames), self._folder)
-        masked = sum(bool(frame.get("mask_path")) for frame in frames)
-        if masked:
-            model.warn("masks-unused", f"{self._file}: the masks of {masked} photographs are not used")
+        if self._without_masks:
+            what = f"the masks of {len(self._without_masks)} photographs are missing, so that all of these is looked at"
+            model.warn("missing-masks", f"{self._file}: {what}: {quote_first(self._without_masks)}")
         self._add_points(model)
         return model
 
@@ -134,6 +135,19 @@ class _Reader:
             respelled = self._spelling.find(self._folder, name, extension)
             if is_file(self._folder / respelled):
                 return resolve_inside(self._folder, respelled, where=self._file)
+        return None
+
+    def _mask(self, frame: dict[str, Any], name: str) -> Path | None:
+        """The file that a frame's mask_path names; None without one, and where it is not there."""
+        mask = frame.get("mask_path")
+        if not mask:
+            return None
+        if not isinstance(mask, str):
+            raise self._refusal(f"the mask_path of {name} is not a file name")
+        path = resolve_inside(self._folder, relative_name(self._folder, mask), where=self._file)
+        if is_file(path):
+            return path
+        self._without_masks.append(name)
         return None
 
     def _pose(self, frame: dict[str, Any], name: str) -> tuple[np.ndarray, bool]:

@@ -122,6 +122,14 @@ class Undistorter:
             alpha = None
         return chosen.pinhole, undistorted, alpha
 
+    def apply_to_mask(
+        self, camera: pycolmap.Camera, mask: NDArray[np.uint8], *, where: str | Path
+    ) -> NDArray[np.uint8]:
+        """Undistort an (H, W) mask of an image that `camera` took, as `apply` does the image."""
+        height, width = mask.shape
+        chosen = self._map(camera, width, height, where)
+        return mask if chosen.positions is None else _remap(mask[..., None], chosen.positions)[..., 0]
+
     def _map(self, camera: pycolmap.Camera, width: int, height: int, where: str | Path) -> _Map:
         key = (id(camera), width, height)
         with self._lock:

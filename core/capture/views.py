@@ -17,8 +17,9 @@ from ..intake.raw import Development
 from ..runtime.protocol import Reporter
 from .files import make_keys, natural_key
 from .images import MIN_SIDE, ImageHeader, apply_orientation, read_header, read_pixels, upright_rotation
+from .masks import as_shown, read_mask, resized_mask
 from .model import PinholeCamera, View
-from .scaling import downscale_with_alpha, fit_size
+from .scaling import downscale_with_alpha, fit_size, same_aspect
 from .source import SourceModel, SourceView
 from .undistort import Undistorter
 
@@ -29,8 +30,6 @@ SECOND_FOLDER = "images_again"
 _DECODERS = 2
 # Above this size one photograph is decoded at a time.
 _LARGE_PIXELS = 50_000_000
-# A camera file and a downscaled photograph round their sizes differently, by this many pixels.
-_ROUNDING = 1.5
 
 
 @dataclass(frozen=True)
@@ -140,9 +139,9 @@ def _needs_turning(view: SourceView, header: ImageHeader) -> bool:
         return False
     if expected == header.upright_size:
         return True
-    if _same_aspect(expected, stored):
+    if same_aspect(expected, stored):
         return False
-    if _same_aspect(expected, header.upright_size):
+    if same_aspect(expected, header.upright_size):
         return True
     raise InputError(
         f"the image is {stored[0]} x {stored[1]} pixels but its camera is for {expected[0]} x {expected[1]}",
@@ -151,18 +150,14 @@ def _needs_turning(view: SourceView, header: ImageHeader) -> bool:
     )
 
 
-def _same_aspect(camera: tuple[int, int], image: tuple[int, int]) -> bool:
-    """Whether `image` is `camera` scaled uniformly, up to rounding."""
-    (width, height), (image_width, image_height) = camera, image
-    cross_error = abs(width * image_height - height * image_width)
-    return cross_error <= _ROUNDING * max(width, height)
-
-
 def _read_view(plan: ViewPlan, undistorter: Undistorter, development: Development | None) -> View:
     camera, image, alpha = _read_photograph(plan, plan.source.path, undistorter, development)
     second = _second_photograph(plan)
     again = None if second is None else _read_photograph(plan, second, undistorter, development)[1]
-    view = View(plan.key, plan.source.path, camera, plan.source.world_to_camera, image, alpha, again, plan.source.time)
+    view = View(
+        *(plan.key, plan.source.path, camera, plan.source.world_to_camera, image, alpha, again, plan.source.time),
+        mask=_read_mask(plan, undistorter),
+    )
     return _turn_upright(view, plan.header.orientation) if plan.turned else view
 
 
@@ -172,6 +167,13 @@ def _read_photograph(
     image, alpha = read_pixels(path, upright=plan.upright, development=development)
     image, alpha = downscale_with_alpha(image, alpha, plan.width, plan.height)
     return undistorter.apply(plan.source.camera, image, alpha, where=path)
+
+
+def _read_mask(plan: ViewPlan, undistorter: Undistorter) -> NDArray[np.bool_] | None:
+    if plan.source.mask is None:
+        return None
+    mask = resized_mask(read_mask(plan.source.mask, plan.header, upright=plan.upright), plan.width, plan.height)
+    return as_shown(undistorter.apply_to_mask(plan.source.camera, mask, where=plan.source.mask))
 
 
 def _second_photograph(plan: ViewPlan) -> Path | None:
@@ -204,4 +206,5 @@ def _turn_upright(view: View, orientation: int) -> View:
         image=apply_orientation(view.image, orientation),
         alpha=None if view.alpha is None else apply_orientation(view.alpha, orientation),
         again=None if view.again is None else apply_orientation(view.again, orientation),
+        mask=None if view.mask is None else apply_orientation(view.mask, orientation),
     )

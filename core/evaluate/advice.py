@@ -87,7 +87,7 @@ def advise(
 def _of_photographs(capture: Capture, limits: AdviceThresholds) -> Iterator[CaptureWarning]:
     chosen = spread(range(len(capture.views)), _MEASURED_PHOTOGRAPHS)
     views = [capture.views[i] for i in chosen]
-    quality = PhotographQuality.of([view.image for view in views], [view.alpha for view in views])
+    quality = PhotographQuality.of([view.image for view in views], [view.shown for view in views])
     if quality.noise > limits.noise:
         yield CaptureWarning(
             "noisy-photographs",
@@ -187,6 +187,6 @@ def _rms_shift(capture: Capture, split: Split, folder: Path) -> float:
     squares = []
     for view in (capture.views[i] for i in spread(split.test, _MEASURED_PHOTOGRAPHS)):
         rendered = folder / RENDERS_FOLDER / ORIGINAL / f"{view.key}.png"
-        if view.alpha is None and rendered.is_file():
+        if view.shown is None and rendered.is_file():
             squares.append(image_shift(read_png(rendered), view.image) ** 2)
     return math.sqrt(float(np.mean(squares))) if squares else 0.0

@@ -182,6 +182,8 @@ def _compare(given: Sequence[View], used: Sequence[View], folder: Path, *, poses
             and (not poses or _are_near(new.world_to_camera, old.world_to_camera))
         )
         _require(same, f"view '{new.key}' has another camera than in the finished run", folder)
+        new_mask, old_mask = (np.ones(0, bool) if view.mask is None else view.mask for view in (new, old))
+        _require(np.array_equal(new_mask, old_mask), f"the mask of '{new.key}' has changed since the run", folder)
         _require(np.array_equal(new.image, old.image), f"photograph '{new.key}' has changed since the run", folder)
 
 

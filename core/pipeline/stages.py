@@ -183,7 +183,7 @@ class Stages:
             span = StageSpan(
                 self.reporter, "enhance", done / total, (done + fit_cost) / total, f"{layer.name}: fitting"
             )
-            enhancer.fit([view.image for view in training], span, alphas=[view.alpha for view in training])
+            enhancer.fit([view.image for view in training], span, alphas=[view.shown for view in training])
             if isinstance(enhancer, SceneEnhancer) and enhancer.lut is not None:
                 enhancer.export_cube(self.folder / layer_cube_file(layer.name), f"cvdgs {layer.name}")
             if isinstance(enhancer, SceneNetworkEnhancer) and not enhancer.is_identity:
@@ -340,12 +340,16 @@ class Stages:
         if not self.plans.guided:
             return None
         train = self.split.train
+        weights = [_unmasked(agreement.weights[i], self.capture.views[i]) for i in train]
         if enhanced is None:
-            return [ViewGuide(agreement.weights[i]) for i in train]
+            return [ViewGuide(weight) for weight in weights]
         consensus = agreement.consensus(
             {i: self.background.behind(view) for i, view in zip(train, enhanced, strict=True)}
         )
-        return [ViewGuide(agreement.weights[i], consensus[i]) for i in train]
+        return [
+            ViewGuide(weight, replace(consensus[i], weights=_unmasked(consensus[i].weights, self.capture.views[i])))
+            for i, weight in zip(train, weights, strict=True)
+        ]
 
     def _enhance_renderings(self, original: Gaussians, layer: Layer, enhancer: Enhancer) -> None:
         """Write ``renders/<layer>/<view>.png`` for every view: the original colours' rendering, enhanced on its own."""
@@ -366,6 +370,11 @@ class Stages:
     ) -> list[View]:
         """The views with the layer's images of `place` instead of the photographs."""
         return [replace(view, image=read_png(place(self.folder, layer, view))) for view in self._views(indices)]
+
+
+def _unmasked(weights: NDArray[np.float32], view: View) -> NDArray[np.float32]:
+    """(H, W) weights that are 0 where the view is masked."""
+    return weights if view.mask is None else weights * view.mask.astype(np.float32)
 
 
 def _fit_cost(enhancer: Enhancer) -> int:

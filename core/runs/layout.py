@@ -23,6 +23,7 @@ LOG_FILE = "run.log"
 CAMERAS_FILE = "transforms.json"
 POINTS_FILE = "points.ply"
 IMAGES_FOLDER = "images"
+MASKS_FOLDER = "masks"
 PLACED_FILE = "placed.png"  # which photographs have estimated cameras, where some have not
 
 _LAYER_PREFIX, _LAYER_SUFFIX = "splats.", ".ply"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from ..capture.model import View
@@ -38,21 +39,23 @@ class SceneRenderer:
         return to_bytes(self._render(gaussians, index).color.numpy())
 
     def depth(self, gaussians: Gaussians, index: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(H, W) mean planar depth in world units, 0 where there is nothing, and (H, W) alpha."""
-        frame = self._render(gaussians, index)
-        alpha = frame.alpha.numpy().copy()
+        """(H, W) mean planar depth in world units, 0 where there is nothing, and (H, W) alpha, 0 where it is masked."""
+        frame, mask = self._render(gaussians, index), self.views[index].mask
+        alpha = frame.alpha.numpy() * np.float32(1.0) if mask is None else frame.alpha.numpy() * mask
         depth = np.where(alpha > 1e-3, frame.depth.numpy() / np.maximum(alpha, 1e-3), 0.0)
         return (depth / self._frame.scale).astype(np.float32), alpha
 
     def mask(self, index: int) -> NDArray[np.bool_] | None:
-        """(H, W) pixels that the photograph covers, or None if it covers all."""
-        alpha = self.views[index].alpha
-        return None if alpha is None else alpha > 127
+        """(H, W) pixels that the photograph covers and its mask leaves, or None if these are all."""
+        shown = self.views[index].shown
+        return None if shown is None else shown > 127
 
     def fidelity(self, index: int, rendered: NDArray[np.uint8]) -> dict[str, float]:
-        """PSNR in dB and SSIM of a rendering against the photograph over the same background."""
+        """PSNR in dB and SSIM of a rendering against the photograph over the same background, but what is masked."""
+        mask = self.views[index].mask
+        kept = None if mask is None else torch.from_numpy(mask)
         photograph, image = (image_to_tensor(x) for x in (self._background.behind(self.views[index]), rendered))
-        return {"psnr": psnr(photograph, image), "ssim": ssim(photograph, image)}
+        return {"psnr": psnr(photograph, image, mask=kept), "ssim": ssim(photograph, image, mask=kept)}
 
     def _render(self, gaussians: Gaussians, index: int) -> Frame:
         if self._loaded is None or self._loaded[0] is not gaussians:

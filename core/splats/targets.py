@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..capture.model import View
-from .raster import RasterCamera, Rasterizer
+from .raster import Mask, RasterCamera, Rasterizer
 from .scene_frame import SceneFrame
 
 _SMALLEST_SIDE = 48  # pixels; in smaller images SSIM's window would see mostly the border
@@ -48,13 +48,28 @@ class TrainingView:
 
     Attributes:
         levels: image, an (H, W, 3) uint8 device array, and camera by reduction factor.
+        masks: of the photograph, by reduction factor; empty where all of it is looked at.
     """
 
     levels: dict[int, tuple[Any, RasterCamera]]
+    masks: dict[int, Mask] = field(default_factory=dict)
 
     def at(self, reduction: int) -> tuple[Any, RasterCamera]:
         """The image and camera at a reduction factor, or at full resolution if the view is too small for it."""
         return self.levels.get(reduction) or self.levels[1]
+
+    def mask_at(self, reduction: int) -> Mask | None:
+        """The mask of the image that `at` gives; None where all of it is looked at."""
+        return self.masks.get(reduction if reduction in self.levels else 1)
+
+    def looked_at(self) -> NDArray[np.bool_] | None:
+        """(H, W) what of the full image is looked at; None for all."""
+        return self.masks[1].pixels.numpy() > 0 if self.masks else None
+
+    def reduced(self, reduction: int) -> TrainingView:
+        """The view at one of its reductions alone."""
+        mask = self.mask_at(reduction)
+        return TrainingView({1: self.at(reduction)}, {} if mask is None else {1: mask})
 
     def moved(self, world_to_camera: NDArray[np.float64]) -> TrainingView:
         """The same photograph from another (4, 4) pose."""
@@ -62,7 +77,8 @@ class TrainingView:
             {
                 level: (image, replace(camera, world_to_camera=world_to_camera))
                 for level, (image, camera) in self.levels.items()
-            }
+            },
+            self.masks,
         )
 
 
@@ -97,6 +113,7 @@ def _prepare(
     image = background.behind(view)
     pose = frame.world_to_camera(view.world_to_camera)
     levels: dict[int, tuple[Any, RasterCamera]] = {}
+    masks: dict[int, Mask] = {}
     for factor in sorted({1, *reductions}):
         height, width = image.shape[0] // factor, image.shape[1] // factor
         if factor > 1 and min(height, width) < _SMALLEST_SIDE:
@@ -109,7 +126,16 @@ def _prepare(
         pixels = image if factor == 1 else _block_mean(image, factor)
         device_pixels = wp.array(np.ascontiguousarray(pixels), dtype=wp.uint8, device=rasterizer.device)
         levels[factor] = (device_pixels, reduced)
-    return TrainingView(levels)
+        if view.mask is not None:
+            masks[factor] = Mask.of(_block_all(view.mask, factor), rasterizer.device)
+    return TrainingView(levels, masks)
+
+
+def _block_all(mask: NDArray[np.bool_], factor: int) -> NDArray[np.uint8]:
+    """(H // factor, W // factor) 255 where all pixels of a square block are looked at, else 0."""
+    height, width = mask.shape[0] // factor, mask.shape[1] // factor
+    blocks = mask[: height * factor, : width * factor].reshape(height, factor, width, factor)
+    return np.where(blocks.all(axis=(1, 3)), 255, 0).astype(np.uint8)
 
 
 def _block_mean(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:

@@ -158,7 +158,8 @@ class ViewCorrections:
             image, camera = self._views[view].at(1)
             camera = self.camera(view, camera)
             rendered = self._rasterizer.render(parameters, camera, self._background.color).color.numpy()
-            estimates.append(estimate_log_gains(rendered, image.numpy() * np.float32(1.0 / 255.0)))
+            photograph = image.numpy() * np.float32(1.0 / 255.0)
+            estimates.append(estimate_log_gains(rendered, photograph, self._views[view].looked_at()))
         active = self.exposure.start(estimates, plan.threshold)
         spread = np.sqrt(np.mean((np.asarray(estimates) - np.mean(estimates, axis=0)) ** 2))
         decision = CORRECTED if active else "as photographed"
@@ -173,7 +174,7 @@ class ViewCorrections:
             image, camera = levels[level]
             scene = np.clip(np.round(image.numpy() * np.exp(-self.exposure.log_gains[view])), 0, 255)
             levels[level] = wp.array(scene.astype(np.uint8), dtype=wp.uint8, device=self._rasterizer.device), camera
-        return TrainingView(levels)
+        return TrainingView(levels, given.masks)
 
 
 @dataclass(frozen=True)

@@ -57,14 +57,21 @@ class ExposurePlan:
         return decayed(self.learning_rate, self.lr_final_factor, progress, self.decided_at)
 
 
-def estimate_log_gains(rendered: NDArray[np.float32], photograph: NDArray[np.float32]) -> NDArray[np.float64]:
+def estimate_log_gains(
+    rendered: NDArray[np.float32], photograph: NDArray[np.float32], shown: NDArray[np.bool_] | None = None
+) -> NDArray[np.float64]:
     """(3,) logarithms of the gains that take `rendered` to `photograph`, both (H, W, 3) sRGB in [0, 1].
 
     The median over blocks of pixels of the ratio of their means, which is robust to blurred or missing parts. Zero if
     the image has too few usable blocks.
+
+    Args:
+        shown: (H, W) what of the photograph is looked at; None for all. Blocks with anything else are not used.
     """
     first, second = _block_means(rendered), _block_means(photograph)
     usable = (first > _DARKEST) & (second > _DARKEST)
+    if shown is not None:
+        usable &= _block_means(np.repeat(shown[..., None], 3, axis=2).astype(np.float32)) == 1.0
     result = np.zeros(3)
     for channel in range(3):
         chosen = usable[:, channel]

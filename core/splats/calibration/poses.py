@@ -209,10 +209,11 @@ class AlignedViews:
 
     def _match(self, view: int, reduction: int, parameters: ParameterSet, learning_rates: Sequence[float]) -> None:
         image, camera = self._given[view].at(reduction)
+        mask = self._given[view].mask_at(reduction)
         for learning_rate in learning_rates:
             moved = self._refinement.camera(view, camera)
             frame = self._rasterizer.render(parameters, moved, self._background.color)
-            self._rasterizer.photometric_loss(frame, image)
+            self._rasterizer.photometric_loss(frame, image, mask=mask)
             self._refinement.step(view, parameters, self._rasterizer.backward(frame), moved, learning_rate)
 
 

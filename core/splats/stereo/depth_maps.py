@@ -75,7 +75,7 @@ class StereoView:
     """A view reduced for stereo.
 
     Attributes:
-        image: (H, W, 4) float32: red, green and blue in [0, 1], and the share that is covered.
+        image: (H, W, 4) float32: red, green and blue in [0, 1], and the share that is covered and not masked.
         camera: of the reduced image.
         pose: (4, 4) world to camera.
     """
@@ -260,4 +260,5 @@ def _split(flat: Floats, starts: NDArray, shapes: Sequence[tuple[int, ...]]) -> 
 
 
 def _alpha(view: View) -> NDArray[np.uint8]:
-    return np.full(view.image.shape[:2], 255, np.uint8) if view.alpha is None else view.alpha
+    shown = view.shown
+    return np.full(view.image.shape[:2], 255, np.uint8) if shown is None else shown

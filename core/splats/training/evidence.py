@@ -1,4 +1,7 @@
-"""Gathers what training views say about every Gaussian: how much of it they show, and with how much error."""
+"""Gathers what training views say about every Gaussian: how much of it they show, and with how much error.
+
+What masks leave out is not looked at: it shows no Gaussian.
+"""
 
 from __future__ import annotations
 
@@ -47,9 +50,14 @@ def gather_view_evidence(
         frame = rasterizer.render(shown, camera, background.color)
         color = frame.color.numpy()
         error = np.nan_to_num(np.abs(color - image.numpy() * np.float32(1.0 / 255.0)).mean(axis=2))
-        threshold = max(float(np.percentile(error, ERROR_PERCENTILE)), ERROR_FLOOR)
+        mask = view.mask_at(reduction)
+        looked_at = np.ones(error.shape, bool) if mask is None else mask.pixels.numpy() > 0
+        error *= looked_at
+        threshold = max(
+            float(np.percentile(error[looked_at], ERROR_PERCENTILE)) if looked_at.any() else 0.0, ERROR_FLOOR
+        )
         grad_color = wp.array(
-            np.stack([np.ones_like(error), error, np.zeros_like(error)], axis=2),
+            np.stack([looked_at.astype(error.dtype), error, np.zeros_like(error)], axis=2),
             dtype=wp.float32,
             device=rasterizer.device,
         )

@@ -15,7 +15,7 @@ from ...color.metrics import ccpr
 from ..calibration.corrections import Correction
 from ..calibration.exposure import estimate_log_gains
 from ..gaussians import Gaussians
-from ..raster import Adam, Frame, LearningRates, Loss, ParameterSet, Rasterizer
+from ..raster import Adam, Frame, LearningRates, Loss, Mask, ParameterSet, Rasterizer
 from ..scene_frame import SceneFrame
 from ..strategy import Refinement
 from ..targets import Background, TrainingView, ViewOrder, prepare_targets
@@ -83,7 +83,7 @@ class Fit:
         gather_gradient: bool = False,
         colors_only: bool = False,
         correction: Correction = _NO_CORRECTION,
-        loss: Callable[[Frame, wp.array], Loss] | None = None,
+        loss: Callable[[Frame, wp.array, Mask | None], Loss] | None = None,
     ) -> None:
         """A training step on one view: render, loss, backward pass, optimiser.
 
@@ -95,7 +95,8 @@ class Fit:
             gather_gradient: add the screen-space gradients to those for `mean_gradient`.
             colors_only: fit the degree-0 colours only.
             correction: of the view, updated along with the Gaussians.
-            loss: of a frame against the photograph, which fills `frame.grad_color`; None for the photometric loss.
+            loss: of a frame against the photograph and its mask, which fills `frame.grad_color`; None for the
+                photometric one.
         """
         self._steps += 1
         image, camera = view.at(reduction)
@@ -103,7 +104,7 @@ class Fit:
         frame = self._rasterizer.render(self.parameters, camera, self._background.color)
         self.work += frame.intersections
         correction.before_loss(frame)
-        measured = (loss or self._photometric_loss)(frame, image)
+        measured = (loss or self._photometric_loss)(frame, image, view.mask_at(reduction))
         check = not self._rasterizer.device.is_cuda or self._steps % _CHECK_EVERY_CUDA == 0
         if check and not math.isfinite(measured.total):
             self.skipped += 1
@@ -158,7 +159,8 @@ class Fit:
     def contrast(self, view: TrainingView) -> float:
         """CCPR of a view at full resolution for normal vision; NaN if its photograph has no distinct neighbours."""
         color, photograph = (torch.from_numpy(x).permute(2, 0, 1) for x in self._pictures(view))
-        return ccpr(photograph, color.clamp(0.0, 1.0))[0]
+        shown = view.looked_at()
+        return ccpr(photograph, color.clamp(0.0, 1.0), mask=None if shown is None else torch.from_numpy(shown))[0]
 
     def _pictures(self, view: TrainingView) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """A view as rendered and as photographed, (H, W, 3) each."""
@@ -168,13 +170,15 @@ class Fit:
 
     def _psnr(self, view: TrainingView, any_exposure: bool) -> float:
         color, photograph = self._pictures(view)
+        shown = view.looked_at()
         if any_exposure:
-            color = color * np.exp(estimate_log_gains(color, photograph)).astype(np.float32)
+            color = color * np.exp(estimate_log_gains(color, photograph, shown)).astype(np.float32)
         error = (np.clip(color, 0.0, 1.0) - photograph) ** 2
+        error = error if shown is None else error[shown]
         return float(-10.0 * np.log10(max(error.mean(), 1e-12)))
 
-    def _photometric_loss(self, frame: Frame, image: wp.array) -> Loss:
-        return self._rasterizer.photometric_loss(frame, image, self._ssim_weight)
+    def _photometric_loss(self, frame: Frame, image: wp.array, mask: Mask | None) -> Loss:
+        return self._rasterizer.photometric_loss(frame, image, self._ssim_weight, mask)
 
     def _clear_gradients(self) -> None:
         self._gradient = np.zeros(len(self), np.float32)

@@ -179,7 +179,7 @@ class _SweptView:
     """A view in the frame, prepared for colour look-ups; see `DepthSweep` for `side` and `width`."""
 
     def __init__(self, view: View, pose: NDArray[np.float64], side: int, width: int) -> None:
-        self._view = view
+        self._view, self._shown = view, view.shown
         self._rotation, self._translation = pose[:3, :3], pose[:3, 3]
         self._every = -(-max(view.camera.width, view.camera.height) // side)
         smooth = uniform_filter(view.image, (width * self._every, width * self._every, 0))
@@ -192,7 +192,7 @@ class _SweptView:
 
     def random_pixels(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """(count, 2) random x and y in the covered part of the image; none if nothing is covered."""
-        camera, alpha = self._view.camera, self._view.alpha
+        camera, alpha = self._view.camera, self._shown
         if alpha is None:
             return rng.uniform(0.0, 1.0, (count, 2)) * (camera.width, camera.height)
         covered = np.argwhere(alpha >= _COVERED)[:, ::-1]
@@ -231,9 +231,9 @@ class _SweptView:
 
     def _covered(self, pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
         x, y = pixels.astype(int)[..., 0], pixels.astype(int)[..., 1]
-        if self._view.alpha is None:
+        if self._shown is None:
             return np.ones(x.shape, bool)
-        return self._view.alpha[y, x] >= _COVERED
+        return self._shown[y, x] >= _COVERED
 
 
 def _difference(

@@ -32,7 +32,7 @@ from ..calibration.poses import PoseRefinement
 from ..calibration.zoom import AffineMotion, compensating_motion, zoom_slope
 from ..raster import Gradients, ParameterSet, RasterCamera, Rasterizer
 from ..scene_frame import SceneFrame
-from ..targets import Background, TrainingView, ViewOrder, prepare_targets
+from ..targets import Background, ViewOrder, prepare_targets
 from .fitting import Fit
 from .initialise import InitialGaussians
 from .plan import TrainingPlan
@@ -209,7 +209,7 @@ class LensCheck:
         longest = max(side for view in views for side in (view.camera.width, view.camera.height))
         reduction = max(round(longest / search.side), 1)
         prepared = prepare_targets(self.rasterizer, views, frame, self.background, {reduction})
-        targets = [TrainingView({1: view.at(reduction)}) for view in prepared]
+        targets = [view.reduced(reduction) for view in prepared]
         cameras = [view.at(1)[1] for view in targets]
         gaussians = plan.initial.make(views, points, colors, frame, rng, search.gaussians)
         if not len(gaussians):

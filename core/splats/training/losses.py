@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
 
 from ...capture.model import View
 from ...color.matrices import LinearSimulation
@@ -57,7 +58,7 @@ class KeptContrast:
     Args:
         rasterizer: that renders the frames.
         plan: of the hinge.
-        photographs: (H, W, 3) device images, one per view, which say where there is contrast.
+        photographs: (H, W, 3) device images, one per view, which say where there is contrast, and their (H, W) masks.
         observer: S of the layer; None for normal vision.
     """
 
@@ -65,23 +66,32 @@ class KeptContrast:
         self,
         rasterizer: Rasterizer,
         plan: ContrastPlan,
-        photographs: Iterable[wp.array],
+        photographs: Iterable[tuple[wp.array, NDArray[np.bool_] | None]],
         observer: LinearSimulation | None = None,
     ) -> None:
         self._hinge = ContrastHinge(rasterizer, plan, observer)
-        self._pairs = [self._hinge.pairs(photograph) for photograph in photographs]
+        self._pairs = [_without_masked(self._hinge.pairs(image), mask) for image, mask in photographs]
 
     @classmethod
     def of(cls, rasterizer: Rasterizer, contrast: SeenContrast, background: Background) -> KeptContrast:
         """That of a layer, whose photographs are composited over `background`."""
         images = (
-            wp.array(background.behind(view), dtype=wp.uint8, device=rasterizer.device) for view in contrast.photographs
+            (wp.array(background.behind(view), dtype=wp.uint8, device=rasterizer.device), view.mask)
+            for view in contrast.photographs
         )
         return cls(rasterizer, contrast.plan, images, contrast.observer)
 
     def add_gradient(self, view: int, frame: Frame, target: wp.array) -> None:
         """Add the gradient of a view, by its index, to `frame.grad_color`, which the photometric loss has filled."""
         self._hinge.add_gradient(frame, target, self._pairs[view])
+
+
+def _without_masked(pairs: wp.array, mask: NDArray[np.bool_] | None) -> wp.array:
+    """(H, W) `ContrastHinge.pairs` without those of pixels that are masked or beside such."""
+    if mask is None:
+        return pairs
+    kept = pairs.numpy() * binary_erosion(mask, np.ones((3, 3)), border_value=1)
+    return wp.array(kept.astype(np.uint8), dtype=wp.uint8, device=pairs.device)
 
 
 class GuidedLoss:
@@ -112,15 +122,15 @@ class GuidedLoss:
         ]
         self._contrast = contrast
 
-    def of(self, view: int) -> Callable[[Frame, wp.array], Loss]:
-        """The loss of a view, by its index, which fills `frame.grad_color`.
+    def of(self, view: int) -> Callable[[Frame, wp.array, Mask | None], Loss]:
+        """The loss of a view, by its index, which fills `frame.grad_color`; guides take the place of a mask.
 
         Its value is that of the photometric part; the multi-view loss and the hinge contribute a gradient only.
         """
         return partial(self._measure, view)
 
-    def _measure(self, view: int, frame: Frame, image: wp.array) -> Loss:
-        mask = self._masks[view] if self._masks else None
+    def _measure(self, view: int, frame: Frame, image: wp.array, mask: Mask | None = None) -> Loss:
+        mask = self._masks[view] if self._masks else mask
         loss = self._rasterizer.photometric_loss(frame, image, self.ssim_weight, mask)
         pull = self._pulls[view] if self._pulls else None
         if pull is not None:

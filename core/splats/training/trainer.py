@@ -195,7 +195,7 @@ class Trainer:
 
     def _keep_contrast(self, plan: ContrastPlan) -> None:
         """From now on, add the contrast hinge to the loss, for normal vision."""
-        contrast = KeptContrast(self._rasterizer, plan, (view.at(1)[0] for view in self._targets))
+        contrast = KeptContrast(self._rasterizer, plan, ((view.at(1)[0], view.looked_at()) for view in self._targets))
         self._loss = GuidedLoss(self._rasterizer, None, self._plan.ssim_weight, 0.0, contrast)
         self._log.forget_best()  # it gives up a little PSNR for contrast
 

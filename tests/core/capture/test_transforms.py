@@ -59,11 +59,11 @@ def test_a_file_with_a_mark_of_windows_editors_is_read(tmp_path: Path) -> None:
     assert inspect_capture(tmp_path).views == 3
 
 
-def test_masks_that_are_not_used_are_counted(tmp_path: Path) -> None:
+def test_masks_that_are_missing_are_counted(tmp_path: Path) -> None:
     listed = frames(shots(3))
     listed[0]["mask_path"] = listed[2]["mask_path"] = "masks/mask.png"
     capture = inspect_capture(write_transforms(tmp_path, shots(3), {**intrinsics(pinhole()), "frames": listed}))
-    (message,) = [warning.message for warning in capture.warnings if warning.name == "masks-unused"]
+    (message,) = [warning.message for warning in capture.warnings if warning.name == "missing-masks"]
     assert "masks of 2 photographs" in message
 
 

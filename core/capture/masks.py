@@ -1,0 +1,175 @@
+"""Masks of photographs: which file belongs to which photograph, and what of a view is looked at.
+
+A mask is white where its photograph is looked at. What it leaves out is unknown, unlike what an alpha channel leaves
+out, where nothing is.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..files.untrusted import is_file, is_folder
+from ..runs.layout import MASKS_FOLDER
+from .colmap import IMAGE_FOLDERS
+from .files import list_images, quote_first, resolve_inside
+from .images import ImageHeader, apply_orientation, read_pixels
+from .model import View
+from .scaling import same_aspect
+from .source import SourceModel
+
+LEAST_SHOWN = 0.01
+"""Share of a photograph that has to be looked at for it to be of use."""
+
+_WHITE = 128  # of 255: from which a mask's pixel is looked at
+_WHOLLY = 0.999  # of a pixel, or of its neighbourhood: a share of a moving thing would colour it
+_BACK = {6: 8, 8: 6}  # the EXIF orientations that do not undo themselves, and those that undo them
+_EXTENSION = ".png"
+
+
+@dataclass(frozen=True)
+class FoundMasks:
+    """The masks that lie beside photographs.
+
+    Attributes:
+        files: by the photograph's name.
+        unused: names of masks in these folders that belong to no photograph.
+    """
+
+    files: dict[str, Path]
+    unused: list[str]
+
+
+def find_masks(capture: Path, photographs: Mapping[str, Path]) -> FoundMasks:
+    """The masks in ``masks/`` beside the photographs' folder, called ``<name>.<extension>.png`` or ``<name>.png``.
+
+    Args:
+        capture: the capture, or what of it was given.
+        photographs: files by name.
+
+    Raises:
+        InputError: a mask is no regular file, or a link out of the folder that holds ``masks``.
+    """
+    paths = {name: Path(os.path.abspath(path)) for name, path in photographs.items()}
+    if not paths:
+        return FoundMasks({}, [])
+    root = Path(os.path.commonpath([os.path.abspath(capture), *(path.parent for path in paths.values())]))
+    files: dict[str, Path] = {}
+    folders: dict[Path, bool] = {}
+    for name, path in paths.items():
+        for folder, relative in _places(path, root):
+            if folder not in folders:
+                folders[folder] = is_folder(folder)
+            if folders[folder] and name not in files and (found := _mask_in(folder, relative)):
+                files[name] = found
+    used = set(files.values())
+    inside = [folder for folder, exists in folders.items() if exists]
+    unused = [name for folder in inside for name in list_images(folder, (_EXTENSION,)) if folder / name not in used]
+    return FoundMasks(files, unused)
+
+
+def _places(photograph: Path, root: Path) -> list[tuple[Path, Path]]:
+    """Folders in which the mask of a photograph may lie, and the photograph's name relative to each."""
+    above = [folder for folder in photograph.parents if folder.is_relative_to(root)]
+    named = [folder for folder in above if folder.name in IMAGE_FOLDERS or folder.name.startswith("images_")][:1]
+    beside = [*named, *(folder for folder in above[:1] if folder != root)]
+    places = [(folder.parent / MASKS_FOLDER, photograph.relative_to(folder)) for folder in beside]
+    return [*places, (root / MASKS_FOLDER, photograph.relative_to(root))]
+
+
+def _mask_in(folder: Path, photograph: Path) -> Path | None:
+    for name in (f"{photograph.as_posix()}{_EXTENSION}", photograph.with_suffix(_EXTENSION).as_posix()):
+        if is_file(folder / name) or (folder / name).is_symlink():
+            return resolve_inside(folder, name, where=folder, root=folder.parent)
+    return None
+
+
+def warn_about_unused(model: SourceModel, unused: list[str]) -> None:
+    """Note masks that belong to no photograph."""
+    if unused:
+        what = f"{len(unused)} masks belong to no photograph and are not used: {quote_first(unused)}"
+        model.warn("masks-unused", f"{model.file}: {what}")
+
+
+def read_mask(path: Path, header: ImageHeader, *, upright: bool) -> NDArray[np.uint8]:
+    """(H, W) of 255 and 0, of the photograph's proportions, 255 where it is looked at.
+
+    Args:
+        path: the mask.
+        header: of its photograph. The mask may be as stored or, where that shows in its size, upright.
+        upright: whether the result is to be.
+
+    Raises:
+        InputError: no image, damaged, of other proportions than the photograph, or grey without any white.
+    """
+    pixels, alpha = read_pixels(path, min_side=1)
+    height, width = pixels.shape[:2]
+    stored = same_aspect((header.width, header.height), (width, height))
+    if not stored and not same_aspect(header.upright_size, (width, height)):
+        raise InputError(
+            f"the mask is {width} x {height} pixels, its photograph {header.width} x {header.height}",
+            where=path,
+            remedy="export it in the size of the photograph",
+        )
+    brightness = pixels.min(axis=2)
+    if 0 < int(brightness.max()) < _WHITE:
+        raise InputError(
+            f"the mask has no white, only values up to {brightness.max()}",
+            where=path,
+            remedy="make it white (255) where the photograph is looked at, and black elsewhere",
+        )
+    shown = brightness >= _WHITE if alpha is None else (brightness >= _WHITE) & (alpha >= _WHITE)
+    mask = np.where(shown, 255, 0).astype(np.uint8)
+    if stored == upright:
+        mask = apply_orientation(
+            mask, header.orientation if upright else _BACK.get(header.orientation, header.orientation)
+        )
+    return mask
+
+
+def resized_mask(mask: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    """`read_mask`'s result in another size: 255 where a pixel shows nothing but what is looked at."""
+    import torch
+
+    planes = torch.from_numpy(np.ascontiguousarray(mask)).float()[None, None] / 255.0
+    shares = torch.nn.functional.adaptive_avg_pool2d(planes, (height, width))[0, 0].numpy()
+    return np.where(shares >= _WHOLLY, 255, 0).astype(np.uint8)
+
+
+def as_shown(mask: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
+    """(H, W) bool of a mask after resampling; None where all is looked at."""
+    shown = mask >= 255.0 * _WHOLLY
+    return None if shown.all() else shown
+
+
+def usable_views(views: list[View], model: SourceModel) -> list[View]:
+    """`views` without those whose masks leave next to nothing; notes how many have masks, and what they leave out.
+
+    Raises:
+        InputError: fewer than two are left.
+    """
+    masked = [view for view in views if view.mask is not None]
+    if not masked:
+        return views
+    hidden = sum(int((~view.mask).sum()) for view in masked if view.mask is not None)
+    share = hidden / sum(view.camera.width * view.camera.height for view in views)
+    model.warn(
+        "masks", f"{model.file}: {len(masked)} of {len(views)} photographs have masks, which leave out {share:.1%}"
+    )
+    blind = {view.key for view in masked if view.mask is not None and view.mask.mean() < LEAST_SHOWN}
+    if len(views) - len(blind) < 2:
+        raise InputError(
+            f"the masks of {len(blind)} of {len(views)} photographs leave nothing to look at",
+            where=model.file,
+            remedy="make masks white where photographs are looked at, and black elsewhere",
+        )
+    if blind:
+        what = f"{len(blind)} photographs are masked completely and left out: {quote_first(sorted(blind))}"
+        model.warn("masked-completely", f"{model.file}: {what}")
+    return [view for view in views if view.key not in blind]
