@@ -53,13 +53,15 @@ def photographs(gaussians: Gaussians, count: int = 12) -> list[View]:
 
 
 def walked_through(views: Sequence[View]) -> list[View]:
-    """The photographs with something of one colour at another place in each, and masks that say where."""
+    """The photographs, in every other one something of one colour that has walked on a little, and masks of it."""
     result = []
     for i, view in enumerate(views):
-        left, top = (i * 17) % (WIDTH - PATCH), (i * 29) % (HEIGHT - PATCH)
-        place = np.s_[top : top + PATCH, left : left + PATCH]
+        x, y, z = view.world_to_camera[:3, :3] @ (0.2 - 0.03 * i, 0.1, 2.6) + view.world_to_camera[:3, 3]
+        left, top = (round(value) - PATCH // 2 for value in (90.0 * x / z + WIDTH / 2, 90.0 * y / z + HEIGHT / 2))
+        place = np.s_[max(top, 0) : top + PATCH, max(left, 0) : left + PATCH]
         image, mask = view.image.copy(), np.ones((HEIGHT, WIDTH), bool)
-        image[place], mask[place] = (255, 0, 255), False
+        if i % 2 == 0:
+            image[place], mask[place] = (255, 0, 255), False
         result.append(replace(view, image=image, mask=mask))
     return result
 
@@ -92,9 +94,8 @@ def test_with_masks_a_scene_is_as_good_as_without_what_moves(gaussians: Gaussian
     without_it = held_out_psnr(kept, held_out, gaussians)
     masked = held_out_psnr(moving, held_out, gaussians)
     unmasked = held_out_psnr([replace(view, mask=None) for view in moving], held_out, gaussians)
-    print(f"clean {without_it:.2f}, masked {masked:.2f}, unmasked {unmasked:.2f} dB")
-    assert masked > without_it - 1.0
-    assert unmasked < masked - 3.0
+    assert masked > without_it - 0.3
+    assert unmasked < without_it - 0.6
 
 
 def test_no_pixel_that_is_masked_has_a_part_in_training(gaussians: Gaussians, clean: list[View]) -> None:
@@ -135,7 +136,7 @@ def test_what_only_masked_pixels_show_counts_as_unseen(gaussians: Gaussians, cle
 
 
 def test_a_reduced_mask_leaves_out_every_block_with_something_masked(clean: list[View]) -> None:
-    (view,) = walked_through(clean[1:2])
+    (view,) = walked_through(clean[:1])
     (target,) = prepare_targets(Rasterizer("cpu"), [view], SceneFrame.around(clean, gaussian_free()), BLACK, {4})
     for reduction in (1, 4):
         mask, (image, camera) = target.mask_at(reduction), target.at(reduction)
@@ -162,5 +163,5 @@ def test_figures_are_of_what_is_looked_at(gaussians: Gaussians, clean: list[View
     assert renderer.fidelity(0, rendered)["psnr"] > 50.0
     mask = renderer.mask(0)
     assert mask is not None
-    assert (~mask).sum() == PATCH**2
+    assert np.array_equal(mask, renderer.views[0].mask)
     assert not renderer.depth(gaussians, 0)[1][~mask].any()
