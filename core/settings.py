@@ -195,6 +195,15 @@ class Settings:
         metavar="REFERENCE",
         fixed=True,
     )
+    clean: float = _option(
+        0.0,
+        "removes Gaussians that look like floaters: 0 none, 0.5 the clear cases, 1 every suspicion",
+        metavar="0..1",
+        low=0.0,
+        high=1.0,
+        trains=True,
+        fixed=True,
+    )
     cameras: str = _option(
         AUTO,
         "auto|estimate|given|FILE; FILE: a COLMAP model's folder or a transforms.json",

@@ -1,6 +1,6 @@
 """Gaussians from file to file: 3DGS .ply, .spz (Niantic), .splat (web viewers), .glb (glTF), .usd, and a web page.
 
-    python scripts/convert.py IN OUT [--drop-damaged]
+    python scripts/convert.py IN OUT [--drop-damaged] [--clean 0..1]
     python scripts/convert.py IN... OUT.glb|OUT.usd|OUT.html [--up AXIS]
 
 For example: python scripts/convert.py out/demo/splats.ply out/demo/splats.deutan-1.0.ply showroom.glb
@@ -24,7 +24,14 @@ import bootstrap
 bootstrap.load(modules=("numpy",))
 from cvdgs.core.errors import InputError, one_line
 from cvdgs.core.runtime.cli import OneLineParser, exit_code
-from cvdgs.core.splats.io.files import WITH_A_WORLD, most_important, read_layers, require_known_suffix, write_layers
+from cvdgs.core.splats.io.files import (
+    WITH_A_WORLD,
+    most_important,
+    read_layers,
+    require_known_suffix,
+    without_floaters,
+    write_layers,
+)
 from cvdgs.core.splats.io.layers import TO_Y_UP, world_of_run
 from cvdgs.core.splats.web.finished_run import is_finished_run, surroundings_of
 from cvdgs.core.splats.web.page import SUFFIX as WEB_PAGE_SUFFIX
@@ -64,6 +71,13 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="N",
         help="write the N Gaussians that contribute most to pictures",
     )
+    parser.add_argument(
+        "--clean",
+        type=float,
+        default=0.0,
+        metavar="0..1",
+        help="leave out Gaussians that look like floaters: 0 none, 0.5 the clear cases, 1 every suspicion",
+    )
     return parser
 
 
@@ -73,6 +87,8 @@ def convert(options: argparse.Namespace) -> str:
     require_known_suffix(target)  # before anything long
     if options.gaussians is not None and options.gaussians < 1:
         raise InputError("that leaves nothing to write", where="--gaussians", remedy="give a number from 1 on")
+    if not 0.0 <= options.clean <= 1.0:  # also refuses NaN
+        raise InputError(f"{options.clean:g} is out of range", where="--clean", remedy="give a number from 0 to 1")
     for source in options.sources:
         if target.exists() and source.exists() and target.samefile(source):
             raise InputError("is also the input", where=target, remedy="name another file to write")
@@ -83,6 +99,10 @@ def convert(options: argparse.Namespace) -> str:
                 f"there is no layer '{options.layer}'", where=options.sources[0], remedy=f"name {' or '.join(layers)}"
             )
         layers = {options.layer: layers[options.layer]}
+    before = len(next(iter(layers.values())))
+    if options.clean:
+        layers = without_floaters(layers, options.sources, options.clean)
+    cleaned = before - len(next(iter(layers.values())))
     if options.gaussians:
         layers = most_important(layers, options.gaussians)
     folders = {source.resolve().parent for source in options.sources}
@@ -93,6 +113,8 @@ def convert(options: argparse.Namespace) -> str:
         write_layers(target, layers, up=options.up or up, metres=metres)
     first = next(iter(layers.values()))
     said = f"wrote {target}: {len(first):,} Gaussians, {target.stat().st_size / 1e6:.1f} MB"
+    if options.clean:
+        said += f"; {cleaned:,} floaters ({cleaned / before:.2%}) left out"
     if len(layers) > 1:
         said += f"; layers {one_line(', '.join(layers))}"  # a .glb can call them anything
     if target.suffix.lower() == WEB_PAGE_SUFFIX and len(first) > _MANY_FOR_A_PAGE:

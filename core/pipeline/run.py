@@ -22,6 +22,7 @@ from ..settings import Layer, Settings
 from ..splats import raster
 from ..splats.training.lens import FOCAL_LENGTH, FocalLength
 from ..splats.training.trainer import TrainingResult
+from .cleaning import Cleaned
 from .device import choose_warp_device, describe_device, versions
 from .resume import EarlierRun
 from .stages import Reconstruction, Stages
@@ -73,6 +74,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
     with clock.measure("enhance"):
         stages.enhance(enhancers)
     trained: TrainingResult | None = None
+    cleaned: Cleaned | None = None
     if earlier:
         with clock.measure("layers"):
             made = stages.reconstruction(earlier.gaussians, "layers", 0.0)
@@ -82,7 +84,9 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
             stages = stages.after(trained)
             if lens.was_off or trained.moved_poses:
                 write_cameras(stages.capture, folder / CAPTURE_FOLDER)
-            made = stages.reconstruct(trained)
+            cleaned = stages.clean(trained)
+            trained = replace(trained, gaussians=cleaned.gaussians, decision={**trained.decision, **cleaned.in_words})
+            made = stages.reconstruct(trained, cleaned.scores)
     with clock.measure("layers"):
         pictures = stages.fit_layers(made, enhancers)
     with clock.measure("evaluate"):
@@ -102,6 +106,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
         "peak_memory_mb": peak_memory_mb(),
         "warnings": recorder.warnings,
         **(_describe_training(lens, trained, made) if trained else {}),
+        **({"clean": cleaned.figures} if cleaned and cleaned.figures else {}),
         **figures,
     }
     report = without_non_finite(report)
@@ -160,7 +165,15 @@ def _describe_capture(capture: Capture, split: Split) -> dict[str, Any]:
         "up_from": capture.up.source if capture.up else None,
         "metres_per_unit": capture.metres_per_unit,
         "estimate": capture.estimate.to_dict() if capture.estimate else None,
+        "masks": _describe_masks(capture),
     }
+
+
+def _describe_masks(capture: Capture) -> dict[str, Any]:
+    """How many photographs have masks, and the share of all pixels that these leave out."""
+    masks = [view.mask for view in capture.views if view.mask is not None]
+    pixels = sum(view.camera.width * view.camera.height for view in capture.views)
+    return {"views": len(masks), "share": round(sum(int((~mask).sum()) for mask in masks) / pixels, 6)}
 
 
 class _Recorder(Reporter):

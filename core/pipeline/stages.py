@@ -49,6 +49,7 @@ from ..splats.training.lens import FocalLength, LensCheck, LensPlan
 from ..splats.training.losses import SeenContrast, ViewGuide
 from ..splats.training.plan import TrainingPlan, TrainingResult
 from ..splats.training.trainer import Trainer
+from .cleaning import Cleaned, clean, look
 from .preview import Preview, PreviewedTraining
 
 # A LUT's fit takes as long as applying it to so many views of 640 pixels.
@@ -209,15 +210,26 @@ class Stages:
             return self
         return self._on(self.capture.moved(result.moved_poses))
 
-    def reconstruct(self, result: TrainingResult) -> Reconstruction:
-        """What training gave, with its views matched; writes ``splats.ply`` in the photographs' colours."""
+    def clean(self, result: TrainingResult) -> Cleaned:
+        """What training gave, scored and without the floaters that the settings ask to remove."""
+        sightings = look(self.rasterizer, result.gaussians, self._views(self.split.train), self.background)
+        # Joint training's colours are enhanced, so photographs do not tell its quality.
+        compared = [] if self.settings.mode == "joint" else self.split.test
+        return clean(result.gaussians, sightings, self.settings.clean, self.scene, compared)
+
+    def reconstruct(self, result: TrainingResult, scores: NDArray[np.float32] | None = None) -> Reconstruction:
+        """What training gave, with its views matched; writes ``splats.ply`` in the photographs' colours.
+
+        Args:
+            scores: (N,) of the Gaussians, how much they look like floaters; written with them.
+        """
         made = self.reconstruction(result.gaussians, "geometry", 1.0)
         if self.settings.mode == "joint":
             self.reporter.status("geometry", "fitting the photographs' colours")
             guides = self._guides(made.agreement)
             original = self._fit_colors(made, self._views(self.split.train), guides, self._contrast(None))
             made = replace(made, original=original, layers={self.settings.layers[0]: result.gaussians})
-        write_ply(self.folder / GAUSSIANS_FILE, made.original)
+        write_ply(self.folder / GAUSSIANS_FILE, made.original, scores)
         return made
 
     def reconstruction(self, gaussians: Gaussians, stage: str, fraction: float) -> Reconstruction:

@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from ...files.untrusted import opened
 from ...runs.layout import ORIGINAL
+from ..floaters import floater_scores, kept_after
 from ..gaussians import MOST_FILE_BYTES, Gaussians
 from ..web.page import SUFFIX as WEB_PAGE_SUFFIX
 from ..web.page import write_web_page
 from .gltf import MAGIC as GLTF_MAGIC
 from .gltf import read_glb, write_glb
 from .layers import layer_name, sharing_geometry
-from .ply import EXPORT_PLAIN, read_ply, write_ply
+from .ply import EXPORT_PLAIN, read_floaters, read_ply, write_ply
 from .splat_file import read_splat, write_splat
 from .spz import GZIP_MAGIC, MAGIC, read_spz, write_spz
 from .usd import SUFFIXES as USD_SUFFIXES
@@ -147,6 +148,27 @@ def most_important(layers: Mapping[str, Gaussians], count: int) -> dict[str, Gau
     if len(first) <= count:
         return dict(layers)
     kept = np.sort(np.argsort(-first.importance, kind="stable")[:count])
+    taken = first.take(kept)
+    return {name: replace(taken, sh=gaussians.sh[kept]) for name, gaussians in layers.items()}
+
+
+def without_floaters(
+    layers: Mapping[str, Gaussians], paths: Sequence[str | Path], clean: float
+) -> dict[str, Gaussians]:
+    """Every layer without the Gaussians whose scores are above 1 - `clean`; see `core.splats.floaters`.
+
+    Args:
+        paths: the files of the layers. Of a run, one has the scores; else shape and place alone tell.
+
+    Raises:
+        InputError: nothing would be left, or scores are damaged.
+    """
+    first = next(iter(layers.values()))
+    recorded = (read_floaters(path) for path in map(Path, paths) if path.suffix.lower() == ".ply")
+    scores = next((one for one in recorded if one is not None and len(one) == len(first)), None)
+    kept = kept_after(floater_scores(first) if scores is None else scores, clean)
+    if not kept.any():
+        raise InputError("nothing would be left", where=paths[0], remedy="give --clean a smaller number")
     taken = first.take(kept)
     return {name: replace(taken, sh=gaussians.sh[kept]) for name, gaussians in layers.items()}
 

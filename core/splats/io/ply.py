@@ -11,10 +11,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...files.ply import VertexTable
 from ...files.untrusted import opened, writing_whole
+from ..floaters import PROPERTY
 from ..gaussians import HIGHEST_SH_DEGREE, MOST_FILE_BYTES, SH_TERMS, Gaussians, require_room
 
 _POSITION = ("x", "y", "z")
@@ -23,15 +25,20 @@ _SCALE = ("scale_0", "scale_1", "scale_2")
 _ROTATION = ("rot_0", "rot_1", "rot_2", "rot_3")
 _REQUIRED = (*_POSITION, *_BASE_COLOR, "opacity", *_SCALE, *_ROTATION)
 EXPORT_PLAIN = "export a plain PLY (3DGS, not compressed) from the program it came from"
+_NO_SCORES = f"its property {PROPERTY} holds no scores from 0 to 1"
 _TERMS_KEPT = SH_TERMS[HIGHEST_SH_DEGREE]
 _USE_ANOTHER = "choose a 3D Gaussian splatting .ply (from this software, SuperSplat, Postshot, ...)"
 
 
-def write_ply(path: str | Path, gaussians: Gaussians) -> None:
-    """Write `gaussians` to `path`, through a temporary file in the same folder, so that it is never incomplete."""
+def write_ply(path: str | Path, gaussians: Gaussians, floaters: NDArray[np.float32] | None = None) -> None:
+    """Write `gaussians` to `path`, through a temporary file in the same folder, so that it is never incomplete.
+
+    Args:
+        floaters: (N,) scores of `floaters.floater_scores`, which become a last property; `read_floaters` reads them.
+    """
     rest = gaussians.sh.shape[1] - 1
     names = [*_POSITION, "nx", "ny", "nz", *_BASE_COLOR, *(f"f_rest_{i}" for i in range(3 * rest))]
-    names += ["opacity", *_SCALE, *_ROTATION]
+    names += ["opacity", *_SCALE, *_ROTATION, *([] if floaters is None else [PROPERTY])]
     count = len(gaussians)
     table = np.zeros((count, len(names)), "<f4")
     columns = {name: i for i, name in enumerate(names)}
@@ -41,6 +48,8 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> None:
     table[:, columns["opacity"]] = gaussians.opacity_logits
     table[:, columns["scale_0"] : columns["scale_0"] + 3] = gaussians.log_scales
     table[:, columns["rot_0"] : columns["rot_0"] + 4] = gaussians.quaternions
+    if floaters is not None:
+        table[:, columns[PROPERTY]] = floaters
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {count}"]
     header += [f"property float {name}" for name in names] + ["end_header", ""]
     with writing_whole(Path(path)) as file:
@@ -68,6 +77,25 @@ def read_ply(path: str | Path) -> Gaussians:
         table.require(tuple(f"f_rest_{i}" for i in range(rest_count)), "its colour terms are not consecutive")
         require_room(table.count, min(rest_count // 3, _TERMS_KEPT), path)
         return _gather(table, rest_count // 3)
+
+
+def read_floaters(path: str | Path) -> NDArray[np.float32] | None:
+    """(N,) scores in [0, 1] that `write_ply` wrote with the Gaussians of a file; None where it has none.
+
+    Raises:
+        InputError: not a PLY, cut short, or scores that are no numbers from 0 to 1.
+    """
+    path = Path(path)
+    with opened(path, most_bytes=MOST_FILE_BYTES) as file:
+        table = VertexTable(file, path, noun="Gaussians", remedy=_USE_ANOTHER, if_compressed=EXPORT_PLAIN)
+        if PROPERTY not in table.names:
+            return None
+        table.require((PROPERTY,), _NO_SCORES)
+        require_room(table.count, 0, path)
+        scores = np.concatenate([np.zeros(0, np.float32), *(block[PROPERTY] for block in table.blocks())])
+    if not ((scores >= 0.0) & (scores <= 1.0)).all():
+        raise InputError(_NO_SCORES, where=path, remedy=_USE_ANOTHER)
+    return scores.astype(np.float32)
 
 
 def _gather(table: VertexTable, rest: int) -> Gaussians:
