@@ -13,6 +13,7 @@ import bpy
 
 from ..core.settings import CVD_TYPES, OPTIONS, Settings
 from .arrangement import CAP_COUNT
+from .comparison import follow_comparison
 from .compositor.apply import apply_simulation
 from .inspection import start_inspection
 from .messages import sentence
@@ -55,6 +56,24 @@ def _inspect(_capture: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
 
 def _simulate(_properties: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
     """Put what was changed in force at once, where a simulation is shown."""
+    apply_simulation(context.scene)
+
+
+def _wipe(simulate: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """One border at a time."""
+    if simulate.wipe and simulate.compare:
+        simulate.compare = False
+    apply_simulation(context.scene)
+
+
+def _compare(simulate: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    if simulate.compare and simulate.wipe:
+        simulate.wipe = False
+    follow_comparison(context.scene)
+
+
+def _move_border(simulate: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    follow_comparison(context.scene)
     apply_simulation(context.scene)
 
 
@@ -230,16 +249,21 @@ class SimulateProperties(Deficiency, bpy.types.PropertyGroup):
         update=_simulate,
     )
     wipe: bpy.props.BoolProperty(
-        name="Side by Side", description="Leave the left part of the picture unchanged for comparison", update=_simulate
+        name="Side by Side", description="Leave the left part of the picture unchanged for comparison", update=_wipe
+    )
+    compare: bpy.props.BoolProperty(
+        name="Original | Enhanced",
+        description="Show the original colours left of the border in the camera's picture, those of the layer right",
+        update=_compare,
     )
     wipe_position: bpy.props.FloatProperty(
         name="Border",
-        description="Where the simulated part begins, as a fraction of the picture's width",
+        description="Where the right part begins, as a fraction of the picture's width",
         subtype="FACTOR",
         min=0.0,
         max=1.0,
         default=0.5,
-        update=_simulate,
+        update=_move_border,
     )
 
 

@@ -15,6 +15,7 @@ from ..core.errors import InputError
 from ..core.files.untrusted import is_file, read_json
 from ..core.runs.layout import REPORT_FILE
 from ..core.runtime.progress import format_seconds
+from .comparison import follow_comparison
 from .scene.bystanders import hide_start_cube
 from .scene.convert import load_run
 from .scene.finished_run import RUN_PROPERTY, FinishedRun, read_run
@@ -60,6 +61,7 @@ def show_run(folder: str, scene: bpy.types.Scene, *, anew: bool = False) -> bpy.
     if newest in layer_names(splats):
         show_layer(splats, newest)
     scene.cvdgs.display.target = splats
+    follow_comparison(scene)
     hide_start_cube(scene)
     WATCHER.show(scene, closer=True)
     return splats

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import bpy
 
-from ..cvdgs_addon import viewer
+from ..cvdgs_addon import comparison, viewer
 from ..cvdgs_addon.compositor.simulation_group import library_folder, save_asset
-from .base import Action
+from .base import Action, NeedsGaussians
 
 _PRESET_ITEMS = tuple((preset.name, preset.label, preset.description) for preset in viewer.PRESETS)
 
@@ -109,6 +109,24 @@ class CVDGS_OT_simulate(Action, bpy.types.Operator):
         simulate.in_renders = simulate.in_viewport = on
 
 
+class CVDGS_OT_compare(NeedsGaussians, bpy.types.Operator):
+    """Show original and enhanced colours side by side, both as the viewer sees them, or no longer"""
+
+    bl_idname = "cvdgs.compare"
+    bl_label = "Compare Original and Enhanced"
+
+    @classmethod
+    def missing(cls, context: bpy.types.Context) -> str:
+        nothing = "" if comparison.has_comparison(context.scene) else comparison.NOTHING_TO_COMPARE
+        return super().missing(context) or nothing
+
+    def act(self, context: bpy.types.Context) -> None:
+        on = not comparison.is_compared(context.scene)
+        comparison.compare(context.scene, on=on)
+        if on:
+            self.report({"INFO"}, "Left original, right enhanced; see View in Colour, or render")
+
+
 class CVDGS_OT_save_simulation_asset(Action, bpy.types.Operator):
     """Save the compositor node group "CVD simulation" to an asset library, for use without this add-on"""
 
@@ -139,5 +157,6 @@ CLASSES: tuple[type, ...] = (
     CVDGS_OT_use_suggestion,
     CVDGS_OT_close_arrangement,
     CVDGS_OT_simulate,
+    CVDGS_OT_compare,
     CVDGS_OT_save_simulation_asset,
 )

@@ -6,6 +6,7 @@ import bpy
 
 from ..cvdgs_addon import viewer
 from ..cvdgs_addon.arrangement import CAP_COUNT, NO_DIAGNOSIS
+from ..cvdgs_addon.comparison import is_compared
 from ..cvdgs_addon.compositor.apply import renders_can_go_without, simulation_node, told_changes
 from ..cvdgs_addon.compositor.display_nodes import what_is_left_out
 from ..cvdgs_addon.pictures import PICTURES
@@ -99,6 +100,7 @@ class CVDGS_PT_simulate(SidePanel, bpy.types.Panel):
                 "Renders show the simulation too, because they need the compositor for other nodes",
                 "INFO",
             )
+        layout.operator("cvdgs.compare", icon="ARROW_LEFTRIGHT", depress=is_compared(scene))
         layout.prop(simulate, "same_as_viewer")
         chosen = scene.cvdgs.viewer if simulate.same_as_viewer else simulate
         column = split_column(layout)
@@ -107,11 +109,13 @@ class CVDGS_PT_simulate(SidePanel, bpy.types.Panel):
             column.prop(chosen, name)
         if (chosen.cvd, chosen.simulation) == ("tritan", "vienot"):
             say(layout, context, "Viénot's model has no tritan; Brettel's is used", "INFO")
-        row = layout.row(align=True)
+        column = layout.column(align=True)
+        row = column.row(align=True)
         row.prop(simulate, "wipe", toggle=True)
-        sub = row.row(align=True)
-        sub.enabled = simulate.wipe
-        sub.prop(simulate, "wipe_position", text="")
+        row.prop(simulate, "compare", toggle=True)
+        row = column.row(align=True)
+        row.enabled = simulate.wipe or simulate.compare
+        row.prop(simulate, "wipe_position")
         _draw_simulation_notes(layout, context)
         layout.operator("cvdgs.save_simulation_asset", icon="ASSET_MANAGER")
 

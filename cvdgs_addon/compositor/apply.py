@@ -40,7 +40,7 @@ class Simulation:
 
 
 def apply_simulation(scene: bpy.types.Scene) -> None:
-    """Put in force what ``scene.cvdgs.simulate`` says."""
+    """Put in force what ``scene.cvdgs.simulate`` says of renders and 3D views."""
     simulate = scene.cvdgs.simulate
     chosen = scene.cvdgs.viewer if simulate.same_as_viewer else simulate
     untouched = simulate.wipe_position if simulate.wipe else 0.0

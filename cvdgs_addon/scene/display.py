@@ -26,7 +26,7 @@ from .render_settings import (
 from .sparse_points import is_sparse_points, show_as_light
 from .splat_attributes import point_positions
 from .splat_nodes import Input
-from .splats import MODIFIER_NAME, get_input, is_splats, set_input
+from .splats import MODIFIER_NAME, get_input, has_input, is_splats, set_input
 
 BACKGROUND_PROPERTY = "cvdgs_background"
 """Custom property of a Gaussians' object: sRGB of what they were trained over."""
@@ -100,6 +100,24 @@ def remove_crop_box(splats: bpy.types.Object) -> None:
     set_input(splats, Input.CROP_BOX, None)
     if box is not None:
         bpy.data.objects.remove(box)
+
+
+def compare_colors(scene: bpy.types.Scene, border: float | None) -> None:
+    """Let renders and 3D views show the original colours left of a border in the active camera's picture.
+
+    Args:
+        scene: whose Gaussians.
+        border: as a fraction of the picture's width; None: no comparison any more.
+    """
+    for splats in filter(can_compare, scene.objects):
+        set_input(splats, Input.COMPARE, border is not None)
+        if border is not None:
+            set_input(splats, Input.BORDER, border)
+
+
+def can_compare(candidate: bpy.types.Object) -> bool:
+    """Whether `candidate` is an object of Gaussians that can show two colours side by side."""
+    return is_splats(candidate) and has_input(candidate, Input.COMPARE)
 
 
 def set_up_render(

@@ -32,6 +32,8 @@ class Attribute(StrEnum):
     RANK = "rank"  # INT, 0 for the most important Gaussian, then 1, ...: those that a budget leaves come first
     DRAWN_COLOR = "drawn_color"  # FLOAT_COLOR, of what is drawn only: what the material shows
     PREVIEW_COLOR = "preview_color"  # FLOAT_COLOR, of the preview only: what Solid shading shows
+    ORIGINAL_COLOR = "original_color"  # FLOAT_COLOR, of what is compared only: shown left of the border
+    BORDER = "border"  # FLOAT_COLOR, of what is compared only: plane on the hull (see `compare_nodes`)
     ON_DISC = "on_disc"  # FLOAT_VECTOR, of discs only: place in units of the radius at which they end
 
 

@@ -18,6 +18,9 @@ POINT_NAME = "CVD Gaussian Point"
 ALPHA_MAX = 0.999  # of the rasteriser: no Gaussian hides what is behind it entirely
 
 
+_COMPARED = "{} Compared"
+
+
 class _Kept(StrEnum):
     """Where opacity and colour are kept, as the attribute node calls it."""
 
@@ -25,25 +28,30 @@ class _Kept(StrEnum):
     ON_MESH = "GEOMETRY"
 
 
-def build_disc_material() -> bpy.types.Material:
+def hull_name(name: str, *, compared: bool) -> str:
+    """Name of the material that draws hulls of this kind; `compared`: that with the original colours beside."""
+    return _COMPARED.format(name) if compared else name
+
+
+def build_disc_material(*, compared: bool = False) -> bpy.types.Material:
     """Evaluates the Gaussian where the ray meets the plane of its centre."""
-    material = _new_material(DISC_NAME)
+    material = _new_material(hull_name(DISC_NAME, compared=compared))
     write = NodeWriter(material.node_tree)
-    _show_disc(write, write.output("ShaderNodeTexCoord", name="Object"), _Kept.ON_INSTANCE)
+    _show_disc(write, write.output("ShaderNodeTexCoord", name="Object"), _Kept.ON_INSTANCE, compared)
     return material
 
 
-def build_mesh_disc_material() -> bpy.types.Material:
+def build_mesh_disc_material(*, compared: bool = False) -> bpy.types.Material:
     """Does the same for discs that are faces of one mesh (see `drawing_nodes`)."""
-    material = _new_material(MESH_DISC_NAME)
+    material = _new_material(hull_name(MESH_DISC_NAME, compared=compared))
     write = NodeWriter(material.node_tree)
-    _show_disc(write, _attribute(write, Attribute.ON_DISC, "Vector", _Kept.ON_MESH), _Kept.ON_MESH)
+    _show_disc(write, _attribute(write, Attribute.ON_DISC, "Vector", _Kept.ON_MESH), _Kept.ON_MESH, compared)
     return material
 
 
-def build_ellipsoid_material() -> bpy.types.Material:
+def build_ellipsoid_material(*, compared: bool = False) -> bpy.types.Material:
     """Evaluates the Gaussian at its maximum along the ray, once for each hull: where the ray enters."""
-    material = _new_material(ELLIPSOID_NAME)
+    material = _new_material(hull_name(ELLIPSOID_NAME, compared=compared))
     write = NodeWriter(material.node_tree)
     point = write.output("ShaderNodeTexCoord", name="Object")
     geometry = write.node("ShaderNodeNewGeometry")
@@ -55,7 +63,8 @@ def build_ellipsoid_material() -> bpy.types.Material:
     squared_radius = write.math("SUBTRACT", write.vector_math("DOT_PRODUCT", point, point), foot)
     entering = write.math("SUBTRACT", 1.0, geometry.outputs["Backfacing"])
     alpha = _alpha(write, squared_radius, _Kept.ON_INSTANCE)
-    _finish(write, write.math("MULTIPLY", entering, alpha), _Kept.ON_INSTANCE)
+    color = _color(write, point, _Kept.ON_INSTANCE, compared)
+    _finish(write, write.math("MULTIPLY", entering, alpha), color)
     return material
 
 
@@ -79,9 +88,9 @@ def _new_material(name: str) -> bpy.types.Material:
     return material
 
 
-def _show_disc(write: NodeWriter, point: Value, kept: _Kept) -> None:
+def _show_disc(write: NodeWriter, point: Value, kept: _Kept, compared: bool) -> None:
     squared_radius = write.vector_math("DOT_PRODUCT", point, point)
-    _finish(write, _alpha(write, squared_radius, kept), kept)
+    _finish(write, _alpha(write, squared_radius, kept), _color(write, point, kept, compared))
 
 
 def _alpha(write: NodeWriter, squared_radius: Value, kept: _Kept) -> Value:
@@ -99,9 +108,20 @@ def _attribute(write: NodeWriter, name: str, output: str, kept: _Kept) -> Value:
     return write.output("ShaderNodeAttribute", name=output, attribute_type=kept, attribute_name=name)
 
 
-def _finish(write: NodeWriter, alpha: Value, kept: _Kept) -> None:
-    """Emission of the drawn colour, mixed over what is behind by `alpha`."""
-    emission = write.output("ShaderNodeEmission", _attribute(write, Attribute.DRAWN_COLOR, "Color", kept))
+def _color(write: NodeWriter, point: Value, kept: _Kept, compared: bool) -> Value:
+    """The drawn colour; where colours are compared, the original one left of the border (see `compare_nodes`)."""
+    drawn = _attribute(write, Attribute.DRAWN_COLOR, "Color", kept)
+    if not compared:
+        return drawn
+    plane = write.node("ShaderNodeAttribute", attribute_type=kept, attribute_name=Attribute.BORDER)
+    side = write.sum(write.vector_math("DOT_PRODUCT", plane.outputs["Color"], point), plane.outputs["Alpha"])
+    original = _attribute(write, Attribute.ORIGINAL_COLOR, "Color", kept)
+    return write.mix("RGBA", write.math("LESS_THAN", side, 0.0), drawn, original)
+
+
+def _finish(write: NodeWriter, alpha: Value, color: Value) -> None:
+    """Emission of `color`, mixed over what is behind by `alpha`."""
+    emission = write.output("ShaderNodeEmission", color)
     mixed = write.output("ShaderNodeMixShader", alpha, write.output("ShaderNodeBsdfTransparent"), emission)
     write.node("ShaderNodeOutputMaterial", mixed)
     write.arrange()

@@ -21,11 +21,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import bpy
 
 from ...core.runs.layout import ORIGINAL
 from .color_nodes import add_decoding_nodes, view_dependent_part
+from .compare_nodes import add_border_nodes, is_left, with_border
 from .drawing_nodes import MESH_LIMIT, as_points, disc_hull, few_enough, inside_box, one_mesh, within_budget
 from .nodes import NodeWriter, Sockets, Value, add_input, new_group
 from .preview_nodes import PREVIEW_COUNT, as_quads
@@ -47,6 +49,8 @@ class Input(StrEnum):
 
     ENHANCED = "Enhanced"
     LAYER = "Layer"
+    COMPARE = "Compare"
+    BORDER = "Border"
     CAMERA_FACING = "Camera Facing"
     CAMERA_VIEW = "Camera View"
     SCENE_LINEAR = "Scene Linear"
@@ -71,12 +75,20 @@ def group_name(sh_degree: int) -> str:
 
 
 @dataclass(frozen=True)
-class Materials:
-    """What the group draws with: the camera-facing hull as instance and in a mesh, the ellipsoid, and points."""
+class Hulls:
+    """Materials of hulls: the camera-facing one as instance and in a mesh, and the ellipsoid."""
 
     disc: bpy.types.Material
     mesh_disc: bpy.types.Material
     ellipsoid: bpy.types.Material
+
+
+@dataclass(frozen=True)
+class Materials:
+    """What the group draws with: hulls, hulls with the original colours beside, and points."""
+
+    hulls: Hulls
+    compared: Hulls
     point: bpy.types.Material
 
 
@@ -109,21 +121,32 @@ def build_group(sh_degree: int, materials: Materials) -> bpy.types.NodeTree:
     is_sharp = write.output("FunctionNodeBooleanMath", inputs[Input.MOTION_BLUR], operation="NOT")
     few = few_enough(write, points, drawn, inputs[Input.MESH_LIMIT])
     as_mesh = write.both(facing, write.both(is_sharp, few))
-    disc_material = write.switch("MATERIAL", as_mesh, materials.disc, materials.mesh_disc)
-    hull = write.switch("GEOMETRY", facing, _icosphere(write, materials.ellipsoid), disc_hull(write, disc_material))
+    is_compared = write.both(inputs[Input.COMPARE], camera.is_perspective)
+    disc, mesh_disc, ellipsoid_material = (
+        write.switch("MATERIAL", is_compared, getattr(materials.hulls, kind), getattr(materials.compared, kind))
+        for kind in ("disc", "mesh_disc", "ellipsoid")
+    )
+    disc_material = write.switch("MATERIAL", as_mesh, disc, mesh_disc)
+    hull = write.switch("GEOMETRY", facing, _icosphere(write, ellipsoid_material), disc_hull(write, disc_material))
     instances = write.output("GeometryNodeInstanceOnPoints", points, drawn, hull)
 
     ellipsoid, disc = add_hull_nodes(write, camera, frame, inputs[Input.DILATION])
     placement = write.switch("MATRIX", facing, ellipsoid, disc)
     instances = write.output("GeometryNodeSetInstanceTransform", instances, True, placement)
-    color, light = _add_color_nodes(write, inputs, camera, frame, sh_degree)
-    instances = _with_color(write, instances, color, "INSTANCE")
+    colors = _add_color_nodes(write, inputs, camera, frame, sh_degree)
+    instances = _with_color(write, instances, colors.shown, "INSTANCE")
+    normal = add_border_nodes(write, camera, inputs[Input.BORDER])
+    compared = with_border(write, instances, camera, normal, colors.original)
+    instances = write.switch("GEOMETRY", is_compared, instances, compared)
     hulls = write.switch("GEOMETRY", as_mesh, instances, one_mesh(write, instances, splat.depth))
+    left = write.both(is_compared, is_left(write, camera, normal))
+    color = write.switch("RGBA", left, colors.shown, colors.original)
     cloud = as_points(write, points, chosen, splat.scale, inputs[Input.POINT_SIZE], materials.point)
     cloud = _with_color(write, cloud, color, "POINT")
     shown = write.switch("GEOMETRY", inputs[Input.AS_POINTS], hulls, cloud)
     rank = write.attribute("INT", Attribute.RANK).outputs["Attribute"]
     few = write.both(chosen, write.compare("LESS_THAN", rank, inputs[Input.PREVIEW_COUNT]))
+    light = write.switch("RGBA", left, colors.shown_light, colors.original_light)
     quads = as_quads(write, points, few, frame, light, materials.point)
     quads = _with_color(write, quads, color, "POINT")
     is_preview = write.both(write.output("GeometryNodeIsViewport"), inputs[Input.PREVIEW])
@@ -139,6 +162,11 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
               subtype="FACTOR", min_value=0.0, max_value=1.0, default_value=1.0)  # fmt: skip
     add_input(tree, Input.LAYER, "NodeSocketString", "Colour attribute to blend to, for example color_deutan-1.0",
               default_value=color_attribute(ORIGINAL))  # fmt: skip
+    add_input(tree, Input.COMPARE, "NodeSocketBool",
+              "Show the original colours in the left part of the active camera's picture")  # fmt: skip
+    add_input(tree, Input.BORDER, "NodeSocketFloat",
+              "Where that part ends, as a fraction of the picture's width",
+              subtype="FACTOR", min_value=0.0, max_value=1.0, default_value=0.5)  # fmt: skip
     add_input(tree, Input.CAMERA_FACING, "NodeSocketBool",
               "Render discs that face the active camera, exactly as trained; off: ellipsoids, correct for any ray, as "
               "in the viewport",
@@ -204,10 +232,18 @@ def _icosphere(write: NodeWriter, material: bpy.types.Material) -> Value:
     return write.output("GeometryNodeSetMaterial", mesh, True, material)
 
 
+class _Colors(NamedTuple):
+    """Colours of the slider and the original ones: as the scene needs them, trained or as light, and that light."""
+
+    shown: bpy.types.NodeSocket
+    shown_light: bpy.types.NodeSocket
+    original: bpy.types.NodeSocket
+    original_light: bpy.types.NodeSocket
+
+
 def _add_color_nodes(
     write: NodeWriter, inputs: Sockets, camera: Camera, frame: bpy.types.NodeSocket, sh_degree: int
-) -> tuple[bpy.types.NodeSocket, bpy.types.NodeSocket]:
-    """The colour to show, as trained or converted to scene-linear light, and that light."""
+) -> _Colors:
     original = write.attribute("FLOAT_COLOR", color_attribute(ORIGINAL)).outputs["Attribute"]
     if sh_degree:
         seen_from = {**camera._asdict(), "frame": frame}
@@ -227,5 +263,8 @@ def _add_color_nodes(
     is_layer = write.both(layer.outputs["Exists"], is_other)
     enhanced = write.switch("RGBA", is_layer, original, layer.outputs["Attribute"])
     encoded = write.mix("RGBA", inputs[Input.ENHANCED], original, enhanced)
-    light = add_decoding_nodes(write, encoded)
-    return write.switch("RGBA", inputs[Input.SCENE_LINEAR], encoded, light), light
+    pairs = []
+    for color in (encoded, original):
+        light = add_decoding_nodes(write, color)
+        pairs += [write.switch("RGBA", inputs[Input.SCENE_LINEAR], color, light), light]
+    return _Colors(*pairs)

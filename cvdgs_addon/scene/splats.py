@@ -25,8 +25,9 @@ from .splat_material import (
     build_ellipsoid_material,
     build_mesh_disc_material,
     build_point_material,
+    hull_name,
 )
-from .splat_nodes import GROUP_NAME, Input, Materials, build_group, group_name
+from .splat_nodes import GROUP_NAME, Hulls, Input, Materials, build_group, group_name
 
 MODIFIER_NAME = "Gaussians"
 
@@ -140,6 +141,11 @@ def input_property(splats: bpy.types.Object, name: str) -> tuple[bpy.types.bpy_s
     return modifier_input_property(splats.modifiers[MODIFIER_NAME], name)
 
 
+def has_input(splats: bpy.types.Object, name: str) -> bool:
+    """Whether the node group has that input; one of an earlier release may lack it."""
+    return name in {item.name for item in splats.modifiers[MODIFIER_NAME].node_group.interface.items_tree}
+
+
 def is_splats(candidate: bpy.types.Object) -> bool:
     """Whether `candidate` is an object made by `add_gaussians`."""
     modifier = candidate.modifiers.get(MODIFIER_NAME)
@@ -197,14 +203,24 @@ def _shared_group(sh_degree: int) -> bpy.types.NodeTree:
         name, _, _number = existing.name.partition(".")
         if name == group_name(sh_degree) and set(Input) <= {item.name for item in existing.interface.items_tree}:
             return existing
-    blocks = bpy.data.materials
-    materials = Materials(
-        disc=blocks.get(DISC_NAME) or build_disc_material(),
-        mesh_disc=blocks.get(MESH_DISC_NAME) or build_mesh_disc_material(),
-        ellipsoid=blocks.get(ELLIPSOID_NAME) or build_ellipsoid_material(),
-        point=blocks.get(POINT_NAME) or build_point_material(),
+    point = bpy.data.materials.get(POINT_NAME) or build_point_material()
+    return build_group(sh_degree, Materials(_hulls(compared=False), _hulls(compared=True), point))
+
+
+def _hulls(*, compared: bool) -> Hulls:
+    """The materials of hulls in this file, made where they are missing."""
+    builders = {
+        DISC_NAME: build_disc_material,
+        MESH_DISC_NAME: build_mesh_disc_material,
+        ELLIPSOID_NAME: build_ellipsoid_material,
+    }
+    existing = bpy.data.materials
+    return Hulls(
+        *(
+            existing.get(hull_name(name, compared=compared)) or build(compared=compared)
+            for name, build in builders.items()
+        )
     )
-    return build_group(sh_degree, materials)
 
 
 def _drive_by_render_settings(splats: bpy.types.Object, name: Input, expression: str) -> None:

@@ -8,6 +8,9 @@ import pytest
 from cvdgs.cvdgs_addon.compositor.apply import simulation_node
 from cvdgs.cvdgs_addon.compositor.scene_tree import scene_tree
 from cvdgs.cvdgs_addon.compositor.simulation_group import Socket, chosen
+from cvdgs.cvdgs_addon.results import show_run
+from cvdgs.cvdgs_addon.scene.splat_nodes import Input
+from cvdgs.cvdgs_addon.scene.splats import get_input
 from cvdgs.ui.viewer import CVDGS_PT_simulate
 
 from .layouts import drawn
@@ -56,6 +59,33 @@ def test_the_wipe_moves_the_border(simulate):
     assert node().inputs[Socket.WIPE].default_value == pytest.approx(0.3)
     simulate.wipe = False
     assert node().inputs[Socket.WIPE].default_value == 0.0
+
+
+def test_one_border_at_a_time(simulate):
+    simulate.in_renders = simulate.wipe = True
+    simulate.compare = True
+    assert not simulate.wipe
+    assert node().inputs[Socket.WIPE].default_value == 0.0, "both sides are seen with the observer's eyes"
+    simulate.wipe = True
+    assert not simulate.compare
+
+
+def test_compare_shows_both_colours_as_the_observer_sees_them_and_ends_it(simulate, run_folder):
+    assert not bpy.ops.cvdgs.compare.poll(), "there are no Gaussians"
+    shown = show_run(str(run_folder), bpy.context.scene)
+    assert bpy.ops.cvdgs.compare() == {"FINISHED"}
+    assert (simulate.in_renders, simulate.in_viewport) == (True, True)
+    simulate.wipe_position = 0.3
+    assert get_input(shown, Input.COMPARE)
+    assert get_input(shown, Input.BORDER) == pytest.approx(0.3)
+    bpy.ops.cvdgs.compare()
+    assert not get_input(shown, Input.COMPARE)
+    assert node() is None
+
+
+def test_gaussians_that_come_later_are_compared_too(simulate, run_folder):
+    simulate.compare = True
+    assert get_input(show_run(str(run_folder), bpy.context.scene), Input.COMPARE)
 
 
 def test_the_operator_switches_both_on_and_off(simulate):
