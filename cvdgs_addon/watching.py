@@ -142,7 +142,7 @@ def _render(scene: bpy.types.Scene, area: bpy.types.Area) -> None:
     chosen = scene.cvdgs.display
     try:
         with simulation_lifted(scene):
-            view_in_color(scene, area, splats, Engine.CYCLES, Display[chosen.colors], coarse=True)
+            view_in_color(scene, area, Engine.CYCLES, Display[chosen.colors], coarse=True)
     except InputError:  # no camera looks at them: the preview stays
         return
     end_looking_around(scene)

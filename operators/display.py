@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.compositor.apply import simulation_lifted
-from ..cvdgs_addon.scene import display, preview
+from ..cvdgs_addon.scene import display, neighbours, preview
 from ..cvdgs_addon.scene.bystanders import bystanders, hide
 from ..cvdgs_addon.scene.camera_view import has_graphics_card, leave_slow_views, view_in_color
 from ..cvdgs_addon.scene.estimated_light import add_estimated_light
@@ -107,7 +107,7 @@ class CVDGS_OT_view_in_color(NeedsGaussians, bpy.types.Operator):
             display.show_form(shown_splats(context), display.Form.INSTANCES)
         with simulation_lifted(scene):
             coarse = not has_graphics_card()
-            told = view_in_color(scene, context.area, shown_splats(context), engine, colors, coarse=coarse)
+            told = view_in_color(scene, context.area, engine, colors, coarse=coarse)
         self.report(
             {"INFO"}, f"Looking through {scene.camera.name}" + (f"; changed: {'; '.join(told)}" if told else "")
         )
@@ -149,6 +149,27 @@ class CVDGS_OT_hide_bystanders(NeedsGaussians, bpy.types.Operator):
         names = bystanders(context.scene)
         hide(context.scene, names)
         self.report({"INFO"}, f"Hidden: {', '.join(names)}" if names else "Nothing to hide")
+
+
+class CVDGS_OT_hide_other_gaussians(NeedsGaussians, bpy.types.Operator):
+    """Hide the Gaussians of all other runs; Show Hidden Objects in the menu Object brings them back to the view"""
+
+    bl_idname = "cvdgs.hide_other_gaussians"
+    bl_label = "Hide Other Gaussians"
+
+    def act(self, context: bpy.types.Context) -> None:
+        names = neighbours.hide_others(context.scene, shown_splats(context))
+        self.report({"INFO"}, f"Hidden: {', '.join(names)}" if names else "Nothing to hide")
+
+
+class CVDGS_OT_place_beside(NeedsGaussians, bpy.types.Operator):
+    """Move these Gaussians, with their cameras, beside those of all other runs"""
+
+    bl_idname = "cvdgs.place_beside"
+    bl_label = "Place Beside"
+
+    def act(self, context: bpy.types.Context) -> None:
+        neighbours.place_beside(context.scene, shown_splats(context))
 
 
 class CVDGS_OT_set_up_render(NeedsGaussians, bpy.types.Operator):
@@ -193,6 +214,8 @@ CLASSES: tuple[type, ...] = (
     CVDGS_OT_look_around,
     CVDGS_OT_add_light,
     CVDGS_OT_hide_bystanders,
+    CVDGS_OT_hide_other_gaussians,
+    CVDGS_OT_place_beside,
     CVDGS_OT_set_up_render,
     CVDGS_OT_restore_render,
 )

@@ -8,6 +8,7 @@ from ..cvdgs_addon.scene import display
 from ..cvdgs_addon.scene.bystanders import bystanders
 from ..cvdgs_addon.scene.display import Form
 from ..cvdgs_addon.scene.native_splats import has_native_splats
+from ..cvdgs_addon.scene.neighbours import overlapping
 from ..cvdgs_addon.scene.render_settings import keeps_colors, view_transform_of
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
@@ -44,6 +45,17 @@ def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context, splats: 
     if shading is not None and shading.type == "SOLID" and not (is_preview and shading.color_type == "VERTEX"):
         say(layout, context, "Solid shading shows the colours of the Preview only", "INFO")
     say_bystanders(layout, context, "The view also shows")
+    others = [other.name for other in overlapping(context.scene, splats)]
+    if others:
+        say(layout, context, f"These stand in each other: {splats.name}, {_listed(others)}", "INFO")
+        row = layout.row(align=True)
+        row.operator("cvdgs.hide_other_gaussians", text="Hide Others", icon="HIDE_ON")
+        row.operator("cvdgs.place_beside", icon="FORWARD")
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(names[:_MOST_NAMES]) + more
 
 
 def _draw_form(layout: bpy.types.UILayout, context: bpy.types.Context, splats: bpy.types.Object) -> None:
@@ -108,8 +120,7 @@ def say_bystanders(layout: bpy.types.UILayout, context: bpy.types.Context, text:
     """Name what renders show beside the Gaussians, such as the cube of a new file."""
     others = bystanders(context.scene)
     if others:
-        more = f" and {len(others) - _MOST_NAMES} more" if len(others) > _MOST_NAMES else ""
-        say(layout, context, f"{text} {', '.join(others[:_MOST_NAMES])}{more}", "INFO")
+        say(layout, context, f"{text} {_listed(others)}", "INFO")
         button = f"Hide {others[0]}" if len(others) == 1 else f"Hide {len(others)} Objects"
         layout.operator("cvdgs.hide_bystanders", text=button, icon="HIDE_ON")
 

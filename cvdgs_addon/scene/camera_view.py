@@ -78,7 +78,6 @@ def _free_place(area: bpy.types.Area, view: bpy.types.Region) -> tuple[float, fl
 def view_in_color(
     scene: bpy.types.Scene,
     area: bpy.types.Area,
-    splats: bpy.types.Object,
     engine: Engine,
     display: Display,
     *,
@@ -99,7 +98,8 @@ def view_in_color(
     settings: dict[str, Setting] = {"render.preview_pixel_size": _PIXEL} if coarse else {}
     if engine is Engine.CYCLES:
         settings["render.use_border"] = True  # nothing is drawn outside the camera's frame
-        set_input(splats, Input.CAMERA_VIEW, True)
+        for drawn in filter(is_splats, scene.objects):  # each run's: what was left as ellipsoids would take minutes
+            set_input(drawn, Input.CAMERA_VIEW, True)
     told = set_up_render(scene, engine, display, settings)
     space = area.spaces.active
     space.region_3d.view_perspective = "CAMERA"

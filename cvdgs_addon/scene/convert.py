@@ -108,7 +108,8 @@ def convert(
 def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOptions = ConversionOptions()) -> LoadedRun:
     """Add cameras and Gaussians of `run` to `scene`; render settings stay as they are.
 
-    About a second for a million Gaussians. The first layer is shown, in colours that suit the scene's view transform.
+    Collections and objects are called after the run. About a second for a million Gaussians. The first layer is shown,
+    in colours that suit the scene's view transform.
 
     Raises:
         InputError: the run's Gaussians or cameras cannot be used.
@@ -117,8 +118,8 @@ def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOption
     center, _ = core_bounds(run.gaussians.means)
     found = Found(run.up, run.metres_per_unit)
     matrix = placement(run.views, center, found=found) if options.place else np.eye(4)
-    added = add_cameras(run.views, matrix, center, scene, found)
-    splats = add_gaussians(run.gaussians, run.layers, added.collection)
+    added = add_cameras(run.views, matrix, center, scene, found, name=run.name)
+    splats = add_gaussians(run.gaussians, run.layers, added.collection, f"{run.name} Gaussians")
     splats.parent = added.empty
     set_input(splats, Input.SCENE_LINEAR, display_of(scene) is Display.SCENE_LINEAR)
     splats[BACKGROUND_PROPERTY] = run.background

@@ -46,6 +46,11 @@ class FinishedRun:
     up: NDArray[np.float64] | None = None
     metres_per_unit: float | None = None
 
+    @property
+    def name(self) -> str:
+        """What objects of the run are called after: its folder."""
+        return self.folder.resolve().name or "Run"
+
     def view(self, key: str) -> CaptureView:
         """The view called `key`.
 

@@ -99,6 +99,7 @@ def add_cameras(
     center: NDArray[np.float64],
     scene: bpy.types.Scene,
     found: Found = NOTHING_FOUND,
+    name: str = "",
 ) -> CaptureObjects:
     """Add a camera for each view, below an Empty, in a collection of its own.
 
@@ -108,12 +109,13 @@ def add_cameras(
         center: (3,) of the subject, in the capture's world.
         scene: gets all of it.
         found: what is known of the capture's world, for placing it again.
+        name: of a run; collections and the Empty are called after it.
     """
     scale, distance = _scale_of(matrix), camera_distance(views, center)
     clip = Clip(near_depth(views, distance) * scale, _CLIP_END * distance * scale)
-    top = _add_collection("Capture", scene.collection)
-    empty = add_empty(matrix, _EMPTY_SIZE * distance, top, found)
-    collection = _add_collection("Cameras", top)
+    top = _add_collection(name or "Capture", scene.collection)
+    empty = add_empty(f"{name} Capture".strip(), matrix, _EMPTY_SIZE * distance, top, found)
+    collection = _add_collection(f"{name} Cameras".strip(), top)
     cameras = {}
     for view in views:
         camera = add_camera(view.key, view.camera, view.camera_to_world, clip, collection)

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from ...core.capture.folder import CaptureView, mean_up
 
-EMPTY_NAME = "Capture"
-
 # Custom properties of the Empty.
 _IS_CAPTURE, _UP, _METRES = "cvdgs_capture", "cvdgs_up", "cvdgs_metres_per_unit"
 
@@ -142,13 +140,14 @@ def near_depth(views: Sequence[CaptureView], distance: float) -> float:
 
 
 def add_empty(
+    name: str,
     matrix: NDArray[np.float64],
     size: float,
     collection: bpy.types.Collection,
     found: Found = NOTHING_FOUND,
 ) -> bpy.types.Object:
     """The Empty that carries cameras and Gaussians, its axes `size` scene units long; it remembers what is `found`."""
-    empty = bpy.data.objects.new(EMPTY_NAME, None)
+    empty = bpy.data.objects.new(name, None)
     empty.empty_display_type = "ARROWS"
     empty.empty_display_size = size
     empty.rotation_mode = "QUATERNION"

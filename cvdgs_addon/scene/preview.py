@@ -21,7 +21,8 @@ def show_in_color(scene: bpy.types.Scene) -> None:
     """Let the open 3D views show the Gaussians of `scene` in colour, as fast as this machine can.
 
     With a graphics card that is Material Preview; without one it would hold Blender up for a minute, and Solid shading
-    shows the preview. Views that render in Cycles, and Gaussians in a form that somebody chose, stay as they are.
+    shows the preview. Views that render in Cycles stay as they are, unless what was added would hold them up; so do
+    Gaussians in a form that somebody chose.
     """
     if has_graphics_card():
         _give_form(scene, Form.INSTANCES, of=Form.PREVIEW)
@@ -29,8 +30,12 @@ def show_in_color(scene: bpy.types.Scene) -> None:
             if view.shading.type == "SOLID":
                 view.shading.type = "MATERIAL"
         return
+    # What was just added is drawn as ellipsoids, which would take minutes to render beside what was there.
+    slow = any(
+        form_of(splats) is Form.INSTANCES and not get_input(splats, Input.CAMERA_VIEW) for splats in _shown(scene)
+    )
     for view in views_3d():
-        if view.shading.type in ("SOLID", "MATERIAL"):
+        if slow or view.shading.type in ("SOLID", "MATERIAL"):
             shade_flat(view)
     follow_shading(scene, views_3d())
 
@@ -86,6 +91,10 @@ def end_looking_around(scene: bpy.types.Scene) -> None:
             before = splats.pop(_BUDGET_BEFORE)
             if get_input(splats, Input.BUDGET) == LOOK_AROUND_BUDGET:
                 set_input(splats, Input.BUDGET, before)
+
+
+def _shown(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    return [splats for splats in scene.objects if is_splats(splats) and not splats.hide_viewport]
 
 
 def _give_form(scene: bpy.types.Scene, form: Form, of: Form) -> bool:

@@ -217,7 +217,7 @@ def test_the_lut_of_the_shown_layer_is_copied(addon, run_folder, tmp_path):
     splat_objects.show_layer(show_run(str(run_folder), bpy.context.scene), "tritan-0.5")
     bpy.ops.cvdgs.export_cube(filepath=str(tmp_path / "mine.cube"))
     assert (tmp_path / "mine.cube").read_text() == "LUT_3D_SIZE 2\n"
-    splat_objects.show_layer(bpy.context.scene.objects["Gaussians"], "deutan-1.0")
+    splat_objects.show_layer(bpy.context.scene.objects["run Gaussians"], "deutan-1.0")
     with pytest.raises(RuntimeError, match="there is no such LUT"):
         bpy.ops.cvdgs.export_cube(filepath=str(tmp_path / "mine.cube"))
 
@@ -257,8 +257,8 @@ def test_files_come_from_the_run_whose_gaussians_are_shown(addon, run_folder, tm
         (folder / "layer.deutan-1.0.cube").write_text(f"TITLE {folder.name}\n")
         show_run(str(folder), bpy.context.scene)
     assert shown_run(bpy.context) == str(other)  # the newest
-    bpy.context.scene.cvdgs.display.target = bpy.context.scene.objects["Gaussians"]
-    splat_objects.show_layer(bpy.context.scene.objects["Gaussians"], "deutan-1.0")
+    bpy.context.scene.cvdgs.display.target = bpy.context.scene.objects["run Gaussians"]
+    splat_objects.show_layer(bpy.context.scene.objects["run Gaussians"], "deutan-1.0")
     bpy.ops.cvdgs.export_cube(filepath=str(tmp_path / "mine.cube"))
     assert (tmp_path / "mine.cube").read_text() == "TITLE run\n"
 

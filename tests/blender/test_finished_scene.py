@@ -59,7 +59,7 @@ def shown(installed: Desktop, finished_run: str) -> Desktop:
     installed.start(python=sys.executable, sidebar=True)
     toggle(installed, MAKE, VIEWER, CAPTURE)
     installed.ask(f"bpy.ops.cvdgs.load_run(directory={finished_run!r})")
-    installed.wait(lambda state: "Gaussians" in state["objects"], 60.0)
+    installed.wait(lambda state: "finished Gaussians" in state["objects"], 60.0)
     installed.ask("bpy.ops.cvdgs.add_turntable()")
     installed.ask(CLEAR)
     installed.settle()

@@ -54,7 +54,7 @@ def test_the_panel_is_drawn(installed: Desktop, finished_run: str, pictures: Pat
     desktop.start(python=sys.executable, sidebar=True)
     toggle(desktop, VIEWER, CAPTURE)
     desktop.ask(f"bpy.ops.cvdgs.load_run(directory={finished_run!r})")
-    desktop.wait(lambda state: "Gaussians" in state["objects"], READ_MAY_TAKE)
+    desktop.wait(lambda state: "finished Gaussians" in state["objects"], READ_MAY_TAKE)
     desktop.ask("bpy.data.objects.remove(bpy.data.objects['Cube'])")
     desktop.settle()
     toggle(desktop, MAKE_HEADER, DISPLAY_HEADER, REPORT_HEADER)

@@ -89,7 +89,7 @@ def test_an_artist_makes_a_scene(installed):
     assert state["jobs"]["run"]["problem"] == ""
     print(f"longest stall of the main thread while the worker ran: {1e3 * stall:.0f} ms")
     state = desktop.wait(lambda state: "color_deutan-1.0" in state["layers"], 60.0)
-    assert {"Gaussians", "Capture"} <= set(state["objects"])
+    assert {"small CVD Gaussians", "small CVD Capture"} <= set(state["objects"])
     time.sleep(5.0)
     desktop.keys("Escape")  # the popup that says so
     desktop.picture("panel-result")
@@ -99,7 +99,7 @@ def test_an_artist_makes_a_scene(installed):
     state = desktop.wait(lambda state: run_state(state) != RUNNING, WORKER_MAY_TAKE)
     assert state["jobs"]["run"]["problem"] == ""
     state = desktop.wait(lambda state: "color_protan-1.0" in state["layers"], 60.0)
-    assert state["objects"].count("Gaussians") == 1
+    assert state["objects"].count("small CVD Gaussians") == 1
     desktop.picture("panel-two-layers")
 
     desktop.ask("bpy.ops.wm.save_as_mainfile(filepath='/share/scene.blend')")

@@ -91,7 +91,7 @@ def loaded(installed: Desktop, finished_run: str) -> Desktop:
     desktop.start(python=sys.executable, sidebar=True)
     toggle(desktop, VIEWER, CAPTURE)
     choose_folder(desktop, below(MAKE, LOAD_RUN), finished_run)
-    desktop.wait(lambda state: "Gaussians" in state["objects"], 60.0)
+    desktop.wait(lambda state: "finished Gaussians" in state["objects"], 60.0)
     desktop.ask("bpy.data.objects.remove(bpy.data.objects['Cube'])")
     desktop.settle()
     toggle(desktop, MAKE, DISPLAY)
@@ -192,7 +192,7 @@ def test_the_file_that_was_opened_again_gets_a_layer_for_another_observer(loaded
     state = desktop.wait(lambda state: state["jobs"]["run"]["state"] != "running", LAYER_MAY_TAKE)
     assert state["jobs"]["run"]["problem"] == ""
     state = desktop.wait(lambda state: "color_protan-0.6" in state["layers"], 60.0)
-    assert state["objects"].count("Gaussians") == 1
+    assert state["objects"].count("finished Gaussians") == 1
     desktop.keys("Escape")  # the popup that says so
     saved = (desktop.share / "shop.blend").stat().st_mtime_ns
     save(desktop)

@@ -1,0 +1,79 @@
+"""Several runs in one scene: which of their Gaussians stand in each other, and how to set them apart."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import bpy
+import mathutils
+
+from .bystanders import hide
+from .native_splats import native_splats_of
+from .splat_attributes import Attribute, Frame
+from .splats import is_splats
+
+_GAP = 0.1  # between two sets, in radii of the one that is moved
+
+
+class _Sphere(NamedTuple):
+    """Where most of a set of Gaussians is, in the scene."""
+
+    center: mathutils.Vector
+    radius: float
+
+
+def overlapping(scene: bpy.types.Scene, splats: bpy.types.Object) -> list[bpy.types.Object]:
+    """The other Gaussians of `scene` that are visible and stand where most of `splats` do."""
+    own = _sphere(splats)
+    found = []
+    for other in _others(scene, splats):
+        sphere = _sphere(other)
+        if own and sphere and (own.center - sphere.center).length < own.radius + sphere.radius:
+            found.append(other)
+    return found
+
+
+def hide_others(scene: bpy.types.Scene, splats: bpy.types.Object) -> list[str]:
+    """Hide all other Gaussians, in 3D views as the key H does and in renders; returns their names."""
+    others = _others(scene, splats)
+    copies = filter(None, map(native_splats_of, others))
+    hide(scene, [found.name for found in (*others, *copies)])
+    return [other.name for other in others]
+
+
+def place_beside(scene: bpy.types.Scene, splats: bpy.types.Object) -> None:
+    """Move `splats`, with the capture that they belong to, along +X until they are clear of all others."""
+    own = _sphere(splats)
+    spheres = list(filter(None, map(_sphere, _others(scene, splats))))
+    if own is None or not spheres:
+        return
+    end = max(sphere.center.x + sphere.radius for sphere in spheres)
+    shift = mathutils.Vector((end + (1.0 + _GAP) * own.radius - own.center.x, 0.0, 0.0))
+    root = splats.parent or splats
+    root.matrix_world = mathutils.Matrix.Translation(shift) @ root.matrix_world
+
+
+def _others(scene: bpy.types.Scene, splats: bpy.types.Object) -> list[bpy.types.Object]:
+    return [
+        other
+        for other in scene.objects
+        if is_splats(other) and other != splats and not (other.hide_render or other.hide_get())
+    ]
+
+
+def _sphere(splats: bpy.types.Object) -> _Sphere | None:
+    """By the frame's points, which remember the core; None where somebody has deleted them.
+
+    A panel asks at every redraw, so it must not look at a million points.
+    """
+    mesh = splats.data
+    numbers, vertices = mesh.attributes.get(Attribute.FRAME), mesh.vertices
+    first = len(vertices) - len(Frame)
+    if splats.mode == "EDIT" or numbers is None or first < 0:
+        return None
+    places = {numbers.data[index].value: vertices[index].co for index in range(first, len(vertices))}
+    if set(places) != set(Frame):
+        return None
+    center = splats.matrix_world @ places[Frame.ORIGIN]
+    ends = [splats.matrix_world @ places[axis] for axis in (Frame.X, Frame.Y, Frame.Z)]
+    return _Sphere(center, max((end - center).length for end in ends))
