@@ -9,7 +9,7 @@ from ..cvdgs_addon.scene.bystanders import bystanders
 from ..cvdgs_addon.scene.display import Form
 from ..cvdgs_addon.scene.native_splats import has_native_splats
 from ..cvdgs_addon.scene.neighbours import overlapping
-from ..cvdgs_addon.scene.render_settings import keeps_colors, view_transform_of
+from ..cvdgs_addon.scene.render_settings import fog_of, keeps_colors, view_transform_of
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
 from ..cvdgs_addon.shown import shown_layer
@@ -102,6 +102,9 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     if chosen.colors == "SCENE_LINEAR":
         say(box, context, "Lamps light your objects, not the Gaussians", "INFO")
         box.operator("cvdgs.add_light", icon="LIGHT_SUN")
+    fog = fog_of(context.scene)
+    if fog:
+        say(box, context, fog, "ERROR")
     row = box.row(align=True)
     row.operator("cvdgs.set_up_render", icon="SCENE")
     row.operator("cvdgs.restore_render", text="Restore", icon="LOOP_BACK")

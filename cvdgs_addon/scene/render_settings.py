@@ -12,8 +12,12 @@ from .remembered_settings import Setting, set_settings, setting_before
 
 # Each splat on a ray takes a bounce; where fewer are guaranteed, Russian roulette adds noise (18 dB instead of 49).
 TRANSPARENT_BOUNCES = 512
+# With fewer, what is behind them is missing, and the scene looks like fog. 32 were measured too few, 128 enough.
+FEWEST_BOUNCES = 128
 # Blender's smallest pixel filter: the rasteriser, too, looks at the pixel's centre only. One sample is then enough.
 FILTER_WIDTH = 0.01  # pixels
+
+FOG = f"{{bounces}} of {TRANSPARENT_BOUNCES} transparent bounces: renders will be grey"
 
 WORLD_NAME = "CVD Background"
 
@@ -92,6 +96,13 @@ def engine_settings(engine: Engine, display: Display = Display.PHOTO) -> dict[st
         "cycles.filter_width": FILTER_WIDTH,
         **(_LIT_OBJECTS if display is Display.SCENE_LINEAR else {}),
     }
+
+
+def fog_of(scene: bpy.types.Scene) -> str:
+    """Why renders of Gaussians would be grey with the settings of `scene`; "" where they are not."""
+    if scene.render.engine != "CYCLES" or scene.cycles.transparent_max_bounces >= FEWEST_BOUNCES:
+        return ""
+    return FOG.format(bounces=scene.cycles.transparent_max_bounces)
 
 
 def view_transform_of(scene: bpy.types.Scene) -> str:

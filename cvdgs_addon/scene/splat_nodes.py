@@ -32,6 +32,7 @@ from .drawing_nodes import MESH_LIMIT, as_points, disc_hull, few_enough, inside_
 from .nodes import NodeWriter, Sockets, Value, add_input, new_group
 from .preview_nodes import PREVIEW_COUNT, as_quads
 from .projection_nodes import ALPHA_MIN, Camera, Splat, add_camera_nodes, add_frame_nodes, add_hull_nodes
+from .render_settings import FEWEST_BOUNCES, FOG, TRANSPARENT_BOUNCES
 from .splat_attributes import Attribute, color_attribute
 
 GROUP_NAME = "CVD Gaussians"
@@ -67,6 +68,7 @@ class Input(StrEnum):
     WIDTH = "Width"
     HEIGHT = "Height"
     MOTION_BLUR = "Motion Blur"
+    BOUNCES = "Transparent Bounces"
 
 
 def group_name(sh_degree: int) -> str:
@@ -150,6 +152,7 @@ def build_group(sh_degree: int, materials: Materials) -> bpy.types.NodeTree:
     quads = as_quads(write, points, few, frame, light, materials.point)
     quads = _with_color(write, quads, color, "POINT")
     is_preview = write.both(write.output("GeometryNodeIsViewport"), inputs[Input.PREVIEW])
+    _warn_of_fog(write, inputs[Input.BOUNCES])
     write.node("NodeGroupOutput", write.switch("GEOMETRY", is_preview, shown, quads))
     write.arrange()
     return tree
@@ -203,6 +206,18 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
         add_input(tree, name, "NodeSocketFloat", "Size of the render in pixels, driven by the scene",
                   min_value=1.0, default_value=1000.0, hide_in_modifier=True)  # fmt: skip
     add_input(tree, Input.MOTION_BLUR, "NodeSocketBool", "Motion blur, driven by the scene", hide_in_modifier=True)
+    add_input(tree, Input.BOUNCES, "NodeSocketInt", "Of Cycles, driven by the scene",
+              min_value=0, default_value=TRANSPARENT_BOUNCES, hide_in_modifier=True)  # fmt: skip
+
+
+def _warn_of_fog(write: NodeWriter, bounces: Value) -> None:
+    """A warning on the modifier, for files that have the Gaussians but not the add-on."""
+    message = write.node("FunctionNodeFormatString")
+    message.format_items.new("INT", "bounces")
+    write.feed(message.inputs["Format"], f"{FOG}. In Render > Light Paths > Transparent, set {TRANSPARENT_BOUNCES}")
+    write.feed(message.inputs["bounces"], bounces)
+    too_few = write.compare("LESS_THAN", bounces, FEWEST_BOUNCES)
+    write.node("GeometryNodeWarning", too_few, message.outputs["String"], warning_type="WARNING")
 
 
 _CHOICE = (Input.BUDGET, Input.BUDGET_IN_RENDERS, Input.CROP, Input.CROP_BOX)

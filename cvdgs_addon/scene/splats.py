@@ -15,6 +15,7 @@ from ...core.runs.layout import ORIGINAL
 from ...core.splats.gaussians import SH_C0, Gaussians, core_bounds
 from .color_nodes import coefficient_attribute, coefficient_count
 from .nodes import InputValue, get_modifier_input, modifier_input_path, modifier_input_property, set_modifier_input
+from .render_settings import TRANSPARENT_BOUNCES
 from .splat_attributes import Attribute, Frame, color_attribute, opaque, write_attribute
 from .splat_material import (
     DISC_NAME,
@@ -30,6 +31,10 @@ from .splat_material import (
 from .splat_nodes import GROUP_NAME, Hulls, Input, Materials, build_group, group_name
 
 MODIFIER_NAME = "Gaussians"
+
+# Blender's own engines, numbers 0 and 1, need no bounces.
+_BOUNCES = f"transparent_max_bounces if engine > 1 else {TRANSPARENT_BOUNCES}"
+_OF_CYCLES = ("transparent_max_bounces",)  # settings that are not among the scene's for all engines
 
 _RUN_AGAIN = "train it again"
 
@@ -67,6 +72,7 @@ def add_gaussians(
     for name, size in ((Input.WIDTH, "resolution_x"), (Input.HEIGHT, "resolution_y")):
         _drive_by_render_settings(splats, name, f"{size} * resolution_percentage / 100")
     _drive_by_render_settings(splats, Input.MOTION_BLUR, "use_motion_blur")
+    _drive_by_render_settings(splats, Input.BOUNCES, _BOUNCES)
     show_layer(splats, next(iter(layers), ORIGINAL))
     return splats
 
@@ -231,10 +237,10 @@ def _drive_by_render_settings(splats: bpy.types.Object, name: Input, expression:
     """
     driver = splats.driver_add(input_path(splats, name)).driver
     driver.type = "SCRIPTED"
-    for setting in re.findall("[a-z_]+", expression):
+    for setting in set(re.findall("[a-z_]+", expression)) - {"if", "else"}:
         variable = driver.variables.new()
         variable.name = setting
         variable.type = "CONTEXT_PROP"
         variable.targets[0].context_property = "ACTIVE_SCENE"
-        variable.targets[0].data_path = f"render.{setting}"
+        variable.targets[0].data_path = f"{'cycles' if setting in _OF_CYCLES else 'render'}.{setting}"
     driver.expression = expression

@@ -226,6 +226,32 @@ def test_settings_can_be_undone_after_saving_and_loading(artists_scene, tmp_path
     assert (scene.world.name, scene.render.engine) == (world, engine)
 
 
+def warnings(target: bpy.types.Object) -> list[str]:
+    """What the modifier of an object complains of."""
+    bpy.context.evaluated_depsgraph_get()
+    return [warning.message for warning in target.modifiers[splats.MODIFIER_NAME].node_warnings]
+
+
+def test_gaussians_in_another_file_warn_of_fog_by_themselves(scene, tmp_path):
+    """Appended, without the add-on, into a file as Blender makes it, with Cycles and with another engine."""
+    added = splats.add_gaussians(cloud(3), {}, scene.collection)
+    assert warnings(added) == []
+    path = str(tmp_path / "library.blend")
+    bpy.data.libraries.write(path, {added})
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    with bpy.data.libraries.load(path) as (_, wanted):
+        wanted.objects = ["Gaussians"]
+    (appended,) = wanted.objects
+    assert bpy.context.scene.render.engine != "CYCLES"
+    bpy.context.scene.collection.objects.link(appended)
+    assert warnings(appended) == []
+    bpy.context.scene.render.engine = "CYCLES"
+    (message,) = warnings(appended)
+    assert message.startswith("8 of 512 transparent bounces: renders will be grey")
+    display.set_up_render(bpy.context.scene, Engine.CYCLES, Display.PHOTO)
+    assert warnings(appended) == []
+
+
 def test_an_object_set_up_in_an_artists_scene_renders_as_trained(artists_scene, run_folder, tmp_path):
     run = read_run(run_folder)
     for candidate in list(artists_scene.objects):

@@ -131,5 +131,12 @@ def test_the_panel_shows_layers_form_and_what_was_changed(shown):
     assert "View transform: " in " ".join(panel.texts)
 
 
+def test_the_panel_warns_of_fog_until_the_render_is_set_up(shown):
+    bpy.context.scene.render.engine = "CYCLES"
+    assert "8 of 512 transparent bounces: renders will be grey" in " ".join(drawn(CVDGS_PT_display).texts)
+    bpy.ops.cvdgs.set_up_render()
+    assert "transparent bounces: renders" not in " ".join(drawn(CVDGS_PT_display).texts)
+
+
 def test_without_gaussians_the_panel_says_what_to_do_first(addon):
     assert any("first" in text for text in drawn(CVDGS_PT_display).texts)
