@@ -132,7 +132,6 @@ def _stand_in(scene: bpy.types.Scene) -> None:
     for window, _, space in _views():
         if window.scene == scene and space.region_3d.view_perspective == "PERSP":
             stand_at(space, camera, target)
-            space.overlay.show_relationship_lines = False  # from each photograph's camera, across the picture
 
 
 def _render(scene: bpy.types.Scene, area: bpy.types.Area) -> None:

@@ -27,6 +27,7 @@ FRAMES_FILE = "frames.json"
 it."""
 
 # What cameras and editors leave beside them and is not read.
+SPLAT_EXTENSION = ".ply"
 FOREIGN_EXTENSIONS = (".jxl", ".gif", ".psd", ".raf", ".rw2", ".orf", ".pef", ".insv", ".insp")
 
 _UNSAFE_IN_KEY = re.compile(r"[^A-Za-z0-9._-]+")

@@ -25,7 +25,7 @@ from ..intake.video import Look, extract, look_through
 from ..runs.layout import MASKS_FOLDER
 from ..runtime.protocol import Reporter
 from .colmap import IMAGE_FOLDERS
-from .files import FOREIGN_EXTENSIONS, FRAMES_FILE, list_images, make_keys, quote_first, resolve_inside
+from .files import FOREIGN_EXTENSIONS, FRAMES_FILE, SPLAT_EXTENSION, list_images, make_keys, quote_first, resolve_inside
 from .images import read_pixels
 from .model import MIN_VIEWS, CaptureWarning
 
@@ -110,6 +110,10 @@ def find_material(path: Path) -> Material:
     if not names and not videos:
         unreadable = list_images(path, FOREIGN_EXTENSIONS)
         what, remedy = "no photographs and no cameras found", "give the folder with the photographs"
+        splats = list_images(path, (SPLAT_EXTENSION,))
+        if len(splats) > 1 and not unreadable:
+            what = f"only {quote_first(splats)}, and sequences of splats cannot be shown"
+            remedy = "give the photographs or the video that they were made from"
         if unreadable:
             what = f"no photographs that can be read, only {quote_first(unreadable)}"
             remedy = "export them as JPEG, PNG or TIFF"

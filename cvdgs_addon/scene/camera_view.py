@@ -104,7 +104,6 @@ def view_in_color(
     space = area.spaces.active
     space.region_3d.view_perspective = "CAMERA"
     fit_camera_frame(area, scene)
-    space.overlay.show_relationship_lines = False  # from each photograph's camera, across the picture
     space.shading.type = "RENDERED"
     return told
 

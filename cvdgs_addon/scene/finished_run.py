@@ -73,6 +73,10 @@ def read_run(folder: str | Path) -> FinishedRun:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError("no such folder", where=folder, remedy=_RUN_AGAIN)
+    splats = sorted(set(folder.glob("*.ply")) - set(folder.glob(LAYER_GAUSSIANS_PATTERN)))
+    if len(splats) > 1 and not (folder / GAUSSIANS_FILE).is_file():
+        what = f"{len(splats)} splat files ({splats[0].name}, ...), no run: sequences of splats cannot be shown"
+        raise InputError(what, where=folder, remedy=_RUN_AGAIN)
     capture = read_capture_folder(folder / CAPTURE_FOLDER)
     gaussians = read_ply(_existing(folder / GAUSSIANS_FILE))
     if not len(gaussians):

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from ...core.capture.folder import CaptureView, read_capture_folder, read_points
 from ...core.splats.gaussians import core_bounds
+from .bystanders import hide_start_cube
+from .camera_view import views_3d
 from .cameras import Clip, add_camera, camera_intrinsics, camera_to_world, is_capture_camera
 from .display import match_display
 from .placement import (
@@ -32,7 +34,7 @@ from .splats import is_splats
 
 _CLIP_END = 500.0  # far end of the cameras' range in distances to the subject: generous, yet well inside float32
 # Display sizes of the capture's Empty, of cameras and of sparse points, in distances to the subject.
-_EMPTY_SIZE, _CAMERA_SIZE, _POINT_SIZE = 0.2, 0.06, 0.002
+_EMPTY_SIZE, _CAMERA_SIZE, _POINT_SIZE = 0.2, 0.03, 0.002
 _PHOTOGRAPH_OPACITY = 0.5  # of a photograph in front of the scene's own picture
 
 
@@ -71,6 +73,8 @@ class CaptureObjects:
 def import_capture(folder: Path, scene: bpy.types.Scene, options: ImportOptions = ImportOptions()) -> CaptureObjects:
     """Add the normalised capture in `folder` to `scene`; render settings stay as they are.
 
+    The untouched cube of a new file, which would stand in its middle, is hidden.
+
     Raises:
         InputError: cameras or points are missing or damaged, or Blender cannot express a camera.
     """
@@ -80,6 +84,7 @@ def import_capture(folder: Path, scene: bpy.types.Scene, options: ImportOptions 
     found = Found(capture.up, capture.metres_per_unit)
     matrix = placement(capture.views, center, options.placing, found)
     added = add_cameras(capture.views, matrix, center, scene, found)
+    hide_start_cube(scene)
     if options.images:
         for view in capture.views:
             if view.image is not None:
@@ -101,7 +106,9 @@ def add_cameras(
     found: Found = NOTHING_FOUND,
     name: str = "",
 ) -> CaptureObjects:
-    """Add a camera for each view, below an Empty, in a collection of its own.
+    """Add a small camera for each view, below an Empty, in a collection of its own.
+
+    3D views draw no lines from cameras to the Empty any more.
 
     Args:
         views: at least one.
@@ -122,6 +129,8 @@ def add_cameras(
         camera.data.display_size = _CAMERA_SIZE * distance
         camera.parent = empty
         cameras[view.key] = camera
+    for space in views_3d():
+        space.overlay.show_relationship_lines = False  # from each camera to the Empty, across the picture
     return CaptureObjects(top, empty, cameras)
 
 

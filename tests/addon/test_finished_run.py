@@ -48,6 +48,13 @@ def test_photographs_outside_the_capture_are_not_opened(run_folder):
     assert read_run(run_folder).background == (0.0, 0.0, 0.0)
 
 
+def test_a_sequence_of_splats_is_refused_in_one_line(tmp_path):
+    for number in range(3):
+        write_ply(tmp_path / f"frame_{number}.ply", cloud(3))
+    with pytest.raises(InputError, match=r"3 splat files \(frame_0\.ply, \.\.\.\), no run: sequences .* - choose"):
+        read_run(tmp_path)
+
+
 def test_a_missing_folder_or_file_is_named(run_folder, tmp_path):
     with pytest.raises(InputError, match="nowhere: no such folder"):
         read_run(tmp_path / "nowhere")

@@ -14,6 +14,7 @@ from cvdgs.core.capture.folder import read_capture_folder, read_points
 from cvdgs.core.errors import InputError
 from cvdgs.cvdgs_addon import importing
 from cvdgs.cvdgs_addon.scene import cameras
+from cvdgs.cvdgs_addon.scene.camera_view import views_3d
 from cvdgs.cvdgs_addon.scene.import_capture import ImportOptions, capture_of, import_capture, place_again
 from cvdgs.cvdgs_addon.scene.placement import Placing, Up
 from cvdgs.ui.capture import CVDGS_PT_import_capture
@@ -57,6 +58,18 @@ def capture(scene, run_folder) -> Path:
     random = np.random.default_rng(0)
     write_points(folder / "points.ply", random.normal(0.0, 0.3, (200, 3)), random.integers(0, 256, (200, 3)))
     return folder
+
+
+def test_cameras_lie_in_a_collection_of_their_own_small_and_without_lines_to_the_empty(capture):
+    (view,) = views_3d()
+    view.overlay.show_relationship_lines = True
+    added = import_capture(capture, bpy.context.scene)
+    collections = {camera.users_collection for camera in added.cameras.values()}
+    assert [collection.name for (collection,) in collections] == ["Cameras"]
+    assert not view.overlay.show_relationship_lines
+    bpy.context.view_layer.update()
+    distance = np.linalg.norm(added.cameras["view0"].matrix_world.translation)
+    assert all(camera.data.display_size < 0.05 * distance for camera in added.cameras.values())
 
 
 def test_cameras_project_as_the_photographs_do(scene, capture):

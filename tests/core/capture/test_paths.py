@@ -286,6 +286,14 @@ def test_photographs_of_a_format_that_is_not_read_are_named(tmp_path: Path) -> N
     assert "as JPEG, PNG or TIFF" in message
 
 
+def test_a_sequence_of_splats_is_told_from_a_capture(tmp_path: Path) -> None:
+    for number in range(5):
+        (tmp_path / f"frame_{number}.ply").write_text("")
+    message = refused(tmp_path)
+    assert "only frame_0.ply, frame_1.ply, frame_2.ply and 2 more, and sequences of splats cannot be shown" in message
+    assert "give the photographs or the video that they were made from" in message
+
+
 def test_another_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.docx").write_text("")
     assert "not a capture" in refused(tmp_path / "x.docx")
