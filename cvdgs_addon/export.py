@@ -17,6 +17,7 @@ from ..core.splats.io.files import write_gaussians, write_layers
 from ..core.splats.web.finished_run import is_finished_run, surroundings_of
 from ..core.splats.web.page import Surroundings, write_web_page
 from .scene.color_nodes import coefficient_attribute, coefficient_count
+from .scene.crop import left_by_crop
 from .scene.splat_attributes import Attribute, Frame, color_attribute, read_attribute, vertex_positions
 from .scene.splat_nodes import Input
 from .scene.splats import get_input, layer_names
@@ -47,7 +48,7 @@ class ExportedGaussians:
 def read_gaussians(
     splats: bpy.types.Object, layer: str, enhanced: float, *, in_scene_axes: bool = False, as_in_viewport: bool = False
 ) -> ExportedGaussians:
-    """The Gaussians of an object as they are now: deleted and cropped ones are gone, applied transforms count.
+    """The Gaussians of an object as they are now: removed and cropped ones are gone, applied transforms count.
 
     Args:
         splats: made by `scene.splats.add_gaussians`.
@@ -63,7 +64,7 @@ def read_gaussians(
     mesh = splats.data
     frame = read_attribute(mesh, Attribute.FRAME)
     positions = vertex_positions(mesh)
-    kept = (frame == 0) & inside_crop_box(splats, positions)
+    kept = (frame == 0) & left_by_crop(splats, positions) & ~_mask(mesh, Attribute.REMOVED, np.bool_)
     if as_in_viewport:
         kept &= within_budget(splats, read_attribute(mesh, Attribute.RANK))
     if not kept.any():
@@ -236,18 +237,19 @@ def _harmonics(
     """(N, K, 3) coefficients of the blended colours, and whether view-dependent terms were left out."""
     mesh = splats.data
     colors = _colors(mesh, ORIGINAL)[kept]
+    share: NDArray = np.zeros((len(colors), 1), np.float32)  # of the layer's colours
     if layer != ORIGINAL and enhanced > 0.0:
-        colors = (1.0 - enhanced) * colors + enhanced * _colors(mesh, layer)[kept]
+        share += enhanced * (1.0 - _mask(mesh, Attribute.KEPT_ORIGINAL, np.float32)[kept, None])
+        colors = (1.0 - share) * colors + share * _colors(mesh, layer)[kept]
     constant = ((colors - 0.5) / SH_C0)[:, None, :]
     degree = _degree(mesh)
     # Where the original colours still show, so does what depends on the view.
-    original_shows = layer == ORIGINAL or enhanced < 1.0
+    original_shows = bool((share < 1.0).any())
     if degree == 0 or turned or not original_shows:
         return constant.astype(np.float32), degree > 0 and turned and original_shows
-    share = 1.0 if layer == ORIGINAL else 1.0 - enhanced
     names = [coefficient_attribute(index) for index in range(1, coefficient_count(degree) + 1)]
     rest = np.stack([read_attribute(mesh, name)[kept] for name in names], axis=1)
-    return np.concatenate([constant, share * rest], axis=1).astype(np.float32), False
+    return np.concatenate([constant, (1.0 - share)[:, :, None] * rest], axis=1).astype(np.float32), False
 
 
 def _colors(mesh: bpy.types.Mesh, layer: str) -> NDArray[np.float32]:
@@ -255,6 +257,11 @@ def _colors(mesh: bpy.types.Mesh, layer: str) -> NDArray[np.float32]:
     if color_attribute(layer) not in mesh.attributes:
         raise InputError(f"no colour layer '{layer}'", where=mesh.name, remedy="choose another")
     return read_attribute(mesh, color_attribute(layer))[:, :3]
+
+
+def _mask(mesh: bpy.types.Mesh, name: str, kind: type) -> NDArray:
+    """(V,) values of a mask (see `scene.masks`)."""
+    return read_attribute(mesh, name) if name in mesh.attributes else np.zeros(len(mesh.vertices), kind)
 
 
 def _degree(mesh: bpy.types.Mesh) -> int:
@@ -289,15 +296,6 @@ def _quaternions(rotations: NDArray[np.float64]) -> NDArray[np.float64]:
     matrix[:, 3, 3] = trace
     xyzw = np.linalg.eigh(matrix)[1][:, :, -1]
     return np.roll(xyzw, 1, axis=1)
-
-
-def inside_crop_box(splats: bpy.types.Object, positions: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """(V,) which of the (V, 3) positions the crop box leaves: those in the cube of side two around it."""
-    box = get_input(splats, Input.CROP_BOX)
-    if not get_input(splats, Input.CROP) or not isinstance(box, bpy.types.Object):
-        return np.ones(len(positions), np.bool_)
-    to_box = np.array(box.matrix_world.inverted_safe() @ splats.matrix_world, np.float64)
-    return (np.abs(positions @ to_box[:3, :3].T + to_box[:3, 3]) <= 1.0).all(axis=1)
 
 
 def within_budget(splats: bpy.types.Object, ranks: NDArray[np.int32]) -> NDArray[np.bool_]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from . import capture, display, environment, export, run, turntable, viewer
+from . import capture, display, environment, export, run, selection, turntable, viewer
 
-CLASSES: tuple[type, ...] = tuple(
-    cls for module in (capture, viewer, run, display, turntable, export, environment) for cls in module.CLASSES
-)
+_MODULES = (capture, viewer, run, display, selection, turntable, export, environment)
+CLASSES: tuple[type, ...] = tuple(cls for module in _MODULES for cls in module.CLASSES)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.compositor.apply import simulation_lifted
-from ..cvdgs_addon.scene import display, neighbours, preview
+from ..cvdgs_addon.scene import crop, display, neighbours, preview
 from ..cvdgs_addon.scene.bystanders import bystanders, hide
 from ..cvdgs_addon.scene.camera_view import has_graphics_card, leave_slow_views, view_in_color
 from ..cvdgs_addon.scene.estimated_light import add_estimated_light
@@ -70,7 +70,7 @@ class CVDGS_OT_add_crop_box(NeedsGaussians, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> None:
         splats = shown_splats(context)
-        box = display.crop_box_of(splats) or display.add_crop_box(splats)
+        box = crop.crop_box_of(splats) or crop.add_crop_box(splats)
         if context.mode == "OBJECT" and box.name in context.view_layer.objects:
             for selected in context.selected_objects:
                 selected.select_set(False)
@@ -85,7 +85,7 @@ class CVDGS_OT_remove_crop_box(NeedsGaussians, bpy.types.Operator):
     bl_label = "Remove Crop Box"
 
     def act(self, context: bpy.types.Context) -> None:
-        display.remove_crop_box(shown_splats(context))
+        crop.remove_crop_box(shown_splats(context))
 
 
 class CVDGS_OT_view_in_color(NeedsGaussians, bpy.types.Operator):

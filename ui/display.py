@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import bpy
 
-from ..cvdgs_addon.scene import display
+from ..cvdgs_addon.scene import crop, display
 from ..cvdgs_addon.scene.bystanders import bystanders
 from ..cvdgs_addon.scene.display import Form
+from ..cvdgs_addon.scene.masks import Treatment
 from ..cvdgs_addon.scene.native_splats import has_native_splats
 from ..cvdgs_addon.scene.neighbours import overlapping
 from ..cvdgs_addon.scene.render_settings import fog_of, keeps_colors, view_transform_of
@@ -16,6 +17,11 @@ from ..cvdgs_addon.shown import shown_layer
 from .layout import GaussiansPanel, draw_changes, say, split_column
 
 _MOST_NAMES = 3
+_TREATMENTS = {
+    Treatment.REMOVE: "Remove Selected",
+    Treatment.KEEP_ORIGINAL: "Keep Original Colours",
+    Treatment.RESTORE: "Use Layer's Colours",
+}
 _FORM_LABELS = {Form.PREVIEW: "Preview", Form.INSTANCES: "Instances", Form.POINTS: "Points", Form.NATIVE: "Native"}
 
 
@@ -35,6 +41,7 @@ class CVDGS_PT_display(GaussiansPanel, bpy.types.Panel):
         _draw_form(layout, context, splats)
         _draw_layers(layout, splats)
         _draw_selection(layout, splats)
+        _draw_clean_up(layout)
         _draw_render(layout, context)
 
 
@@ -85,12 +92,29 @@ def _draw_selection(layout: bpy.types.UILayout, splats: bpy.types.Object) -> Non
     _draw_input(row, splats, Input.BUDGET, "Most Gaussians (0: all)")
     _draw_input(row, splats, Input.BUDGET_IN_RENDERS, "", icon="RESTRICT_RENDER_OFF")
     row = layout.row(align=True)
-    if display.crop_box_of(splats) is None:
+    if crop.crop_box_of(splats) is None:
         row.operator("cvdgs.add_crop_box", icon="MESH_CUBE")
     else:
         _draw_input(row, splats, Input.CROP, "Crop", toggle=True)
         row.operator("cvdgs.add_crop_box", text="Select Box", icon="RESTRICT_SELECT_OFF")
         row.operator("cvdgs.remove_crop_box", text="", icon="X")
+
+
+def _draw_clean_up(layout: bpy.types.UILayout) -> None:
+    header, body = layout.panel("cvdgs_clean_up", default_closed=True)
+    header.label(text="Select and Clean Up")
+    if body is None:
+        return
+    column = body.column(align=True)
+    column.operator("cvdgs.edit_points", icon="RESTRICT_SELECT_OFF")
+    row = column.row(align=True)
+    row.operator_context = "INVOKE_DEFAULT"
+    for name, text in (("color", "Colour"), ("floaters", "Floaters"), ("box", "Crop Box")):
+        row.operator(f"cvdgs.select_{name}", text=text)
+    column = body.column(align=True)
+    for treatment in Treatment:
+        column.operator("cvdgs.treat_selected", text=_TREATMENTS[treatment]).treatment = treatment.value
+    column.operator("cvdgs.take_all_back", icon="LOOP_BACK")
 
 
 def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -24,6 +24,7 @@ from .import_capture import add_cameras
 from .placement import Found, placement
 from .preview import shade_flat
 from .render_settings import Display, display_of, set_background, set_cycles, set_display
+from .splat_attributes import Attribute, is_gaussian, write_attribute
 from .splat_nodes import Input
 from .splats import add_gaussians, check_gaussians, set_input, show_layer
 from .stills import is_full, render_still, turned_to
@@ -120,6 +121,10 @@ def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOption
     matrix = placement(run.views, center, found=found) if options.place else np.eye(4)
     added = add_cameras(run.views, matrix, center, scene, found, name=run.name)
     splats = add_gaussians(run.gaussians, run.layers, added.collection, f"{run.name} Gaussians")
+    if run.floaters is not None:
+        scores = np.zeros(len(splats.data.vertices), np.float32)
+        scores[is_gaussian(splats.data)] = run.floaters
+        write_attribute(splats.data, Attribute.FLOATER, "FLOAT", scores)
     splats.parent = added.empty
     set_input(splats, Input.SCENE_LINEAR, display_of(scene) is Display.SCENE_LINEAR)
     splats[BACKGROUND_PROPERTY] = run.background

@@ -1,4 +1,4 @@
-"""How Gaussians are displayed: as instances, points or native splats, within a crop box, with what renders need."""
+"""How Gaussians are displayed: as instances, points or native splats, with what renders need."""
 
 from __future__ import annotations
 
@@ -6,12 +6,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
 
 import bpy
-import mathutils
 import numpy as np
 
 from ...core.color import srgb
 from ...core.errors import InputError
-from ...core.splats.gaussians import core_bounds
 from .native_splats import add_native_splats, has_native_splats, native_splats_of, why_not_native
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import (
@@ -24,7 +22,6 @@ from .render_settings import (
     engine_settings,
 )
 from .sparse_points import is_sparse_points, show_as_light
-from .splat_attributes import point_positions
 from .splat_nodes import Input
 from .splats import MODIFIER_NAME, get_input, has_input, is_splats, set_input
 
@@ -32,7 +29,6 @@ BACKGROUND_PROPERTY = "cvdgs_background"
 """Custom property of a Gaussians' object: sRGB of what they were trained over."""
 
 _RENDER = "cvdgs_render"
-_CROP_MARGIN = 1.2  # of a new crop box, in radii of the scene's core
 
 
 class Form(Enum):
@@ -71,35 +67,6 @@ def show_form(splats: bpy.types.Object, form: Form) -> None:
     else:
         set_input(splats, Input.PREVIEW, form is Form.PREVIEW)
         set_input(splats, Input.AS_POINTS, form is Form.POINTS)
-
-
-def add_crop_box(splats: bpy.types.Object) -> bpy.types.Object:
-    """Crop `splats` to a box around most of them: an Empty that can be moved, turned and scaled. Returns it."""
-    center, radius = core_bounds(point_positions(splats.data))
-    box = bpy.data.objects.new(f"{splats.name} Crop", None)
-    box.empty_display_type, box.empty_display_size = "CUBE", 1.0
-    box.matrix_basis = mathutils.Matrix.LocRotScale(center.tolist(), None, [_CROP_MARGIN * radius] * 3)
-    box.parent = splats
-    for collection in splats.users_collection:
-        collection.objects.link(box)
-    set_input(splats, Input.CROP_BOX, box)
-    set_input(splats, Input.CROP, True)
-    return box
-
-
-def crop_box_of(splats: bpy.types.Object) -> bpy.types.Object | None:
-    """The crop box of `splats`, if there is one."""
-    box = get_input(splats, Input.CROP_BOX)
-    return box if isinstance(box, bpy.types.Object) else None
-
-
-def remove_crop_box(splats: bpy.types.Object) -> None:
-    """Show all of `splats` again and delete the box."""
-    box = crop_box_of(splats)
-    set_input(splats, Input.CROP, False)
-    set_input(splats, Input.CROP_BOX, None)
-    if box is not None:
-        bpy.data.objects.remove(box)
 
 
 def compare_colors(scene: bpy.types.Scene, border: float | None) -> None:

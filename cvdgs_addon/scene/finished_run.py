@@ -13,13 +13,15 @@ from ...core.capture.folder import CaptureView, read_capture_folder
 from ...core.errors import InputError
 from ...core.runs.layout import CAPTURE_FOLDER, GAUSSIANS_FILE, LAYER_GAUSSIANS_PATTERN, layer_of
 from ...core.splats.gaussians import Gaussians
-from ...core.splats.io.ply import read_ply
+from ...core.splats.io.ply import read_floaters, read_ply
 
 PARTIAL_FOLDER = ".blender.partial"
 """Where the conversion makes its files before it moves them into place; to be deleted whenever nothing runs."""
 
 RUN_PROPERTY = "cvdgs_run"
 """Custom property of a Gaussians' object: the folder of the run that it came from, as Blender's fields have folders."""
+
+"""Further property of a run's Gaussians in their PLY file: a score from 0 to 1."""
 
 _RUN_AGAIN = "choose the output folder of a finished run"
 
@@ -36,6 +38,7 @@ class FinishedRun:
         background: sRGB that the Gaussians were trained over: black, or white for cut-outs.
         up: (3,) unit vector, or None where the run does not say what is up.
         metres_per_unit: of the run's world, or None where nobody has measured it.
+        floaters: (N,) how likely each Gaussian is a floater, 0 to 1, or None where the run does not say.
     """
 
     folder: Path
@@ -45,6 +48,7 @@ class FinishedRun:
     background: tuple[float, float, float]
     up: NDArray[np.float64] | None = None
     metres_per_unit: float | None = None
+    floaters: NDArray[np.float32] | None = None
 
     @property
     def name(self) -> str:
@@ -90,7 +94,10 @@ def read_run(folder: str | Path) -> FinishedRun:
             )
         layers[layer_of(path.name)] = layer.base_colors
     background = (1.0, 1.0, 1.0) if capture.is_cut_out else (0.0, 0.0, 0.0)
-    return FinishedRun(folder, capture.views, gaussians, layers, background, capture.up, capture.metres_per_unit)
+    floaters = read_floaters(folder / GAUSSIANS_FILE)
+    return FinishedRun(
+        folder, capture.views, gaussians, layers, background, capture.up, capture.metres_per_unit, floaters
+    )
 
 
 def _existing(path: Path) -> Path:

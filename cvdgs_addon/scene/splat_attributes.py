@@ -14,12 +14,16 @@ from ...core.errors import InputError
 _STORED = {
     "FLOAT": ("value", ()),
     "INT": ("value", ()),
+    "BOOLEAN": ("value", ()),
     "FLOAT_VECTOR": ("vector", (3,)),
     "QUATERNION": ("value", (4,)),
     "FLOAT4": ("vector", (4,)),
     "FLOAT_COLOR": ("color", (4,)),
     "BYTE_COLOR": ("color", (4,)),
 }
+
+
+_DTYPES: dict[str, type] = {"INT": np.int32, "BOOLEAN": np.bool_}
 
 
 class Attribute(StrEnum):
@@ -30,6 +34,9 @@ class Attribute(StrEnum):
     OPACITY = "opacity"  # FLOAT
     FRAME = "frame"  # INT, 0 for a Gaussian, else which point of the frame (see `Frame`)
     RANK = "rank"  # INT, 0 for the most important Gaussian, then 1, ...: those that a budget leaves come first
+    REMOVED = "removed"  # BOOLEAN, not drawn and not exported; where it is missing, all are (see `masks`)
+    KEPT_ORIGINAL = "kept_original"  # FLOAT, how far a layer's colour is left out; 0 where it is missing
+    FLOATER = "floater"  # FLOAT, 0 to 1, how likely it is one; of runs that know
     DRAWN_COLOR = "drawn_color"  # FLOAT_COLOR, of what is drawn only: what the material shows
     PREVIEW_COLOR = "preview_color"  # FLOAT_COLOR, of the preview only: what Solid shading shows
     ORIGINAL_COLOR = "original_color"  # FLOAT_COLOR, of what is compared only: shown left of the border
@@ -56,7 +63,7 @@ def color_attribute(layer: str) -> str:
 
 
 def read_attribute(mesh: bpy.types.Mesh, name: str) -> NDArray:
-    """(V, ...) values of an attribute: int32 of an INT, else float32.
+    """(V, ...) values of an attribute: int32 of an INT, bool of a BOOLEAN, else float32.
 
     Raises:
         InputError: somebody has removed or converted it.
@@ -65,7 +72,7 @@ def read_attribute(mesh: bpy.types.Mesh, name: str) -> NDArray:
     if attribute is None or attribute.data_type not in _STORED:
         raise InputError(f"it no longer has the attribute '{name}'", where=mesh.name, remedy="load the run again")
     field, shape = _STORED[attribute.data_type]
-    values = np.empty((len(attribute.data), *shape), np.int32 if attribute.data_type == "INT" else np.float32)
+    values: NDArray = np.empty((len(attribute.data), *shape), _DTYPES.get(attribute.data_type, np.float32))
     attribute.data.foreach_get(field, values.reshape(-1))
     return values
 

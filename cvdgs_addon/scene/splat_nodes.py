@@ -234,7 +234,9 @@ def _chosen(write: NodeWriter, inputs: Sockets) -> Mapping[str, Value]:
     affordable = within_budget(write, rank, inputs[Input.BUDGET], is_limited)
     position = write.output("GeometryNodeInputPosition")
     inside = inside_box(write, position, inputs[Input.CROP_BOX], inputs[Input.CROP])
-    return {"chosen": write.both(visible, write.both(affordable, inside))}
+    removed = write.attribute("BOOLEAN", Attribute.REMOVED).outputs["Attribute"]
+    there = write.both(visible, write.output("FunctionNodeBooleanMath", removed, operation="NOT"))
+    return {"chosen": write.both(there, write.both(affordable, inside))}
 
 
 def _with_color(write: NodeWriter, geometry: Value, color: Value, domain: str) -> bpy.types.NodeSocket:
@@ -277,7 +279,9 @@ def _add_color_nodes(
     )
     is_layer = write.both(layer.outputs["Exists"], is_other)
     enhanced = write.switch("RGBA", is_layer, original, layer.outputs["Attribute"])
-    encoded = write.mix("RGBA", inputs[Input.ENHANCED], original, enhanced)
+    kept = write.attribute("FLOAT", Attribute.KEPT_ORIGINAL).outputs["Attribute"]
+    share = write.math("MULTIPLY", inputs[Input.ENHANCED], write.math("SUBTRACT", 1.0, kept))
+    encoded = write.mix("RGBA", share, original, enhanced)
     pairs = []
     for color in (encoded, original):
         light = add_decoding_nodes(write, color)

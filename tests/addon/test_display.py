@@ -9,7 +9,7 @@ import pytest
 
 from cvdgs.core.errors import InputError
 from cvdgs.core.splats.gaussians import SH_C0
-from cvdgs.cvdgs_addon.scene import display, splats
+from cvdgs.cvdgs_addon.scene import crop, display, splats
 from cvdgs.cvdgs_addon.scene.convert import load_run
 from cvdgs.cvdgs_addon.scene.display import Form
 from cvdgs.cvdgs_addon.scene.finished_run import read_run
@@ -132,8 +132,8 @@ def test_the_viewport_keeps_to_the_budget(scene):
 def test_a_crop_box_hides_what_is_outside_wherever_it_is_moved(scene, view, tmp_path):
     gaussians = cloud(200)
     added = splats.add_gaussians(gaussians, {}, scene.collection)
-    box = display.add_crop_box(added)
-    assert display.crop_box_of(added) == box
+    box = crop.add_crop_box(added)
+    assert crop.crop_box_of(added) == box
     turn = mathutils.Matrix.LocRotScale((0.3, -0.2, 0.1), mathutils.Euler((0.0, 0.0, 0.6)), (0.5, 0.7, 0.9))
     box.matrix_basis = turn
     local = np.linalg.inv(np.array(turn)) @ np.c_[gaussians.means, np.ones(200)].T
@@ -142,8 +142,8 @@ def test_a_crop_box_hides_what_is_outside_wherever_it_is_moved(scene, view, tmp_
     bpy.context.view_layer.update()
     image = render_png(scene, tmp_path / "cropped.png")
     assert ewa.psnr(image, reference(take(gaussians, inside))) > 50.0
-    display.remove_crop_box(added)
-    assert display.crop_box_of(added) is None
+    crop.remove_crop_box(added)
+    assert crop.crop_box_of(added) is None
     assert ewa.psnr(render_png(scene, tmp_path / "all.png"), reference(gaussians)) > 50.0
 
 
@@ -151,7 +151,7 @@ def test_a_new_crop_box_holds_most_of_the_scene(scene):
     gaussians = cloud(400)
     gaussians.means[:4] += 500.0  # floaters
     added = splats.add_gaussians(gaussians, {}, scene.collection)
-    display.add_crop_box(added)
+    crop.add_crop_box(added)
     splats.set_input(added, Input.AS_POINTS, True)
     shown = len(drawn_points(added)[0])
     assert 0.9 * 400 < shown <= 396

@@ -8,7 +8,7 @@ import pytest
 from cvdgs.cvdgs_addon.compositor.apply import simulation_node
 from cvdgs.cvdgs_addon.compositor.scene_tree import scene_tree
 from cvdgs.cvdgs_addon.results import show_run
-from cvdgs.cvdgs_addon.scene import display, splats
+from cvdgs.cvdgs_addon.scene import crop, display, splats
 from cvdgs.cvdgs_addon.scene.camera_view import views_3d
 from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
@@ -47,12 +47,12 @@ def test_points_a_crop_box_and_back(shown):
     bpy.ops.cvdgs.show_form(form="INSTANCES")
     assert not splats.get_input(shown, Input.AS_POINTS)
     bpy.ops.cvdgs.add_crop_box()
-    box = display.crop_box_of(shown)
+    box = crop.crop_box_of(shown)
     bpy.ops.cvdgs.add_crop_box()
-    assert display.crop_box_of(shown) == box, "a second press selects the box that is there"
+    assert crop.crop_box_of(shown) == box, "a second press selects the box that is there"
     assert bpy.context.view_layer.objects.active == box
     bpy.ops.cvdgs.remove_crop_box()
-    assert display.crop_box_of(shown) is None
+    assert crop.crop_box_of(shown) is None
 
 
 def test_the_render_is_set_up_as_chosen_and_restored(shown):

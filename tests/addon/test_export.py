@@ -23,7 +23,7 @@ from cvdgs.cvdgs_addon.export import (
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import splats as splat_objects
 from cvdgs.cvdgs_addon.scene.convert import ConversionOptions, convert
-from cvdgs.cvdgs_addon.scene.display import add_crop_box
+from cvdgs.cvdgs_addon.scene.crop import add_crop_box
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 from cvdgs.cvdgs_addon.shown import shown_run
 

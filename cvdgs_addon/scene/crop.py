@@ -1,0 +1,65 @@
+"""The crop box of Gaussians: an Empty shown as a cube of side two, in whose space a position is inside or not."""
+
+from __future__ import annotations
+
+import bpy
+import mathutils
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.errors import InputError
+from ...core.splats.gaussians import core_bounds
+from .splat_attributes import point_positions
+from .splat_nodes import Input
+from .splats import get_input, set_input
+
+_CROP_MARGIN = 1.2  # of a new crop box, in radii of the scene's core
+
+
+def add_crop_box(splats: bpy.types.Object) -> bpy.types.Object:
+    """Crop `splats` to a box around most of them: an Empty that can be moved, turned and scaled. Returns it."""
+    center, radius = core_bounds(point_positions(splats.data))
+    box = bpy.data.objects.new(f"{splats.name} Crop", None)
+    box.empty_display_type, box.empty_display_size = "CUBE", 1.0
+    box.matrix_basis = mathutils.Matrix.LocRotScale(center.tolist(), None, [_CROP_MARGIN * radius] * 3)
+    box.parent = splats
+    for collection in splats.users_collection:
+        collection.objects.link(box)
+    set_input(splats, Input.CROP_BOX, box)
+    set_input(splats, Input.CROP, True)
+    return box
+
+
+def crop_box_of(splats: bpy.types.Object) -> bpy.types.Object | None:
+    """The crop box of `splats`, if there is one."""
+    box = get_input(splats, Input.CROP_BOX)
+    return box if isinstance(box, bpy.types.Object) else None
+
+
+def remove_crop_box(splats: bpy.types.Object) -> None:
+    """Show all of `splats` again and delete the box."""
+    box = crop_box_of(splats)
+    set_input(splats, Input.CROP, False)
+    set_input(splats, Input.CROP_BOX, None)
+    if box is not None:
+        bpy.data.objects.remove(box)
+
+
+def in_box(splats: bpy.types.Object, positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(V,) which of the (V, 3) positions lie in the crop box, whether or not it crops.
+
+    Raises:
+        InputError: there is no box.
+    """
+    box = crop_box_of(splats)
+    if box is None:
+        raise InputError("there is no crop box", where=splats.name, remedy="add one first")
+    to_box = np.array(box.matrix_world.inverted_safe() @ splats.matrix_world, np.float64)
+    return (np.abs(positions @ to_box[:3, :3].T + to_box[:3, 3]) <= 1.0).all(axis=1)
+
+
+def left_by_crop(splats: bpy.types.Object, positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(V,) which of the (V, 3) positions the crop box leaves: all where nothing is cropped."""
+    if not get_input(splats, Input.CROP) or crop_box_of(splats) is None:
+        return np.ones(len(positions), np.bool_)
+    return in_box(splats, positions)

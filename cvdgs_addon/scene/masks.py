@@ -1,0 +1,174 @@
+"""Selecting Gaussians, and masks of them that the node group honours: removed, or kept in their original colours.
+
+A mask is an attribute of the points, so nothing is lost: layers can be added and all of it taken back. The selection is
+Blender's own, that of Edit Mode, where box, circle and lasso choose points too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import Enum
+
+import bpy
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...core.errors import InputError
+from ...core.runs.layout import ORIGINAL
+from .crop import in_box
+from .splat_attributes import (
+    Attribute,
+    color_attribute,
+    is_gaussian,
+    read_attribute,
+    vertex_positions,
+    write_attribute,
+)
+
+Mask = NDArray[np.bool_]
+
+
+class Treatment(Enum):
+    """What is done with the selected Gaussians."""
+
+    REMOVE = "REMOVE"
+    KEEP_ORIGINAL = "KEEP_ORIGINAL"
+    RESTORE = "RESTORE"
+
+
+def by_color(splats: bpy.types.Object, color: ArrayLike, tolerance: float) -> Mask:
+    """(V,) Gaussians whose original sRGB colour differs from `color` by at most `tolerance` in every channel."""
+    colors = read_attribute(splats.data, color_attribute(ORIGINAL))[:, :3]
+    return np.abs(colors - np.asarray(color, np.float32)).max(axis=1) <= tolerance
+
+
+def by_floater_score(splats: bpy.types.Object, least: float) -> Mask:
+    """(V,) Gaussians whose score as a floater is at least `least`.
+
+    Raises:
+        InputError: the run has no scores.
+    """
+    if Attribute.FLOATER not in splats.data.attributes:
+        raise InputError("its run has no floater scores", where=splats.name, remedy="select by hand, colour or box")
+    return read_attribute(splats.data, Attribute.FLOATER) >= least
+
+
+def by_box(splats: bpy.types.Object) -> Mask:
+    """(V,) Gaussians inside the crop box.
+
+    Raises:
+        InputError: there is none.
+    """
+    return in_box(splats, vertex_positions(splats.data))
+
+
+def select(splats: bpy.types.Object, chosen: Mask, *, extend: bool) -> int:
+    """Select the Gaussians among the (V,) `chosen` points; returns how many are selected then.
+
+    Args:
+        splats: in Object Mode (see `object_mode`).
+        chosen: the points.
+        extend: keep what is selected already.
+    """
+    mesh = splats.data
+    wanted = chosen & is_gaussian(mesh)
+    if extend:
+        wanted |= selected(splats)
+    if Attribute.REMOVED in mesh.attributes:
+        wanted &= ~read_attribute(mesh, Attribute.REMOVED)
+    mesh.vertices.foreach_set("select", wanted)
+    mesh.update()
+    return int(wanted.sum())
+
+
+def selected(splats: bpy.types.Object) -> Mask:
+    """(V,) which Gaussians are selected."""
+    flags = np.empty(len(splats.data.vertices), np.bool_)
+    splats.data.vertices.foreach_get("select", flags)
+    return flags & is_gaussian(splats.data)
+
+
+def treat_selected(splats: bpy.types.Object, treatment: Treatment) -> int:
+    """Treat the selected Gaussians of an object in Object Mode; returns how many they are.
+
+    Raises:
+        InputError: none is selected.
+    """
+    chosen = selected(splats)
+    if not chosen.any():
+        raise InputError("no Gaussians are selected", where=splats.name, remedy="select some first")
+    if treatment is Treatment.KEEP_ORIGINAL:
+        _write(splats, Attribute.KEPT_ORIGINAL, "FLOAT", _existing(splats, Attribute.KEPT_ORIGINAL) | chosen)
+    elif treatment is Treatment.RESTORE:
+        _write(splats, Attribute.KEPT_ORIGINAL, "FLOAT", _existing(splats, Attribute.KEPT_ORIGINAL) & ~chosen)
+    else:
+        _remove(splats, _existing(splats, Attribute.REMOVED) | chosen)
+    return int(chosen.sum())
+
+
+def take_all_back(splats: bpy.types.Object) -> None:
+    """Show all Gaussians again, in the layer's colours; those that were deleted in Edit Mode stay away."""
+    _remove(splats, np.zeros(len(splats.data.vertices), np.bool_))
+    for name in (Attribute.REMOVED, Attribute.KEPT_ORIGINAL):
+        attribute = splats.data.attributes.get(name)
+        if attribute is not None:
+            splats.data.attributes.remove(attribute)
+    splats.data.update()
+
+
+def has_masks(splats: bpy.types.Object) -> bool:
+    """Whether something was removed or kept in its original colours."""
+    return any(name in splats.data.attributes for name in (Attribute.REMOVED, Attribute.KEPT_ORIGINAL))
+
+
+@contextmanager
+def object_mode(splats: bpy.types.Object, *, end_in_edit_mode: bool = False) -> Iterator[None]:
+    """Within the block the attributes of `splats` can be reached; Edit Mode is back after it, or begins."""
+    was_edited = splats.mode == "EDIT"
+    if splats.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    is_done = False
+    try:
+        yield
+        is_done = True
+    finally:
+        if was_edited or (is_done and end_in_edit_mode):
+            edit_points(splats)
+
+
+def edit_points(splats: bpy.types.Object) -> None:
+    """Let Blender select points of `splats`: Edit Mode, with vertices to choose.
+
+    Raises:
+        InputError: they are hidden.
+    """
+    context = bpy.context
+    if context.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    if splats.name not in context.view_layer.objects or not splats.visible_get():
+        raise InputError("it is hidden", where=splats.name, remedy="show the object first")
+    for other in context.selected_objects:
+        other.select_set(False)
+    splats.select_set(True)
+    context.view_layer.objects.active = splats
+    bpy.ops.object.mode_set(mode="EDIT")
+    context.tool_settings.mesh_select_mode = (True, False, False)
+
+
+def _existing(splats: bpy.types.Object, name: str) -> Mask:
+    if name not in splats.data.attributes:
+        return np.zeros(len(splats.data.vertices), np.bool_)
+    return read_attribute(splats.data, name) > 0.5
+
+
+def _remove(splats: bpy.types.Object, removed: Mask) -> None:
+    """Nor can anybody select them in Edit Mode."""
+    _write(splats, Attribute.REMOVED, "BOOLEAN", removed)
+    splats.data.vertices.foreach_set("select", selected(splats) & ~removed)
+    splats.data.vertices.foreach_set("hide", removed)
+
+
+def _write(splats: bpy.types.Object, name: str, kind: str, values: Mask) -> None:
+    write_attribute(splats.data, name, kind, values if kind == "BOOLEAN" else values.astype(np.float32))
+    splats.data.update()

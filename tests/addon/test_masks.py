@@ -1,0 +1,185 @@
+"""Selecting Gaussians and cleaning up: nothing is lost, renders and exports agree, and it can be taken back."""
+
+from __future__ import annotations
+
+import bpy
+import mathutils
+import numpy as np
+import pytest
+
+from cvdgs.core.errors import InputError
+from cvdgs.core.splats.io.ply import read_floaters, read_ply, write_ply
+from cvdgs.cvdgs_addon.export import read_gaussians
+from cvdgs.cvdgs_addon.results import show_run
+from cvdgs.cvdgs_addon.scene import crop, masks, splats
+from cvdgs.cvdgs_addon.scene.finished_run import read_run
+from cvdgs.cvdgs_addon.scene.masks import Treatment
+from cvdgs.ui.display import CVDGS_PT_display
+
+from . import ewa
+from .layouts import drawn
+from .scenes import CAMERA, cloud, look_through, opencv, render_png, ring_view, take
+
+POSE = ring_view(0.4)
+LAYER = "tritan-0.5"
+
+
+@pytest.fixture
+def gaussians():
+    return cloud(200)
+
+
+@pytest.fixture
+def added(scene, gaussians):
+    look_through(scene, CAMERA, POSE)
+    return splats.add_gaussians(gaussians, {LAYER: 1.0 - gaussians.base_colors}, scene.collection)
+
+
+@pytest.fixture
+def shown(addon, run_folder):
+    return show_run(str(run_folder), bpy.context.scene)
+
+
+def choose(target: bpy.types.Object, indices: np.ndarray) -> None:
+    """Select these Gaussians alone."""
+    chosen = np.zeros(len(target.data.vertices), np.bool_)
+    chosen[indices] = True
+    masks.select(target, chosen, extend=False)
+
+
+def picture(gaussians, colors) -> np.ndarray:
+    return ewa.render(gaussians, colors, CAMERA, opencv(POSE))
+
+
+def test_what_was_removed_is_neither_drawn_nor_exported_and_comes_back(scene, added, gaussians, tmp_path):
+    left = np.arange(60, 200)
+    choose(added, np.arange(60))
+    assert masks.treat_selected(added, Treatment.REMOVE) == 60
+    kept = take(gaussians, left)
+    expected = picture(kept, 1.0 - kept.base_colors)
+    assert ewa.psnr(render_png(scene, tmp_path / "removed.png"), expected) > 50.0
+    exported = read_gaussians(added, LAYER, 1.0).gaussians
+    np.testing.assert_allclose(exported.means, kept.means)
+    masks.take_all_back(added)
+    expected = picture(gaussians, 1.0 - gaussians.base_colors)
+    assert ewa.psnr(render_png(scene, tmp_path / "back.png"), expected) > 50.0
+    assert not masks.has_masks(added)
+
+
+def test_what_keeps_its_original_colours_shows_them_in_renders_and_exports(scene, added, gaussians, tmp_path):
+    choose(added, np.arange(80))
+    masks.treat_selected(added, Treatment.KEEP_ORIGINAL)
+    choose(added, np.arange(20))
+    masks.treat_selected(added, Treatment.RESTORE)
+    colors = 1.0 - gaussians.base_colors
+    colors[20:80] = gaussians.base_colors[20:80]
+    assert ewa.psnr(render_png(scene, tmp_path / "image.png"), picture(gaussians, colors)) > 50.0
+    exported = read_gaussians(added, LAYER, 1.0).gaussians
+    np.testing.assert_allclose(exported.base_colors, colors, atol=1e-5)
+    half = read_gaussians(added, LAYER, 0.5).gaussians.base_colors
+    np.testing.assert_allclose(half, 0.5 * (gaussians.base_colors + colors), atol=1e-5)
+
+
+def test_layers_can_be_added_where_gaussians_were_removed(shown, run_folder):
+    choose(shown, np.arange(100))
+    masks.treat_selected(shown, Treatment.REMOVE)
+    (run_folder / "splats.tritan-0.5.ply").rename(run_folder / "splats.protan-1.0.ply")
+    assert show_run(str(run_folder), bpy.context.scene) == shown
+    assert "protan-1.0" in splats.layer_names(shown)
+
+
+def test_a_colour_selects_those_that_differ_by_no_more_than_the_tolerance(added, gaussians):
+    color = gaussians.base_colors[7]
+    masks.select(added, masks.by_color(added, color, 0.2), extend=False)
+    expected = np.abs(gaussians.base_colors - color).max(1) <= 0.2
+    np.testing.assert_array_equal(masks.selected(added)[:200], expected)
+    assert 1 < expected.sum() < 200
+
+
+def test_a_selection_is_extended_but_not_by_what_was_removed(added):
+    choose(added, np.arange(5))
+    masks.treat_selected(added, Treatment.REMOVE)
+    choose(added, np.arange(10, 15))
+    everything = np.ones(len(added.data.vertices), np.bool_)
+    assert masks.select(added, everything, extend=True) == 195, "neither the removed nor the frame's points"
+
+
+def test_the_box_selects_whether_or_not_it_crops(added, gaussians):
+    with pytest.raises(InputError, match="there is no crop box"):
+        masks.by_box(added)
+    box = crop.add_crop_box(added)
+    box.matrix_basis = box.matrix_basis @ mathutils.Matrix.Scale(0.4, 4)
+    bpy.context.view_layer.update()
+    local = np.linalg.inv(np.array(box.matrix_world)) @ np.c_[gaussians.means, np.ones(200)].T
+    inside = np.abs(local[:3]).max(axis=0) <= 1.0
+    splats.set_input(added, "Crop", False)
+    np.testing.assert_array_equal(masks.by_box(added)[:200], inside)
+    assert 5 < inside.sum() < 195
+
+
+def with_scores(folder, scores: np.ndarray) -> None:
+    """Write a run's Gaussians anew, with scores."""
+    path = folder / "splats.ply"
+    write_ply(path, read_ply(path), scores)
+
+
+def test_floaters_are_selected_by_the_scores_of_a_run_that_has_them(addon, run_folder):
+    scores = np.linspace(0.0, 1.0, 400).astype(np.float32)
+    assert read_run(run_folder).floaters is None
+    with_scores(run_folder, scores)
+    np.testing.assert_array_equal(read_floaters(run_folder / "splats.ply"), scores)
+    shown = show_run(str(run_folder), bpy.context.scene)
+    bpy.ops.cvdgs.select_floaters(least=0.75)
+    assert shown.mode == "EDIT"
+    bpy.ops.object.mode_set(mode="OBJECT")
+    np.testing.assert_array_equal(masks.selected(shown)[:400], scores >= 0.75)
+
+
+def test_without_scores_the_operator_says_so(shown):
+    with pytest.raises(RuntimeError, match="has no floater scores - select by hand, colour or box"):
+        bpy.ops.cvdgs.select_floaters()
+
+
+def test_points_are_chosen_in_edit_mode_with_blenders_tools_and_removed_there(shown):
+    bpy.ops.cvdgs.edit_points()
+    assert (bpy.context.mode, bpy.context.view_layer.objects.active) == ("EDIT_MESH", shown)
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.cvdgs.treat_selected(treatment="REMOVE")
+    assert bpy.context.mode == "EDIT_MESH"
+    bpy.ops.object.mode_set(mode="OBJECT")
+    with pytest.raises(InputError, match="no Gaussians are left"):
+        read_gaussians(shown, "original", 1.0)
+    bpy.ops.cvdgs.take_all_back()
+    assert len(read_gaussians(shown, "original", 1.0).gaussians) == 400
+
+
+def test_nothing_selected_is_told(shown):
+    choose(shown, np.arange(0))
+    with pytest.raises(RuntimeError, match="no Gaussians are selected"):
+        bpy.ops.cvdgs.treat_selected(treatment="REMOVE")
+    bpy.ops.cvdgs.edit_points()
+    with pytest.raises(RuntimeError, match="no Gaussians are selected"):
+        bpy.ops.cvdgs.treat_selected(treatment="REMOVE")
+    assert bpy.context.mode == "EDIT_MESH", "who edits goes on"
+    assert not bpy.ops.cvdgs.take_all_back.poll()
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_a_removal_can_be_undone(shown, mode):
+    name = shown.name
+    bpy.ops.cvdgs.edit_points()
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.object.mode_set(mode=mode)
+    bpy.ops.ed.undo_push(message="chosen")
+    bpy.ops.cvdgs.treat_selected(treatment="REMOVE")
+    bpy.ops.ed.undo_push(message="removed")
+    bpy.ops.ed.undo()
+    if bpy.context.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    assert len(read_gaussians(bpy.data.objects[name], "original", 1.0).gaussians) == 400
+
+
+def test_the_panel_offers_it(shown):
+    panel = drawn(CVDGS_PT_display)
+    assert {"cvdgs.edit_points", "cvdgs.select_color", "cvdgs.select_floaters"} <= set(panel.operators)
+    assert {"Remove Selected", "Keep Original Colours", "Use Layer's Colours"} <= set(panel.texts)
