@@ -88,16 +88,20 @@ class CVDGS_OT_remove_crop_box(NeedsGaussians, bpy.types.Operator):
         crop.remove_crop_box(shown_splats(context))
 
 
-class CVDGS_OT_view_in_color(NeedsGaussians, bpy.types.Operator):
-    """Look through a camera of the capture or the turntable in Rendered shading; Restore puts the settings back"""
-
-    bl_idname = "cvdgs.view_in_color"
-    bl_label = "View in Colour"
+class _InView(NeedsGaussians):
+    """An operator on the 3D view that it is called in."""
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str:
         is_view = context.area is not None and context.area.type == "VIEW_3D"
         return super().missing(context) if is_view else "Only available in a 3D view"
+
+
+class CVDGS_OT_view_in_color(_InView, bpy.types.Operator):
+    """Look through a camera of the capture or the turntable in Rendered shading; Restore puts the settings back"""
+
+    bl_idname = "cvdgs.view_in_color"
+    bl_label = "View in Colour"
 
     def act(self, context: bpy.types.Context) -> None:
         scene, chosen = context.scene, context.scene.cvdgs.display
@@ -113,16 +117,11 @@ class CVDGS_OT_view_in_color(NeedsGaussians, bpy.types.Operator):
         )
 
 
-class CVDGS_OT_look_around(NeedsGaussians, bpy.types.Operator):
+class CVDGS_OT_look_around(_InView, bpy.types.Operator):
     """Material Preview from any side; without a graphics card of the most important Gaussians only, seconds a redraw"""
 
     bl_idname = "cvdgs.look_around"
     bl_label = "Look Around in Colour"
-
-    @classmethod
-    def missing(cls, context: bpy.types.Context) -> str:
-        is_view = context.area is not None and context.area.type == "VIEW_3D"
-        return super().missing(context) if is_view else "Only available in a 3D view"
 
     def act(self, context: bpy.types.Context) -> None:
         preview.look_around(context.scene, context.space_data)

@@ -61,45 +61,51 @@ class CVDGS_OT_export_gaussians(NeedsGaussians, bpy.types.Operator, ExportHelper
             self.report({"INFO"}, f"Exported {len(exported.gaussians):,} Gaussians to {self.filepath}")
 
 
-class CVDGS_OT_export_web_page(NeedsGaussians, bpy.types.Operator, ExportHelper):
-    """Export the Gaussians, in all layers, as one web page that shows the scene in any browser, from the disk"""
+class _AllLayers(NeedsGaussians, ExportHelper):
+    """An operator that exports the Gaussians in all layers into one file."""
 
-    bl_idname = "cvdgs.export_web_page"
-    bl_label = "Export Web Page"
     bl_options = {"REGISTER"}
 
-    filename_ext = ".html"
-
-    filter_glob: bpy.props.StringProperty(default="*.html", options={"HIDDEN"})
+    def write(self, splats: bpy.types.Object) -> int:
+        """Write the file; returns the number of Gaussians. Each operator its own."""
+        raise AssertionError
 
     def on_click(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str] | None:
         _propose(self, context, proposed_title(shown_splats(context)))
         return ExportHelper.invoke(self, context, event)
 
     def act(self, context: bpy.types.Context) -> None:
-        count = export_web_page(self.filepath, shown_splats(context))
-        self.report({"INFO"}, f"Exported {count:,} Gaussians to {self.filepath}; open it in a browser")
+        count = self.write(shown_splats(context))
+        self.report({"INFO"}, f"Exported {count:,} Gaussians to {self.filepath}")  # type: ignore[attr-defined]
 
 
-class CVDGS_OT_export_layers(NeedsGaussians, bpy.types.Operator, ExportHelper):
+class CVDGS_OT_export_web_page(_AllLayers, bpy.types.Operator):
+    """Export the Gaussians, in all layers, as one web page that shows the scene in any browser, from the disk"""
+
+    bl_idname = "cvdgs.export_web_page"
+    bl_label = "Export Web Page"
+
+    filename_ext = ".html"
+
+    filter_glob: bpy.props.StringProperty(default="*.html", options={"HIDDEN"})
+
+    def write(self, splats: bpy.types.Object) -> int:
+        return export_web_page(self.filepath, splats)
+
+
+class CVDGS_OT_export_layers(_AllLayers, bpy.types.Operator):
     """Export the Gaussians as they stand in the scene, in all layers, as glTF or USD"""
 
     bl_idname = "cvdgs.export_layers"
     bl_label = "Export All Layers"
-    bl_options = {"REGISTER"}
 
     filename_ext = ".glb"
     check_extension = None  # the ending chooses the format
 
     filter_glob: bpy.props.StringProperty(default="*.glb;*.usd;*.usda;*.usdc", options={"HIDDEN"})
 
-    def on_click(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str] | None:
-        _propose(self, context, proposed_title(shown_splats(context)))
-        return ExportHelper.invoke(self, context, event)
-
-    def act(self, context: bpy.types.Context) -> None:
-        count = export_layers(self.filepath, shown_splats(context))
-        self.report({"INFO"}, f"Exported {count:,} Gaussians to {self.filepath}")
+    def write(self, splats: bpy.types.Object) -> int:
+        return export_layers(self.filepath, splats)
 
 
 class CVDGS_OT_export_cube(NeedsRun, bpy.types.Operator, ExportHelper):

@@ -15,6 +15,7 @@ from cvdgs.core.splats.gaussians import SH_C0, Gaussians
 from cvdgs.core.splats.io.ply import write_ply
 from cvdgs.cvdgs_addon.scene.cameras import Clip, add_camera, use_camera
 from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute
+from cvdgs.cvdgs_addon.scene.splats import add_gaussians
 
 CAMERA = PinholeCamera(64, 48, 56.0, 70.0, 30.0, 26.0)
 """With fx != fy and an off-centre principal point."""
@@ -78,6 +79,12 @@ def look_through(
     added = add_camera("view", camera, camera_to_world, CLIP, scene.collection)
     use_camera(scene, added)
     return added
+
+
+def add_with_inverse(scene: bpy.types.Scene, gaussians: Gaussians, layer: str, pose: NDArray) -> bpy.types.Object:
+    """Add `gaussians` with a layer of the inverse colours, seen by `CAMERA` from `pose`."""
+    look_through(scene, CAMERA, pose)
+    return add_gaussians(gaussians, {layer: 1.0 - gaussians.base_colors}, scene.collection)
 
 
 def read_png(path: Path) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 from cvdgs.cvdgs_addon.scene.turntable import Turntable, add_turntable, render_turntable
 
 from . import ewa
-from .scenes import CAMERA, cloud, drawn_points, look_through, opencv, read_png, render_png, ring_view
+from .scenes import CAMERA, add_with_inverse, cloud, drawn_points, opencv, read_png, render_png, ring_view
 
 POSE = ring_view(0.4)
 LAYER = "tritan-0.5"
@@ -27,8 +27,7 @@ def gaussians():
 @pytest.fixture
 def compared(scene, gaussians):
     """Gaussians whose layer has the inverse colours, compared at a third of the picture."""
-    look_through(scene, CAMERA, POSE)
-    added = splats.add_gaussians(gaussians, {LAYER: 1.0 - gaussians.base_colors}, scene.collection)
+    added = add_with_inverse(scene, gaussians, LAYER, POSE)
     splats.set_input(added, Input.COMPARE, True)
     splats.set_input(added, Input.BORDER, 0.375)
     return added

@@ -18,7 +18,7 @@ from cvdgs.ui.display import CVDGS_PT_display
 
 from . import ewa
 from .layouts import drawn
-from .scenes import CAMERA, cloud, look_through, opencv, render_png, ring_view, take
+from .scenes import CAMERA, add_with_inverse, cloud, opencv, render_png, ring_view, take
 
 POSE = ring_view(0.4)
 LAYER = "tritan-0.5"
@@ -31,8 +31,7 @@ def gaussians():
 
 @pytest.fixture
 def added(scene, gaussians):
-    look_through(scene, CAMERA, POSE)
-    return splats.add_gaussians(gaussians, {LAYER: 1.0 - gaussians.base_colors}, scene.collection)
+    return add_with_inverse(scene, gaussians, LAYER, POSE)
 
 
 @pytest.fixture
