@@ -21,8 +21,6 @@ PARTIAL_FOLDER = ".blender.partial"
 RUN_PROPERTY = "cvdgs_run"
 """Custom property of a Gaussians' object: the folder of the run that it came from, as Blender's fields have folders."""
 
-"""Further property of a run's Gaussians in their PLY file: a score from 0 to 1."""
-
 _RUN_AGAIN = "choose the output folder of a finished run"
 
 
