@@ -11,8 +11,8 @@ from typing import Any
 
 import bpy
 
+from ..core.color.arrangement import CAP_COUNT
 from ..core.settings import CVD_TYPES, OPTIONS, Settings
-from .arrangement import CAP_COUNT
 from .comparison import follow_comparison
 from .compositor.apply import apply_simulation
 from .inspection import start_inspection

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from ..core.color.arrangement import CAP_COUNT, Suggestion, cap_colors, score_arrangement, suggest
 from ..core.errors import InputError
-from .arrangement import CAP_COUNT, Suggestion, cap_colors, score_arrangement, suggest
 from .pictures import PICTURES
 
 

@@ -15,13 +15,15 @@ from cvdgs.scripts.benchmarks import everything
 from cvdgs.scripts.benchmarks.enhancers import comparison as enhancer
 from cvdgs.scripts.benchmarks.enhancers import drift
 from cvdgs.scripts.benchmarks.enhancers import frames as select
+from cvdgs.scripts.benchmarks.observers import command as observers
 from cvdgs.scripts.benchmarks.stress import command as stress
 from cvdgs.scripts.benchmarks.studies import ablation, budget, figure, pareto, table
 from cvdgs.scripts.benchmarks.timing import batch, files, step, trainer
 from cvdgs.scripts.benchmarks.timing import stills as display
 
 STUDIES = (everything, table, pareto, budget, ablation, figure, stress)
-PARTS = tuple(module.PART for module in (*STUDIES, step, trainer, display, files, enhancer, drift, select, batch))
+MEASUREMENTS = (step, trainer, display, files, enhancer, drift, select, batch, observers)
+PARTS = tuple(module.PART for module in (*STUDIES, *MEASUREMENTS))
 
 
 def main(arguments: list[str]) -> int:

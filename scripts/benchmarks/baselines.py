@@ -6,6 +6,7 @@ enhancer achieves something only where it beats a gain that changes the images a
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.color.spaces import (
     delta_e_76,
+    delta_e_2000,
     image_to_tensor,
     lab_to_linear,
     linear_to_srgb,
@@ -26,6 +28,9 @@ from ...core.enhance.teacher import TeacherSettings, fit_luts
 from ...core.errors import InputError
 from ...core.files.images import to_bytes
 from ...core.runtime.protocol import Reporter
+
+Difference = Callable[[NDArray, NDArray], float]
+"""The mean difference of two (H, W, 3) images."""
 
 _LARGEST_GAIN = 16.0
 _BISECTIONS = 20  # to 16 / 2^20
@@ -43,16 +48,27 @@ _FROM_BLUE = np.array([[1.0, 0.0, 0.7], [0.0, 1.0, 0.7], [0.0, 0.0, 0.0]], np.fl
 _REDISTRIBUTION = {"protan": _FROM_RED, "deutan": _FROM_RED, "tritan": _FROM_BLUE}
 
 
+def mean_delta_e_76(first: NDArray, second: NDArray) -> float:
+    """Mean ΔE76 of two (H, W, 3) images."""
+    return float(delta_e_76(*(srgb_to_lab(image_to_tensor(image)) for image in (first, second))).double().mean())
+
+
+def mean_delta_e_2000(first: NDArray, second: NDArray) -> float:
+    """Mean ΔE00 of two (H, W, 3) images."""
+    return float(delta_e_2000(image_to_tensor(first), image_to_tensor(second)).mean())
+
+
 class ContrastGain:
-    """Plain contrast gain: scales colours about the scene's mean so that the mean ΔE76 to the original is `delta_e`.
+    """Plain contrast gain: scales colours about the scene's mean until images differ from the originals by `delta_e`.
 
     Args:
-        delta_e: mean ΔE76 over the training views to match, usually that of another enhancer.
+        delta_e: mean difference over the training views to match, usually that of another enhancer.
         seed: for the pixels on which the gain is found.
+        difference: mean difference of two images; ΔE76 unless another is given.
     """
 
-    def __init__(self, delta_e: float, seed: int = 0) -> None:
-        self._delta_e, self._seed = delta_e, seed
+    def __init__(self, delta_e: float, seed: int = 0, difference: Difference = mean_delta_e_76) -> None:
+        self._delta_e, self._seed, self._difference = delta_e, seed, difference
         self.gain = 1.0
         """The factor found by `fit`; 16 if no smaller gain changes the images enough."""
         self._center = np.zeros(3, np.float32)
@@ -71,7 +87,7 @@ class ContrastGain:
         low, high = 1.0, _LARGEST_GAIN
         for _ in range(_BISECTIONS):
             self.gain = (low + high) / 2.0
-            if _mean_delta_e(sample, self(sample)) < self._delta_e:
+            if self._difference(sample, self(sample)) < self._delta_e:
                 low = self.gain
             else:
                 high = self.gain
@@ -96,7 +112,7 @@ class MatchedGain:
         """Fit the reference and match its change."""
         self._reference.fit(images, reporter, alphas=alphas)
         some = images[:: max(len(images) // _MATCHED_VIEWS, 1)]
-        changes = [_mean_delta_e(image, self._reference(image)) for image in some]
+        changes = [mean_delta_e_76(image, self._reference(image)) for image in some]
         self._gain = ContrastGain(float(np.mean(changes)))
         self._gain.fit(images, alphas=alphas)
 
@@ -177,8 +193,3 @@ class Drifting:
 def _seeded_by(image: NDArray) -> np.random.Generator:
     """A generator seeded with the image's pixels."""
     return np.random.default_rng(int(to_bytes(image).astype(np.uint64).sum()))
-
-
-def _mean_delta_e(first: NDArray, second: NDArray) -> float:
-    """Mean ΔE76 of two (H, W, 3) images."""
-    return float(delta_e_76(*(srgb_to_lab(image_to_tensor(image)) for image in (first, second))).double().mean())

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,9 +10,10 @@ import jinja2
 import numpy as np
 import pandas as pd
 
-from ....core.files.images import read_png, write_jpeg
+from ....core.files.images import read_png
 from ....core.runs.layout import ENHANCED_FOLDER, RENDERS_FOLDER
 from ..charts import Theme, picture, plot_series, write_charts
+from ..embedding import jpeg_uri
 from ..tables import Column, markdown_table, write_csv, write_text
 from .axes import HARMLESS, Axis
 from .failure import MOST_LOST, MOST_RWE, UNTOUCHED, curve, standings
@@ -80,7 +79,7 @@ figure { margin: 0; } figcaption { font-size: .82rem; opacity: .85; } img { widt
 <div class="row">
 {% for caption, jpeg in pictures %}
 {% if jpeg %}
-<figure><img alt="{{ caption }}" src="data:image/jpeg;base64,{{ jpeg }}"><figcaption>{{ caption }}</figcaption></figure>
+<figure><img alt="{{ caption }}" src="{{ jpeg }}"><figcaption>{{ caption }}</figcaption></figure>
 {% else %}
 <p>{{ caption }}</p>
 {% endif %}
@@ -221,7 +220,7 @@ def _warnings(plan: StressPlan, items: pd.DataFrame) -> list[str]:
 def _sections(
     plan: StressPlan, results: Sequence[StressResult], items: pd.DataFrame
 ) -> list[tuple[str, list[tuple[str, str]]]]:
-    """Title, and captions and base64 JPEG data of pictures, of the untouched capture and of each axis's worst level."""
+    """Title, and captions and data URIs of pictures, of the untouched capture and of each axis's worst level."""
     worst, seed = max(plan.levels), min(plan.seeds)
     shown = [result for result in results if result.attempt.seed == seed]
     sections = [(UNTOUCHED, [result for result in shown if result.attempt.axis is None])]
@@ -246,16 +245,13 @@ def _pictures(results: Sequence[StressResult], items: pd.DataFrame) -> list[tupl
 
 
 def _jpeg_of(result: StressResult, kind: str) -> str:
-    """Base64 data of the middle one of a trial's rendered views, or of the enhanced photograph of the same view."""
+    """Data URI of the middle one of a trial's rendered views, or of the enhanced photograph of the same view."""
     layer = result.attempt.recipe.layer.name
     rendered = sorted((result.pictures / RENDERS_FOLDER / layer).glob("*.png"))
     path = result.pictures / kind / layer / rendered[len(rendered) // 2].name if rendered else None
     if path is None or not path.is_file():
         return ""
-    with tempfile.TemporaryDirectory() as scratch:
-        file = Path(scratch) / "picture.jpg"
-        write_jpeg(file, read_png(path), _JPEG_QUALITY)
-        return base64.b64encode(file.read_bytes()).decode("ascii")
+    return jpeg_uri(read_png(path), _JPEG_QUALITY)
 
 
 def write_stress_chart(folder: Path, name: str, axes: Sequence[Axis], items: pd.DataFrame) -> list[Path]:

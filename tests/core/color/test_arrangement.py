@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cvdgs.core.color.arrangement import CAP_COUNT, CAPS_UV, cap_colors, score_arrangement, suggest
 from cvdgs.core.color.matrices import RGB_TO_XYZ, linear_simulation
-from cvdgs.cvdgs_addon.arrangement import CAP_COUNT, CAPS_UV, cap_colors, score_arrangement, suggest
 
 IN_ORDER = list(range(1, CAP_COUNT + 1))
 

@@ -5,7 +5,7 @@ that lie far apart in colour space tell along which axis colours are confused. T
 (1988, "A quantitative scoring technique for panel tests of color vision", IOVS 29): the moments of inertia of the
 differences between neighbours.
 
-numpy only; nothing here knows Blender.
+numpy only, as Blender needs it.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.color import srgb
-from ..core.color.matrices import RGB_TO_XYZ
+from . import srgb
+from .matrices import RGB_TO_XYZ
 
 NO_DIAGNOSIS = (
     "This is not a diagnosis: screens and room light vary, and only a specialist can test colour vision. "
@@ -49,15 +49,15 @@ CAPS_UV = np.array(
 )
 _LIGHTNESS = 51.57  # L* of Munsell value 5, which all caps have (Newhall, Nickerson and Judd 1943)
 
-# Above this C-index an arrangement counts as failed. A few exchanged neighbours stay below 1.4, simulated dichromats
-# (Machado 2009) who take the nearest cap reach 2.7 and more.
-_LARGEST_NORMAL_CONFUSION = 1.78
-# Below this the errors have no common axis; caps in perfect order have 1.38.
-_LEAST_SELECTIVITY = 1.7
+LARGEST_NORMAL_CONFUSION = 1.78
+"""Above this C-index an arrangement counts as failed. A few exchanged neighbours stay below 1.4, simulated dichromats
+(Machado 2009) who take the nearest cap reach 2.7 and more."""
+LEAST_SELECTIVITY = 1.7
+"""Below this S-index the errors have no common axis; caps in perfect order have 1.38."""
 
 
 @dataclass(frozen=True)
-class _Axis:
+class ConfusionAxis:
     """Where the confusion axis of a type lies, and how its C-index tells the severity.
 
     Attributes:
@@ -76,10 +76,10 @@ class _Axis:
 
 # Patients' mean angles are +8.8 (protan), -7.4 (deutan) and -82.8 degrees (tritan; Vingrys and King-Smith), those of
 # the simulated observers +4, -12 and -85: the bounds lie between both. An axis at -90 degrees is the same as at +90.
-_AXES = (
-    _Axis("protan", -2.0, 35.0, (1.0, 2.2, 3.4, 4.0), (0.4, 0.6, 0.8, 1.0)),
-    _Axis("deutan", -40.0, -2.0, (1.0, 2.1, 3.5, 4.0), (0.4, 0.6, 0.8, 1.0)),
-    _Axis("tritan", -115.0, -65.0, (1.0, 1.6, 2.7), (0.6, 0.8, 1.0)),
+AXES = (
+    ConfusionAxis("protan", -2.0, 35.0, (1.0, 2.2, 3.4, 4.0), (0.4, 0.6, 0.8, 1.0)),
+    ConfusionAxis("deutan", -40.0, -2.0, (1.0, 2.1, 3.5, 4.0), (0.4, 0.6, 0.8, 1.0)),
+    ConfusionAxis("tritan", -115.0, -65.0, (1.0, 1.6, 2.7), (0.6, 0.8, 1.0)),
 )
 
 
@@ -129,10 +129,10 @@ def score_arrangement(caps: Sequence[int]) -> ArrangementScore:
 
 def suggest(score: ArrangementScore) -> Suggestion:
     """The viewer's type and severity, as far as an arrangement tells."""
-    if score.confusion <= _LARGEST_NORMAL_CONFUSION:
+    if score.confusion <= LARGEST_NORMAL_CONFUSION:
         return Suggestion("The caps are in order or nearly so. This test shows no deficiency.")
-    if score.selectivity >= _LEAST_SELECTIVITY:
-        for axis in _AXES:
+    if score.selectivity >= LEAST_SELECTIVITY:
+        for axis in AXES:
             if any(axis.low <= angle < axis.high for angle in (score.angle, score.angle - 180.0)):
                 severity = round(float(np.interp(score.confusion, axis.confusion, axis.severity)), 1)
                 message = f"The mistakes lie along one axis, as for {axis.cvd} vision of severity {severity:g}."
