@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import stats
 
 from ..tables import frame_of
 from .answers import Participant
@@ -198,5 +199,8 @@ def _interval(
     rng = np.random.default_rng(seed)
     times = rng.multinomial(number, np.full(number, 1.0 / number), size=draws).astype(float)
     found = figure(np.tensordot(times, counts, 1))
-    bounds = np.quantile(found, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0], axis=0)
+    # Percentiles of the bootstrap are too narrow for few participants: levels are those of Student's distribution
+    # instead (Hesterberg 2015, "What teachers should know about the bootstrap", The American Statistician 69).
+    wide = stats.t.ppf((1.0 + LEVEL) / 2.0, max(number - 1, 1)) * np.sqrt(number / max(number - 1, 1))
+    bounds = np.quantile(found, stats.norm.cdf([-wide, wide]), axis=0)
     return bounds if number > 1 else np.full_like(bounds, np.nan)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 from ....core.demo import SHOWROOM
 from ....core.errors import InputError
@@ -11,6 +12,7 @@ from ....core.runtime.cli import ConsoleReporter
 from ..options import Part, add_trial_arguments, names, shown_command, work_folder
 from ..studies.captures import DEMO, CaptureFolder
 from .axes import AXES, HARMLESS, LEVELS, Axis
+from .heat_map import read_standings, write_heat_map
 from .page import write_stress
 from .plan import StressPlan, run_stress
 
@@ -26,11 +28,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     what = f"levels, the harmless one included; the worst are left out ({LEVELS})"
     add("--levels", type=int, default=LEVELS, metavar="N", help=what)
     add_trial_arguments(parser, max_size=_SIZE, iterations=_ITERATIONS, seeds=_SEEDS)
+    add("--redraw", type=Path, nargs="+", metavar="CSV", help="only draw the picture of these stress.csv again")
     add("--quick", action="store_true", help="two axes, two levels, small and short: a smoke test")
 
 
 def _measure(options: argparse.Namespace) -> str:
-    """Try the methods on every level; writes stress.csv, stress.md, the chart and stress.html."""
+    """Try the methods on every level; writes stress.csv, stress.md, the charts and stress.html."""
+    if options.redraw:
+        return "\n".join(path.name for path in write_heat_map(options.out, read_standings(options.redraw)))
     plan = _plan(options)
     reporter = ConsoleReporter(sys.stderr)
     results = run_stress(plan, work_folder(options), reporter, processes=options.processes, again=options.again)

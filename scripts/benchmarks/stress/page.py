@@ -1,4 +1,4 @@
-"""The results of a stress test: stress.csv, stress.md, the chart of all curves, and stress.html with pictures."""
+"""The results of a stress test: stress.csv, stress.md, the charts, and stress.html with pictures."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from ..embedding import jpeg_uri
 from ..tables import Column, markdown_table, write_csv, write_text
 from .axes import HARMLESS, Axis
 from .failure import MOST_LOST, MOST_RWE, UNTOUCHED, curve, standings
+from .heat_map import PICTURE_LINES, with_margins, write_heat_map
 from .plan import StressPlan, StressResult
 
 if TYPE_CHECKING:
@@ -103,6 +104,7 @@ def write_stress(folder: Path, plan: StressPlan, results: Sequence[StressResult]
     items = standings(results)
     write_csv(folder / f"{NAME}.csv", items)
     write_stress_chart(folder, NAME, plan.axes, items)
+    write_heat_map(folder, with_margins(items))
     (folder / f"{NAME}.html").write_text(_PAGE.render(sections=_sections(plan, results, items)), encoding="utf-8")
     return write_text(folder / f"{NAME}.md", stress_lines(plan, items, command))
 
@@ -127,6 +129,10 @@ def stress_lines(plan: StressPlan, items: pd.DataFrame, command: str) -> list[st
         *_first_failures(plan, items),
         "",
         *_count(plan, items),
+        "",
+        "## One picture",
+        "",
+        *PICTURE_LINES,
         "",
         "## The curves",
         "",

@@ -17,7 +17,7 @@ from cvdgs.scripts.benchmarks.observers.study import Key
 
 from .sessions import IN_ORDER, METHODS, TRUTH, saved, session, study
 
-REPLICATIONS, PARTICIPANTS = 60, 16
+REPLICATIONS, PARTICIPANTS = 60, 8
 DRAWS = 300
 
 
