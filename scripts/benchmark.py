@@ -11,7 +11,7 @@ import bootstrap
 
 bootstrap.load(modules=("torch", "warp", "OpenImageIO", "pandas"))
 from cvdgs.core.runtime.cli import OneLineParser, exit_code
-from cvdgs.scripts.benchmarks import everything
+from cvdgs.scripts.benchmarks import everything, stale
 from cvdgs.scripts.benchmarks.enhancers import comparison as enhancer
 from cvdgs.scripts.benchmarks.enhancers import drift
 from cvdgs.scripts.benchmarks.enhancers import frames as select
@@ -22,7 +22,7 @@ from cvdgs.scripts.benchmarks.timing import batch, files, step, trainer
 from cvdgs.scripts.benchmarks.timing import stills as display
 
 STUDIES = (everything, table, pareto, budget, ablation, figure, stress)
-MEASUREMENTS = (step, trainer, display, files, enhancer, drift, select, batch, observers)
+MEASUREMENTS = (step, trainer, display, files, enhancer, drift, select, batch, observers, stale)
 PARTS = tuple(module.PART for module in (*STUDIES, *MEASUREMENTS))
 
 
@@ -45,7 +45,7 @@ def build_parser() -> argparse.ArgumentParser:
         subparser = subparsers.add_parser(part.name, help=part.summary)
         subparser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the tables")
         part.add_arguments(subparser)
-        subparser.set_defaults(measure=part.measure)
+        subparser.set_defaults(measure=part.run)
     return parser
 
 

@@ -106,6 +106,11 @@ def options_of(part: Part, options: argparse.Namespace, work: Path) -> argparse.
     return argparse.Namespace(**vars(parser.parse_args(arguments)), out=options.out, part=part.name)
 
 
+def _command_of(part: Part, options: argparse.Namespace) -> str:
+    """The command that makes a part's pages alone."""
+    return f"python scripts/benchmark.py {part.name} --out DIR" + (" --quick" if options.quick else "")
+
+
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--work", type=Path, metavar="DIR", help="folder for scenes, pictures and finished trials (OUT/work)")
@@ -115,7 +120,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 def _measure(options: argparse.Namespace) -> str:
     """Measure everything; writes the files of all parts, claims.csv and claims.md. Exits with 1 if a claim fails."""
     work = options.work or options.out / "work"
-    texts = [part.measure(options_of(part, options, work)) for part in STUDIES]
+    texts = [part.run(options_of(part, options, work), _command_of(part, options)) for part in STUDIES]
     source = CaptureFolder(DEMO, SHOWROOM, QUICK["max_size"])
     claims = measure_claims(source, QUICK["iterations"], work, ConsoleReporter(sys.stderr))
     texts.append(write_claims(options.out, claims, ["By `python scripts/benchmark.py all`."]))

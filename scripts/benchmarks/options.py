@@ -11,6 +11,7 @@ from typing import Any
 
 from ...core.runtime.cli import ConsoleReporter
 from ...core.runtime.resources import available_processors
+from .provenance import Facts, stamp
 from .studies.captures import DEMO, SHOWROOMS, CaptureFolder, capture_sources
 
 QUICK: Mapping[str, Any] = {"captures": (DEMO,), "max_size": 120, "iterations": 200, "seeds": 1}
@@ -28,12 +29,34 @@ class Part:
         summary: one line of help.
         add_arguments: adds its options; ``--out`` is already there.
         measure: measures and writes the files into ``options.out``; returns the text to print.
+        pages: names of the pages among these that say by which recipe they were made.
+        shaped_by: the constants that shape their figures.
     """
 
     name: str
     summary: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
     measure: Callable[[argparse.Namespace], str]
+    pages: tuple[str, ...] = ()
+    shaped_by: Facts | None = None
+
+    def run(self, options: argparse.Namespace, command: str = "") -> str:
+        """Measure, and write into the pages where their figures come from.
+
+        Args:
+            command: as texts show it; that of this process by default.
+        """
+        before = {page: _written(options.out / page) for page in self.pages}
+        text = self.measure(options)
+        for page in self.pages:
+            if self.shaped_by is not None and _written(options.out / page) != before[page]:
+                stamp(options.out / page, command or shown_command(options), self.shaped_by)
+        return text
+
+
+def _written(page: Path) -> int:
+    """When a page was written, in nanoseconds; 0 where there is none."""
+    return page.stat().st_mtime_ns if page.is_file() else 0
 
 
 def names(text: str) -> tuple[str, ...]:
@@ -123,7 +146,7 @@ def shown_command(options: argparse.Namespace, arguments: Sequence[str] | None =
 
 
 def made_by(options: argparse.Namespace, *, trained: bool = True, seeds: int | None = None) -> list[str]:
-    """The lines of a text that say how its figures were made.
+    """The lines of a text that say how its figures were made; by which command says its provenance.
 
     Args:
         trained: whether scenes were trained.
@@ -132,7 +155,7 @@ def made_by(options: argparse.Namespace, *, trained: bool = True, seeds: int | N
     seeds = seeds or options.seeds
     count = f"{seeds} seeds" if seeds > 1 else "one seed"
     training = f", {options.iterations:,} steps, {count}" if trained else ""
-    return [f"By `{shown_command(options)}`: views of at most {options.max_size} pixels{training}."]
+    return [f"Views of at most {options.max_size} pixels{training}."]
 
 
 def _option_and_value(word: str) -> list[str]:

@@ -31,6 +31,7 @@ from ....core.runtime.protocol import Reporter
 from ....core.settings import Layer
 from ...training.data.plates import SMALLEST_PLATE
 from ..options import Part, named_path, names, numbers
+from ..provenance import enhanced_product
 from .image_sets import PLATE_TYPES, ImageSet, TestImage, fresh_plates, fresh_textiles, read_photographs
 from .methods import (
     GAIN,
@@ -310,4 +311,11 @@ def _measure(options: argparse.Namespace) -> str:
     return benchmark.run(options.out, ConsoleReporter(sys.stderr))
 
 
-PART = Part("enhancer", "enhancers compared on photographs, plates and textiles", _add_arguments, _measure)
+PART = Part(
+    "enhancer",
+    "enhancers compared on photographs, plates and textiles",
+    _add_arguments,
+    _measure,
+    pages=("enhancer.md",),
+    shaped_by=lambda: (*enhanced_product(), EnhancerBenchmark(methods=()), STRENGTHS),
+)

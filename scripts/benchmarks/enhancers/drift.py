@@ -36,6 +36,7 @@ from ....core.splats.targets import Background
 from ....core.splats.training.plan import TrainingPlan
 from ....core.splats.training.trainer import Trainer
 from ..options import Part, names
+from ..provenance import enhanced_product
 from ..tables import Column, markdown_table, write_csv, write_text
 from .methods import check_labels, method_factory, method_label
 from .scores import ENHANCED_FOR
@@ -217,4 +218,11 @@ def _measure(options: argparse.Namespace) -> str:
     return write_drift(options.out, pd.concat(rows))
 
 
-PART = Part("drift", "how much enhanced views contradict each other before reconstruction", _add_arguments, _measure)
+PART = Part(
+    "drift",
+    "how much enhanced views contradict each other before reconstruction",
+    _add_arguments,
+    _measure,
+    pages=("drift.md",),
+    shaped_by=lambda: (*enhanced_product(), RECONSTRUCTION_STEPS, _GAUSSIANS, _SCORED_VIEWS),
+)

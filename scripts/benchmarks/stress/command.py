@@ -9,11 +9,14 @@ from pathlib import Path
 from ....core.demo import SHOWROOM
 from ....core.errors import InputError
 from ....core.runtime.cli import ConsoleReporter
-from ..options import Part, add_trial_arguments, names, shown_command, work_folder
+from ..options import Part, add_trial_arguments, names, work_folder
+from ..provenance import trained_product
 from ..studies.captures import DEMO, CaptureFolder
+from ..studies.recipe import PLAIN, Recipe
 from .axes import AXES, HARMLESS, LEVELS, Axis
+from .failure import MOST_LOST, MOST_RWE
 from .heat_map import read_standings, write_heat_map
-from .page import write_stress
+from .page import NAME, write_stress
 from .plan import StressPlan, run_stress
 
 QUICK_AXES = ("views", "drift")
@@ -39,7 +42,7 @@ def _measure(options: argparse.Namespace) -> str:
     plan = _plan(options)
     reporter = ConsoleReporter(sys.stderr)
     results = run_stress(plan, work_folder(options), reporter, processes=options.processes, again=options.again)
-    return write_stress(options.out, plan, results, shown_command(options))
+    return write_stress(options.out, plan, results)
 
 
 def _plan(options: argparse.Namespace) -> StressPlan:
@@ -68,5 +71,10 @@ def _axes(wanted: tuple[str, ...]) -> tuple[Axis, ...]:
 
 
 PART = Part(
-    "stress", "where methods fail: views, cameras, light, cloth, drift and more made worse", _add_arguments, _measure
+    "stress",
+    "where methods fail: views, cameras, light, cloth, drift and more made worse",
+    _add_arguments,
+    _measure,
+    pages=(f"{NAME}.md",),
+    shaped_by=lambda: (*trained_product(), PLAIN, Recipe("any"), AXES, MOST_LOST, MOST_RWE),
 )

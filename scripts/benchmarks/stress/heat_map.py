@@ -105,7 +105,7 @@ def write_heat_map(folder: Path, items: pd.DataFrame, name: str = NAME) -> list[
     heights = [_TITLE + _ROW * len(axes), _TITLE + _SMALL_ROW * len(axes)]
 
     def draw(figure: Figure, theme: Theme) -> None:
-        top, bottom = figure.subfigures(2, 1, height_ratios=heights)
+        top, bottom = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
         _draw_panel(top.subplots(), axes, items, OURS, theme)
         panels = bottom.subplots(1, len(others), squeeze=False)[0]
         for panel, method in zip(panels, others, strict=True):
@@ -130,24 +130,12 @@ def _draw_panel(panel: Axes, axes: Sequence[Axis], items: pd.DataFrame, method: 
             value = axis.text(item.level) if method == OURS else _short(axis, item.level)
             value += " ×" if item.failed else ""
             said = _wrapped(item.news.replace(" ", ", "), _LINE) if method == OURS else ""
-            style: dict[str, Any] = {
-                "ha": "center",
-                "va": "center",
-                "fontsize": _TEXT,
-                "color": theme.ink,
-                "linespacing": 1.05,
-            }
-            panel.text(item.level + 0.5, row + 0.5, f"{value}\n{said}".strip(), **style)
+            style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": _TEXT, "linespacing": 1.05}
+            panel.text(item.level + 0.5, row + 0.5, f"{value}\n{said}".strip(), color=theme.ink, **style)
         failing = levels.level[levels.failed != ""]
         if len(failing):
-            line: dict[str, Any] = {
-                "color": theme.ink,
-                "linewidth": 3,
-                "solid_capstyle": "butt",
-                "clip_on": False,
-                "zorder": 3,
-            }
-            panel.plot([failing.min()] * 2, [row + 0.03, row + 0.97], **line)
+            line: dict[str, Any] = {"linewidth": 3, "solid_capstyle": "butt", "clip_on": False, "zorder": 3}
+            panel.plot([failing.min()] * 2, [row + 0.03, row + 0.97], color=theme.ink, **line)
     panel.set(xlim=(0, columns), ylim=(len(axes), 0), xticks=[])
     panel.set_yticks(np.arange(len(axes)) + 0.5, [_wrapped(axis.title, _TITLE_LINE) for axis in axes])
     panel.tick_params(length=0, labelsize=_TEXT + 0.5, labelcolor=theme.ink)

@@ -92,11 +92,8 @@ figure { margin: 0; } figcaption { font-size: .82rem; opacity: .85; } img { widt
 """)
 
 
-def write_stress(folder: Path, plan: StressPlan, results: Sequence[StressResult], command: str) -> str:
+def write_stress(folder: Path, plan: StressPlan, results: Sequence[StressResult]) -> str:
     """Write everything into `folder`; returns the text of stress.md.
-
-    Args:
-        command: that made it, as texts show it.
 
     Raises:
         InputError: matplotlib is missing.
@@ -106,17 +103,15 @@ def write_stress(folder: Path, plan: StressPlan, results: Sequence[StressResult]
     write_stress_chart(folder, NAME, plan.axes, items)
     write_heat_map(folder, with_margins(items))
     (folder / f"{NAME}.html").write_text(_PAGE.render(sections=_sections(plan, results, items)), encoding="utf-8")
-    return write_text(folder / f"{NAME}.md", stress_lines(plan, items, command))
+    return write_text(folder / f"{NAME}.md", stress_lines(plan, items))
 
 
-def stress_lines(plan: StressPlan, items: pd.DataFrame, command: str) -> list[str]:
+def stress_lines(plan: StressPlan, items: pd.DataFrame) -> list[str]:
     """The lines of stress.md."""
     untouched = items[items.axis == UNTOUCHED]
     verdicts = untouched.errors.where(untouched.errors != "", untouched.failed.ne("").map({True: "yes", False: "no"}))
     return [
         "# Where it fails",
-        "",
-        f"`{command}`",
         "",
         *_how(plan),
         "",

@@ -21,6 +21,7 @@ from ....core.splats.training.layers import LayerPlan
 from ....core.splats.training.plan import TrainingPlan
 from ..enhancers.methods import LUT, NETWORK
 from ..options import Part, add_study_arguments, chosen_sources, made_by, named_path, with_quick_defaults, work_folder
+from ..provenance import trained_product
 from ..strategies import CloneSplitPrune
 from ..tables import Column, frame_of, means_and_deviations, number, tables_of_means, write_csv, write_text
 from .captures import SubjectSource
@@ -214,4 +215,11 @@ def _measure(options: argparse.Namespace) -> str:
     return write_text(options.out / "ablation.md", lines)
 
 
-PART = Part("ablation", "what each part of the method contributes", _add_arguments, _measure)
+PART = Part(
+    "ablation",
+    "what each part of the method contributes",
+    _add_arguments,
+    _measure,
+    pages=("ablation.md",),
+    shaped_by=lambda: (*trained_product(), VARIANTS, SETTINGS, Recipe("any")),
+)

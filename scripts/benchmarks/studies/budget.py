@@ -22,6 +22,7 @@ from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ..charts import Theme, logarithmic, picture, plot_series, plot_stars, write_charts
 from ..options import Part, add_study_arguments, chosen_sources, made_by, with_quick_defaults, work_folder
+from ..provenance import trained_product
 from ..tables import Column, frame_of, markdown_table, write_csv, write_text
 from ..timing.runs import at_quality
 from .captures import CaptureFolder
@@ -262,5 +263,10 @@ def _measure(options: argparse.Namespace) -> str:
 
 
 PART = Part(
-    NAME, "PSNR, consistency and contrast over the number of Gaussians, and where auto stops", _add_arguments, _measure
+    NAME,
+    "PSNR, consistency and contrast over the number of Gaussians, and where auto stops",
+    _add_arguments,
+    _measure,
+    pages=(f"{NAME}.md",),
+    shaped_by=lambda: (*trained_product(), Recipe("any"), HALF_DOUBLINGS, TOLERANCE, ALLOWED),
 )

@@ -23,6 +23,7 @@ from ....core.settings import Layer
 from ..charts import Theme, picture, write_charts
 from ..enhancers.methods import NETWORK, PER_VIEW_LUT, method_label
 from ..options import Part, add_study_arguments, chosen_sources, made_by, names, with_quick_defaults, work_folder
+from ..provenance import trained_product
 from ..tables import write_text
 from .captures import DEMO
 from .novel_views import (
@@ -239,4 +240,11 @@ def _measure(options: argparse.Namespace) -> str:
     return write_text(options.out / "figure.md", lines)
 
 
-PART = Part("figure", "the modes from novel views, for normal and simulated vision", _add_arguments, _measure)
+PART = Part(
+    "figure",
+    "the modes from novel views, for normal and simulated vision",
+    _add_arguments,
+    _measure,
+    pages=("figure.md",),
+    shaped_by=lambda: (*trained_product(), Recipe("any"), COMPARED, _WINDOW),
+)

@@ -22,7 +22,8 @@ from ....core.runtime.protocol import Reporter
 from ....core.settings import QUALITIES, Settings
 from ..charts import SeriesStyle, Theme, logarithmic, picture, plot_series, plot_stars, write_charts
 from ..enhancers.methods import GAIN, NETWORK, NONE, PER_VIEW_LUT
-from ..options import Part, add_study_arguments, chosen_sources, names, shown_command, with_quick_defaults, work_folder
+from ..options import Part, add_study_arguments, chosen_sources, names, with_quick_defaults, work_folder
+from ..provenance import trained_product
 from ..tables import Column, frame_of, markdown_table, number, write_csv, write_text
 from .captures import DEMO, CaptureFolder
 from .jobs import Job, run_jobs
@@ -212,17 +213,16 @@ def pareto_front(costs: Sequence[float], values: Sequence[float]) -> list[int]:
     return points.index[leads & (points.cost == points.groupby("value").cost.transform("min"))].tolist()
 
 
-def write_pareto(folder: Path, points: pd.DataFrame, heading: Sequence[str], *, base: str, size: int) -> str:
+def write_pareto(folder: Path, points: pd.DataFrame, *, base: str, size: int) -> str:
     """Write ``pareto.csv``, ``pareto.md`` and a chart for each capture; returns the text of the page.
 
     Args:
         points: of all captures, each with its fronts.
-        heading: lines that say how the figures were made.
         base: what is varied, in words.
         size: longer side in pixels of the photographs that results are judged by.
     """
     write_csv(folder / f"{NAME}.csv", points.fillna({"gaussians": 0, "peak_memory_mb": 0})[list(_SAVED)])
-    lines = ["# Speed against accuracy", "", *heading, "", _DEFINITIONS.format(base=base, size=size), ""]
+    lines = ["# Speed against accuracy", "", _DEFINITIONS.format(base=base, size=size), ""]
     lines += _of_peers(points)
     captures = points.groupby("capture", sort=False)
     for capture, mine in captures:
@@ -346,8 +346,17 @@ def _measure(options: argparse.Namespace) -> str:
         points.append(with_fronts(mine))
     size = "the judged size" if options.quick else "two thirds the judged size"
     base = f"{options.iterations:,} steps on photographs of {size}"
-    heading = [f"By `{shown_command(options)}`."]
-    return write_pareto(options.out, pd.concat(points), heading, base=base, size=options.max_size)
+    return write_pareto(options.out, pd.concat(points), base=base, size=options.max_size)
 
 
-PART = Part(NAME, "speed against accuracy: a chart with its Pareto front, and other programs", _add_arguments, _measure)
+PART = Part(
+    NAME,
+    "speed against accuracy: a chart with its Pareto front, and other programs",
+    _add_arguments,
+    _measure,
+    pages=(f"{NAME}.md",),
+    shaped_by=lambda: (
+        *(*trained_product(), Recipe("any"), DEFAULTS),
+        *(_STEPS, _SMALLER, _BASE_SIZE, _LIMITS, _DEGREES, _ENHANCERS),
+    ),
+)

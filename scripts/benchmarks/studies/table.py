@@ -18,10 +18,11 @@ from ....core.runtime.cli import ConsoleReporter
 from ....core.settings import CVD_TYPES, MODES, Layer
 from ..enhancers.methods import GAIN, LUT, NETWORK, NONE, PER_VIEW_LUT
 from ..options import Part, add_study_arguments, chosen_sources, made_by, with_quick_defaults, work_folder
+from ..provenance import trained_product
 from ..tables import Column, frame_of, markdown_table, means_and_deviations, tables_of_means, write_csv, write_text
 from .captures import SHOWROOMS, SubjectSource
 from .jobs import Job, run_jobs
-from .protocol import ENHANCERS, filter_frames, scenes_of, sequences_of, summarise, write_frames
+from .protocol import ENHANCERS, PAPERS_RULE, filter_frames, scenes_of, sequences_of, summarise, write_frames
 from .recipe import DEUTAN, Recipe, Trial, failures, with_derived
 
 SIZE, ITERATIONS, SEEDS = 240, 800, 3
@@ -301,5 +302,10 @@ def _measure(options: argparse.Namespace) -> str:
 
 
 PART = Part(
-    "table", "modes, enhancers and controls on several captures; types and severities", _add_arguments, _measure
+    "table",
+    "modes, enhancers and controls on several captures; types and severities",
+    _add_arguments,
+    _measure,
+    pages=("table.md", "severities.md", "frames.md"),
+    shaped_by=lambda: (*trained_product(), Recipe("any"), ROWS, OBSERVERS, ENHANCERS, PAPERS_RULE),
 )

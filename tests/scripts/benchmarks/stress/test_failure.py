@@ -115,7 +115,7 @@ def test_the_page_says_where_each_method_fails_first_and_what_the_warnings_are(t
         results.append(result("layers", level, warnings="cameras-off" if level > 1 else ""))
         results += [result("joint", level), result("post", level)]
         results.append(result("plain", level, psnr=30.0 - 2.0 * level))
-    text = write_stress(tmp_path, plan, results, "python scripts/benchmark.py stress")
+    text = write_stress(tmp_path, plan, results)
     assert "| cameras turned by | stands | stands | stands | 0.5° |" in text
     assert "| cameras turned by | plain | 0.5° | 4.0 | 0.80 | 0.750 | 0.650 |" in text
     assert "plain settings have failed on 1 of 1 axes; on 1 of these `layers`" in text
