@@ -6,11 +6,7 @@ import bpy
 
 from ..core.color.arrangement import CAP_COUNT, NO_DIAGNOSIS
 from ..cvdgs_addon import viewer
-<<<<<<< HEAD
-from ..cvdgs_addon.arrangement import CAP_COUNT, NO_DIAGNOSIS
 from ..cvdgs_addon.comparison import is_compared
-=======
->>>>>>> 0c4dabe (Make a study kit for people with a colour vision deficiency)
 from ..cvdgs_addon.compositor.apply import renders_can_go_without, simulation_node, told_changes
 from ..cvdgs_addon.compositor.display_nodes import what_is_left_out
 from ..cvdgs_addon.pictures import PICTURES
