@@ -55,6 +55,10 @@ class View:
             return self.alpha
         return np.where(self.mask, 255 if self.alpha is None else self.alpha, 0).astype(np.uint8)
 
+    def blanked(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """An (H, W, 3) picture from this camera, black where the photograph is masked, as what lies outside it."""
+        return picture if self.mask is None else picture * self.mask[..., None]
+
     @property
     def center(self) -> NDArray[np.float64]:
         """(3,) camera centre in the world."""

@@ -129,13 +129,16 @@ class Evaluation:
             self._write_renders(layer, view, rendered)
             if i in scored:
                 enhanced = read_png(enhanced_path(self.folder, layer, view))
-                scorer = Scorer(view.image, Observer(layer.cvd, layer.severity, self.simulation), self.scene.mask(i))
-                again = self._again(layer, view)
-                scores.append(score_layer(scorer, view.image, enhanced, rendered, unenhanced[i], again))
+                photograph = view.blanked(view.image)
+                scorer = Scorer(photograph, Observer(layer.cvd, layer.severity, self.simulation), self.scene.mask(i))
+                again = {name: view.blanked(second) for name, second in self._again(layer, view).items()}
+                enhanced, shown, unchanged = (view.blanked(one) for one in (enhanced, rendered, unenhanced[i]))
+                scores.append(score_layer(scorer, photograph, enhanced, shown, unchanged, again))
             self._advance(layer.name)
-        originals = [self.capture.views[i].image for i in matches.views]
-        enhanced_views = [read_png(enhanced_path(self.folder, layer, self.capture.views[i])) for i in matches.views]
-        rendered_views = [picture(i) for i in matches.views]
+        views = [self.capture.views[i] for i in matches.views]
+        originals = [view.blanked(view.image) for view in views]
+        enhanced_views = [view.blanked(read_png(enhanced_path(self.folder, layer, view))) for view in views]
+        rendered_views = [view.blanked(picture(i)) for i, view in zip(matches.views, views, strict=True)]
         consistency = matches.warping_errors(originals, enhanced_views, rendered_views)
         self._advance(f"{layer.name}: view consistency")
         return {**average(scores), "rwe": consistency}

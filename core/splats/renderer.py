@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
 
 from ..capture.model import View
 from ..color.metrics import psnr, ssim
@@ -16,6 +17,8 @@ from .gaussians import Gaussians
 from .raster import Frame, ParameterSet, RasterCamera, Rasterizer
 from .scene_frame import SceneFrame
 from .targets import Background
+
+_COMPARED = 4  # pixels around one that take part when views are compared (`AgreementSettings.blur`, and sampling)
 
 
 class SceneRenderer:
@@ -39,9 +42,11 @@ class SceneRenderer:
         return to_bytes(self._render(gaussians, index).color.numpy())
 
     def depth(self, gaussians: Gaussians, index: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(H, W) mean planar depth in world units, 0 where there is nothing, and (H, W) alpha, 0 where it is masked."""
+        """(H, W) mean planar depth in world units, 0 where there is nothing; (H, W) alpha, 0 at masks and beside."""
         frame, mask = self._render(gaussians, index), self.views[index].mask
-        alpha = frame.alpha.numpy() * np.float32(1.0) if mask is None else frame.alpha.numpy() * mask
+        alpha = frame.alpha.numpy().copy()
+        if mask is not None:
+            alpha *= binary_erosion(mask, np.ones((3, 3)), iterations=_COMPARED, border_value=1)
         depth = np.where(alpha > 1e-3, frame.depth.numpy() / np.maximum(alpha, 1e-3), 0.0)
         return (depth / self._frame.scale).astype(np.float32), alpha
 
@@ -54,7 +59,9 @@ class SceneRenderer:
         """PSNR in dB and SSIM of a rendering against the photograph over the same background, but what is masked."""
         mask = self.views[index].mask
         kept = None if mask is None else torch.from_numpy(mask)
-        photograph, image = (image_to_tensor(x) for x in (self._background.behind(self.views[index]), rendered))
+        view = self.views[index]
+        pictures = (view.blanked(picture) for picture in (self._background.behind(view), rendered))
+        photograph, image = (image_to_tensor(picture) for picture in pictures)
         return {"psnr": psnr(photograph, image, mask=kept), "ssim": ssim(photograph, image, mask=kept)}
 
     def _render(self, gaussians: Gaussians, index: int) -> Frame:

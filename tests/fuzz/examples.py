@@ -187,6 +187,24 @@ def luts() -> list[bytes]:
     return [written("l.safetensors", lambda path: ColorLut(torch.zeros(2, 2, 2, 3), {"cvd": "deutan"}).save(path))]
 
 
+def networks() -> list[bytes]:
+    import torch
+
+    from cvdgs.core.color.simulation import Observer
+    from cvdgs.core.enhance.scene.fit import FittedNetwork
+    from cvdgs.core.enhance.scene.network import SceneNetwork
+    from cvdgs.core.enhance.scene.storage import save_network
+
+    network = SceneNetwork(Observer("deutan", 1.0, "machado"))
+    fitted = FittedNetwork(network, torch.zeros_like(network.table), 2.0, 1.9)
+    return [written("n.safetensors", lambda path: save_network(fitted, path))]
+
+
+def scored_plys() -> list[bytes]:
+    scores = np.array([0.0, 0.25, 1.0], np.float32)
+    return [written("s.ply", lambda path: write_ply(path, gaussians(3, 0), scores))]
+
+
 BATCH = b"""title = "Autumn"   # a comment
 layers = ["original", "deutan-1.0"]
 retries = 2

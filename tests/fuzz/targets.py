@@ -37,6 +37,7 @@ from cvdgs.core.runtime.progress import RunProgress, format_seconds
 from cvdgs.core.runtime.protocol import parse_event
 from cvdgs.core.settings import Settings
 from cvdgs.core.splats.io.files import read_gaussians
+from cvdgs.core.splats.io.ply import read_floaters
 from cvdgs.core.worker import parse_request
 
 from . import examples
@@ -194,6 +195,21 @@ def _read_profile(data: bytes) -> None:
     assert convert_to_srgb(color, data) == can_convert(data)
 
 
+def _read_network(data: bytes) -> None:
+    from cvdgs.core.enhance.scene.storage import is_scene_network, load_network
+
+    path = _file("network.safetensors", data)
+    assert is_scene_network(path) in (True, False)
+    fitted = load_network(path)
+    assert all(np.isfinite(value.numpy()).all() for value in fitted.network.state_dict().values())
+    assert np.isfinite([fitted.budget, fitted.change]).all()
+
+
+def _read_floaters(data: bytes) -> None:
+    scores = read_floaters(_file("floaters.ply", data))
+    assert scores is None or ((scores >= 0.0) & (scores <= 1.0)).all()
+
+
 def _read_weights(data: bytes) -> None:
     from cvdgs.core.enhance.gan.weights import load_generator
 
@@ -295,6 +311,8 @@ TARGETS: tuple[Target, ...] = (
     Target("profile.icc", _read_profile, lambda: [DISPLAY_P3]),
     Target("weights.safetensors", _read_weights, examples.weights),
     Target("lut.safetensors", _read_lut, examples.luts),
+    Target("network.safetensors", _read_network, examples.networks),
+    Target("floaters.ply", _read_floaters, examples.scored_plys),
     Target("batch.toml", _read_batch, lambda: [examples.BATCH]),
     Target("worker-request", _read_request, examples.requests),
     Target("worker-event", _read_event, examples.events),

@@ -78,6 +78,7 @@ def test_the_report_can_be_read_by_a_program(report):
         "format": "transforms", "views": VIEWS, "train": 35, "test": 5, "width": 96, "height": 72,
         "points": report["capture"]["points"],
         "up": [0.0, 0.0, 1.0], "up_from": "axis", "metres_per_unit": None, "estimate": None,
+        "masks": {"views": 0, "share": 0.0},
     }  # fmt: skip
     assert set(report["seconds"]) == {"capture", "enhance", "geometry", "layers", "evaluate", "blender", "total"}
     assert report["peak_memory_mb"] > 100
