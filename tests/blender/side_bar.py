@@ -18,7 +18,7 @@ Place = tuple[float, float]
 Condition = Callable[[dict[str, Any]], bool]
 
 # Headers of sub-panels that are open in an empty scene, from below, so that closing one moves none of the others.
-MAKE, VIEWER, CAPTURE = (50.0, 374.0), (50.0, 188.0), (50.0, 16.0)
+MAKE, VIEWER, CAPTURE = (50.0, 358.0), (50.0, 172.0), (50.0, 16.0)
 HEADER_STEP = 28  # pixels from one closed sub-panel's header to the next one's
 _CLICKS, _CLICK_MAY_TAKE = 4, 12.0  # seconds
 _LEAST_CHANGE = 0.5  # grey levels in the mean; a sub-panel that opens changes several

@@ -18,7 +18,7 @@ from .side_bar import press, press_until
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 
 # Rows of the tab "CVD" that stay where they are as long as those above are closed.
-CAPTURE, VIEWER_WHEN_CAPTURE_IS_EMPTY, FOLDER = (50, 16), (50, 188), (110, 46)
+CAPTURE, VIEWER_WHEN_CAPTURE_IS_EMPTY, FOLDER = (50, 16), (50, 172), (110, 46)
 DRAFT, MAKE, CANCEL = (135, 103), (135, 170), (243, 123)
 ADD_LAYER = (135, 147)
 
