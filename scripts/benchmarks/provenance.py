@@ -25,8 +25,8 @@ Facts = Callable[[], tuple[Any, ...]]
 
 UNRECORDED = "unrecorded"
 STALE = "the recipe has changed since: not comparable with what the code makes now"
-BY_HAND = ("README.md", "observers.md", "sweep.md", "training.md")
-"""Pages that no single command makes: entries, a protocol without figures, and logs of how weights were trained."""
+BY_HAND = ("README.md", "observers.md", "sweep.md", "timings.md", "training.md")
+"""Pages that no single command makes: entries, a protocol, logs of trainings, and a table with a command a row."""
 _DIGITS = 12
 _LINE = re.compile(
     r"^> Made by `(?P<command>[^`]+)` at commit `(?P<commit>[^`]+)`, recipe `(?P<recipe>\w+)`(?P<stale>; .+)?\.$", re.M
