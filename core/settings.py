@@ -188,7 +188,9 @@ class Settings:
     turntable: int = _option(0, "frames of a turntable of each layer; 0 renders none", metavar="FRAMES", low=0)
     engine: str = _option("cycles", "render engine of the turntable", choices=ENGINES)
     blend: bool = _option(True, "write scene.blend and stills with Blender", label="Scene File and Stills")
-    resume: bool = _option(False, "add the layers to the finished run in DIR")
+    resume: bool = _option(
+        False, "add the layers to the finished run in DIR, or go on with one that was broken off there"
+    )
     scale: str = _option(
         "",
         'two points of the capture\'s world and the metres between them, "x,y,z x,y,z 2.4"',

@@ -10,6 +10,7 @@
     {"job": "make-environment", "folder": "DIR"}         the worker's own environment; for any Python, whatever it has
     {"job": "run", "settings": {...}, "folder": "DIR"}   the whole pipeline up to Blender, written into DIR
         also with "previews": true for pictures of its progress
+        and "checkpoint": {"folder": "DIR", "resume": false, "seconds": 120}, to go on from if it is broken off
     {"job": "enhance", "request": {...}, "folder": "DIR"}   photographs alone, recoloured into DIR
     {"job": "report-page", "folder": "DIR"}              report.html of the run in DIR
     {"job": "batch-page", "arguments": {...}, "folder": "DIR"}   the index page of the batch in DIR
@@ -31,6 +32,7 @@ from typing import Any
 
 from .errors import Cancelled, InputError
 from .files.untrusted import parse_json
+from .pipeline.continuation import CheckpointRequest
 from .rendering.requests import PageArguments
 from .runtime.process import GRACE_SECONDS, follow_parent
 from .runtime.protocol import EXIT_CANCELLED, JsonReporter, Reporter, claim_stdout, do_and_report
@@ -152,7 +154,10 @@ def _run(request: Request, reporter: Reporter) -> Mapping[str, Any]:
     reporter.status("start", "loading")
     from .pipeline.run import run
 
-    return {"report": run(settings, Path(request["folder"]), reporter, previews=bool(request.get("previews")))}
+    asked = request.get("checkpoint")
+    checkpoint = None if asked is None else CheckpointRequest.from_dict(asked)
+    previews = bool(request.get("previews"))
+    return {"report": run(settings, Path(request["folder"]), reporter, previews=previews, checkpoint=checkpoint)}
 
 
 def _enhance(request: Request, reporter: Reporter) -> Mapping[str, Any]:
@@ -198,7 +203,13 @@ _JOBS: Mapping[str, tuple[Callable[[Request, Reporter], Mapping[str, Any]], Mapp
     "report-page": (_write_report_page, {"folder": str}),
     "batch-page": (_write_batch_page, {"arguments": dict, "folder": str}),
 }
-_OPTIONAL: Mapping[str, type] = {"cameras": str, "previews": bool, "thumbnails": dict, "packages": list}
+_OPTIONAL: Mapping[str, type] = {
+    "cameras": str,
+    "previews": bool,
+    "thumbnails": dict,
+    "packages": list,
+    "checkpoint": dict,
+}
 _CAPTURE_ENTRY: Mapping[str, type] = {"capture": str, "cameras": str}
 _THUMBNAILS: Mapping[str, type] = {"folder": str, "count": int, "size": int}
 

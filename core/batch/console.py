@@ -44,7 +44,7 @@ def run_in_console(plan: Plan, machine: Resources, *, cluster: str | None = None
             raise _unwritable(plan, error) from None
         return outcomes[0].to_event()
 
-    code = in_console(work, start_display(STAGE, json_events=json_events), cancelled=_CANCELLED)
+    code = in_console(work, start_display(STAGE, json_events=json_events), cancelled=lambda: _CANCELLED)
     return outcomes[0].exit_code if code == EXIT_DONE else code
 
 

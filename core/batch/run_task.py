@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from ..pipeline.continuation import continued
 from ..pipeline.launch import run as run_settings
 from ..rendering.frames import make_pictures, render, simulation_model
 from ..rendering.requests import FramesArguments, LayerArguments, TrainArguments
@@ -75,9 +76,9 @@ def _alone(task: Task, out: Path, listen: Listener) -> Iterator[None]:
 
 
 def _train(task: Task, out: Path, listen: Listener) -> None:
-    """Make a run; what an earlier one left in its folder is replaced when this one succeeds."""
+    """Make a run, or go on with one that was broken off; it replaces what an earlier one left when it succeeds."""
     arguments = TrainArguments.from_dict(task.arguments)
-    run_settings(_settings_in(out, {**arguments.settings, "layers": arguments.layers}), listen)
+    run_settings(continued(_settings_in(out, {**arguments.settings, "layers": arguments.layers})), listen)
 
 
 def _add_layer(task: Task, out: Path, listen: Listener) -> None:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,9 @@ from ..runs.layout import BLEND_FILE, LOG_FILE, REPORT_PAGE
 from ..runs.report import latest_seconds, write_report
 from ..runtime.process import Event, Workers, blender_command
 from ..runtime.progress import Clock, RunProgress, format_seconds
-from ..runtime.supervisor import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
+from ..runtime.supervisor import CANCELLED, BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from ..settings import Settings
+from .continuation import CHECKPOINT_SECONDS, CheckpointRequest, checkpoint_folder, resumption
 
 
 def run_in_console(settings: Settings, *, json_events: bool) -> int:
@@ -29,8 +32,12 @@ def run_in_console(settings: Settings, *, json_events: bool) -> int:
     def work(listen: Listener) -> Event:
         return {"out": settings.out, "report": run(settings, listen)}
 
-    bar = BarDisplay(sys.stderr, "run.py", RunProgress(stages_of(settings)), _summary)
-    return in_console(work, JsonDisplay(sys.stdout) if json_events else bar)
+    def cancelled() -> str:
+        kept = resumption(replace(settings, resume=True)).continues
+        return "cancelled; the same with --resume goes on from here" if kept else CANCELLED
+
+    bar = BarDisplay(sys.stderr, "run.py", RunProgress(stages_of(resumption(settings).settings)), _summary)
+    return in_console(work, JsonDisplay(sys.stdout) if json_events else bar, cancelled=cancelled)
 
 
 def stages_of(settings: Settings) -> tuple[str, ...]:
@@ -48,7 +55,12 @@ def stages_of(settings: Settings) -> tuple[str, ...]:
 
 
 def run(
-    settings: Settings, listen: Listener, workers: Workers | None = None, *, previews: bool = False
+    settings: Settings,
+    listen: Listener,
+    workers: Workers | None = None,
+    *,
+    previews: bool = False,
+    checkpoint_seconds: float = CHECKPOINT_SECONDS,
 ) -> dict[str, Any]:
     """Run the whole job and put its results into ``settings.out``; returns the report.
 
@@ -56,11 +68,12 @@ def run(
         listen: receives every event of the workers.
         workers: does the work; None takes the interpreter that `job.find_python` finds.
         previews: whether `listen` receives pictures of the run's progress.
+        checkpoint_seconds: between two checkpoints of the geometry.
 
     Raises:
         InputError: unusable input or output; nothing was written.
-        Cancelled: nothing was written.
-        WorkerDefect: a worker failed; its log is kept in the output folder.
+        Cancelled: nothing was written but a checkpoint, if there was much to keep.
+        WorkerDefect: a worker failed; its log is kept in the output folder, and a checkpoint likewise.
     """
     clock = Clock()
     listen({"event": "status", "stage": "start", "message": "starting"})
@@ -70,14 +83,22 @@ def run(
         require_blender()  # before minutes of work that would be lost without it
     folder = RunFolder(settings.out)
     with all_or_nothing(folder, settings.out, LOG_FILE), ExitStack() as stack:
+        resumed = resumption(settings)
+        settings = resumed.settings
         if settings.resume:
             folder.carry_over()
         log_file = stack.enter_context(open(folder.staging / LOG_FILE, "a", encoding="utf-8"))
         log = Log(log_file, listen)
         if folder.mended:
             log.event({"event": "warning", "name": "interrupted-run", "message": folder.mended})
+        if resumed.note:
+            log.event({"event": "warning", "name": "checkpoint", "message": resumed.note})
         log.line("settings " + json.dumps(settings.to_dict()))
         request = {"job": "run", "settings": settings.to_dict(), "folder": str(folder.staging), "previews": previews}
+        checkpoints = checkpoint_folder(folder.out)
+        if not settings.resume:
+            kept = CheckpointRequest(str(checkpoints), resumed.continues, checkpoint_seconds)
+            request["checkpoint"] = kept.to_dict()
         report = finish(workers.start(request, log.line), log.event)["report"]
         seconds = latest_seconds(report)
         if settings.blend:
@@ -98,6 +119,7 @@ def run(
         seconds.update(clock.seconds, total=clock.total)
         write_report(folder.staging, report)
         finish(workers.start_page({"job": "report-page", "folder": str(folder.staging)}, log.line), log.event)
+    shutil.rmtree(checkpoints, ignore_errors=True)
     return report
 
 

@@ -55,7 +55,11 @@ class EarlierRun:
             InputError: there is none, or its files are damaged.
         """
         if not (folder / REPORT_FILE).exists():
-            raise InputError("no finished run to add a layer to", where=out, remedy="leave out --resume")
+            raise InputError(
+                "no finished run to add a layer to, and no checkpoint to go on from",
+                where=out,
+                remedy="leave out --resume",
+            )
         try:
             report = parse_json(read_text(folder / REPORT_FILE, most_bytes=MAX_JSON_BYTES, remedy=_NEW_RUN))
             schema = report["schema"]

@@ -20,9 +20,11 @@ from ..runtime.protocol import Reporter
 from ..runtime.resources import peak_memory_mb
 from ..settings import Layer, Settings
 from ..splats import raster
+from ..splats.training.checkpoints import Checkpoints
 from ..splats.training.lens import FOCAL_LENGTH, FocalLength
 from ..splats.training.trainer import TrainingResult
 from .cleaning import Cleaned
+from .continuation import CheckpointRequest, describe_run
 from .device import choose_warp_device, describe_device, versions
 from .resume import EarlierRun
 from .stages import Reconstruction, Stages
@@ -31,7 +33,14 @@ from .stages import Reconstruction, Stages
 AUTO_MAX_SIZE = {"cpu": 640, "cuda": 1600}
 
 
-def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool = False) -> dict[str, Any]:
+def run(
+    settings: Settings,
+    folder: Path,
+    reporter: Reporter,
+    *,
+    previews: bool = False,
+    checkpoint: CheckpointRequest | None = None,
+) -> dict[str, Any]:
     """Do the job that `settings` ask for and write its files into `folder`; returns the report.
 
     With ``settings.resume``, `folder` holds the files of the finished run, and layers are added to them.
@@ -41,6 +50,7 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
         folder: for the results.
         reporter: told of progress and warnings.
         previews: whether it receives pictures of the run's progress.
+        checkpoint: where checkpoints of the geometry are kept; None keeps none.
 
     Raises:
         InputError: the capture or the options cannot be used.
@@ -65,7 +75,9 @@ def run(settings: Settings, folder: Path, reporter: Reporter, *, previews: bool 
                 write_png(folder / CAPTURE_FOLDER / PLACED_FILE, capture.estimate.sheet)
     raster.load(device, recorder)
     split = _split(capture, settings.holdout, recorder)
-    stages = Stages.of(settings, folder, recorder, capture, split, raster.Rasterizer(device), previews=previews)
+    checkpoints = None if checkpoint is None else _checkpoints(checkpoint, settings, recorder)
+    context = (settings, folder, recorder, capture, split, raster.Rasterizer(device))
+    stages = Stages.of(*context, previews=previews, checkpoints=checkpoints)
     lens = FocalLength()
     if not earlier:
         with clock.measure("capture"):
@@ -133,6 +145,16 @@ def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
         reporter.warning("no-holdout", f"only {count} views, so none is held out: all figures are on training views")
         return Split.every(count, 0)
     return split
+
+
+def _checkpoints(request: CheckpointRequest, settings: Settings, reporter: Reporter) -> Checkpoints:
+    return Checkpoints(
+        Path(request.folder),
+        describe_run(settings),
+        resume=request.resume,
+        warn=lambda message: reporter.warning("checkpoint", message),
+        every_seconds=request.seconds,
+    )
 
 
 def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:

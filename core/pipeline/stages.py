@@ -43,6 +43,7 @@ from ..splats.io.ply import write_ply
 from ..splats.renderer import SceneRenderer
 from ..splats.targets import Background
 from ..splats.training import lens
+from ..splats.training.checkpoints import Checkpoints
 from ..splats.training.joint import JointPlan, JointTraining
 from ..splats.training.layers import LayerPlan, fit_layer
 from ..splats.training.lens import FocalLength, LensCheck, LensPlan
@@ -50,6 +51,7 @@ from ..splats.training.losses import SeenContrast, ViewGuide
 from ..splats.training.plan import TrainingPlan, TrainingResult
 from ..splats.training.trainer import Trainer
 from .cleaning import Cleaned, clean, look
+from .guides import view_guides
 from .preview import Preview, PreviewedTraining
 
 # A LUT's fit takes as long as applying it to so many views of 640 pixels.
@@ -122,6 +124,7 @@ class Stages:
     scene: SceneRenderer
     preview: Preview | None = None
     plans: Plans = field(default_factory=Plans)
+    checkpoints: Checkpoints | None = None
 
     @classmethod
     def of(
@@ -135,14 +138,22 @@ class Stages:
         *,
         previews: bool = False,
         plans: Plans | None = None,
+        checkpoints: Checkpoints | None = None,
     ) -> Stages:
-        """The stages of a run on `capture` whose files go into `folder`; `previews`: show how far they are."""
+        """The stages of a run on `capture` whose files go into `folder`.
+
+        Args:
+            previews: show how far they are.
+            checkpoints: of the geometry; None keeps none.
+        """
         background = Background.of(capture.views)
         scene = SceneRenderer(rasterizer, capture.views, background)
         shown = split.test or split.train
         preview = Preview(scene, shown[len(shown) // 2], folder, reporter) if previews else None
         plans = plans or Plans()
-        return cls(settings, folder, reporter, capture, split, rasterizer, background, scene, preview, plans)
+        return cls(
+            *(settings, folder, reporter, capture, split, rasterizer, background, scene, preview, plans, checkpoints)
+        )
 
     def end_previews(self) -> None:
         """Leave no picture behind that is not a result."""
@@ -281,6 +292,7 @@ class Stages:
             self._training_plan(),
             self.background,
             self.settings.seed,
+            self.checkpoints,
         )
         if self.preview is None:
             return trainer.train(self.reporter)
@@ -297,6 +309,7 @@ class Stages:
             self.background,
             self.settings.seed,
             self._contrast(layer),
+            self.checkpoints,
         )
 
         def guides_of(geometry: Gaussians) -> Sequence[ViewGuide] | None:
@@ -351,17 +364,7 @@ class Stages:
         """For each training view the weights of its pixels, and with `enhanced` training views their consensus."""
         if not self.plans.guided:
             return None
-        train = self.split.train
-        weights = [_unmasked(agreement.weights[i], self.capture.views[i]) for i in train]
-        if enhanced is None:
-            return [ViewGuide(weight) for weight in weights]
-        consensus = agreement.consensus(
-            {i: self.background.behind(view) for i, view in zip(train, enhanced, strict=True)}
-        )
-        return [
-            ViewGuide(weight, replace(consensus[i], weights=_unmasked(consensus[i].weights, self.capture.views[i])))
-            for i, weight in zip(train, weights, strict=True)
-        ]
+        return view_guides(agreement, self.capture.views, self.split.train, self.background, enhanced)
 
     def _enhance_renderings(self, original: Gaussians, layer: Layer, enhancer: Enhancer) -> None:
         """Write ``renders/<layer>/<view>.png`` for every view: the original colours' rendering, enhanced on its own."""
@@ -382,11 +385,6 @@ class Stages:
     ) -> list[View]:
         """The views with the layer's images of `place` instead of the photographs."""
         return [replace(view, image=read_png(place(self.folder, layer, view))) for view in self._views(indices)]
-
-
-def _unmasked(weights: NDArray[np.float32], view: View) -> NDArray[np.float32]:
-    """(H, W) weights that are 0 where the view is masked."""
-    return weights if view.mask is None else weights * view.mask.astype(np.float32)
 
 
 def _fit_cost(enhancer: Enhancer) -> int:

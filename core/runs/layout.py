@@ -26,6 +26,10 @@ IMAGES_FOLDER = "images"
 MASKS_FOLDER = "masks"
 PLACED_FILE = "placed.png"  # which photographs have estimated cameras, where some have not
 
+# What a run that was broken off leaves, in a folder of its own: about the run, and the trainer's state.
+CHECKPOINT_FOLDER = ".checkpoint"
+CHECKPOINT_RUN_FILE, CHECKPOINT_STATE_FILE = "run.json", "state.safetensors"
+
 _LAYER_PREFIX, _LAYER_SUFFIX = "splats.", ".ply"
 LAYER_GAUSSIANS_PATTERN = f"{_LAYER_PREFIX}*{_LAYER_SUFFIX}"
 

@@ -21,6 +21,8 @@ from .protocol import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
 # the user decides; compiling the kernels, the longest silence of a healthy run, takes about a minute.
 PATIENCE_SECONDS = 120.0
 
+CANCELLED = "cancelled; nothing was written"
+
 # Signals by which a worker is ended by somebody else.
 _FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
 
@@ -43,14 +45,14 @@ class WorkerRefusal(InputError):
 
 
 def in_console(
-    work: Callable[[Listener], Event], display: Listener, *, cancelled: str = "cancelled; nothing was written"
+    work: Callable[[Listener], Event], display: Listener, *, cancelled: Callable[[], str] = lambda: CANCELLED
 ) -> int:
     """Do `work` so that Ctrl-C cancels it and every failure is one line; returns the exit code of the contract.
 
     Args:
         work: takes a listener for the events of its workers and returns the fields of the result.
         display: shows events, the final result or error included.
-        cancelled: what to say when the user has cancelled it.
+        cancelled: gives what to say when the user has cancelled it.
     """
     cancel = _cancel_once()
     previous = {number: signal.signal(number, cancel) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -60,7 +62,7 @@ def in_console(
         display({"event": "error", "kind": "input", "message": str(error)})
         return EXIT_INPUT
     except Cancelled:
-        display({"event": "error", "kind": "cancelled", "message": cancelled})
+        display({"event": "error", "kind": "cancelled", "message": cancelled()})
         return EXIT_CANCELLED
     except WorkerDefect as error:
         display({"event": "error", "kind": "defect", "message": str(error)})

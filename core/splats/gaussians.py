@@ -64,6 +64,11 @@ class Gaussians:
         """(N,) what each contributes to pictures: its opacity times the area of its two longest axes."""
         return self.opacities * np.exp(self.log_scales.sum(axis=1) - self.log_scales.min(axis=1))
 
+    @classmethod
+    def none(cls) -> Gaussians:
+        """No Gaussians, of SH degree 0."""
+        return cls(*(np.zeros((0, *shape), np.float32) for shape in ((3,), (3,), (4,), (), (1, 3))))
+
     def take(self, index: NDArray[np.integer] | NDArray[np.bool_]) -> Gaussians:
         """Copies of the Gaussians at (M,) indices, or of those selected by an (N,) mask."""
         return Gaussians(**{name: values[index] for name, values in vars(self).items()})

@@ -11,6 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ..capture.model import View
+from ..files.states import SavedState, State
 from .raster import Mask, RasterCamera, Rasterizer
 from .scene_frame import SceneFrame
 
@@ -89,6 +90,17 @@ class ViewOrder:
         self._count = count
         self._rng = rng
         self._left: list[int] = []
+
+    def snapshot(self) -> State:
+        """What `restore` continues from; the random numbers are not in it."""
+        return {"left": self._left}
+
+    def restore(self, saved: SavedState) -> None:
+        """Continue from a `snapshot`; raises `InputError` where it is of other views."""
+        left = saved.value("left", list)
+        if not all(type(view) is int and 0 <= view < self._count for view in left):
+            saved.refuse("left has other views")
+        self._left = left
 
     def next(self) -> int:
         """The next view."""

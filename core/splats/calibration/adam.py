@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
+
+from ...files.states import SavedState, State
 
 _BETA_1, _BETA_2 = 0.9, 0.99  # a view is visited some hundred times
 
@@ -41,6 +45,31 @@ class AdamMoments:
         self._second = average(self._second, square, 1.0 - _BETA_2)
         mean = self._first / (1.0 - _BETA_1**self._steps)
         return mean, root(self._second / (1.0 - _BETA_2**self._steps)) + self._epsilon
+
+
+def snapshot(moments: Sequence[AdamMoments], size: int) -> State:
+    """What `restore` continues from; `size` is the number of components of a gradient."""
+    first, second = np.zeros((len(moments), size)), np.zeros((len(moments), size))
+    for row, one in enumerate(moments):
+        if one._steps:
+            first[row], second[row] = (np.asarray(value, np.float64) for value in (one._first, one._second))
+    return {"steps": np.array([int(one._steps) for one in moments], np.int64), "first": first, "second": second}
+
+
+def restore(
+    moments: Sequence[AdamMoments], size: int, saved: SavedState, component: Callable[[NDArray[np.float64]], Any]
+) -> None:
+    """Continue from a `snapshot`; `component` makes a row of its doubles what `AdamMoments.update` is given.
+
+    Raises:
+        InputError: it is of other moments.
+    """
+    steps = saved.array("steps", np.int64, len(moments))
+    first, second = (saved.array(name, np.float64, len(moments), size) for name in ("first", "second"))
+    for row, one in enumerate(moments):
+        one._steps = steps[row] if one._shared else int(steps[row])
+        one._first = component(first[row])
+        one._second = second[row, 0] if one._shared else component(second[row])
 
 
 def decayed(rate: float, final_factor: float, progress: float, start: float = 0.0) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ...files.states import SavedState, State
 from ..raster import Frame, Gradients, ParameterSet, RasterCamera, Rasterizer
 from ..targets import Background, TrainingView
 from .exposure import ExposureCorrection, ExposurePlan, estimate_log_gains
@@ -77,6 +78,29 @@ class ViewCorrections:
         self.poses_were_off = False
         self._progress = 0.0
         self._words: dict[str, str] = {}
+
+    def snapshot(self) -> State:
+        """What `restore` continues from, between two steps."""
+        return {
+            "exposure_undecided": self._exposure_undecided,
+            "pose_checks": len(self._pose_checks),
+            "poses_were_off": self.poses_were_off,
+            "progress": self._progress,
+            "words": self._words,
+            "exposure": self.exposure.snapshot(),
+            "poses": self.poses.snapshot(),
+        }
+
+    def restore(self, saved: SavedState) -> None:
+        """Continue from a `snapshot`; raises `InputError` where it is of other views."""
+        self._exposure_undecided = saved.value("exposure_undecided", bool)
+        made = len(self._pose_checks) - saved.number("pose_checks", 0, len(self._pose_checks))
+        self._pose_checks = self._pose_checks[made:]
+        self.poses_were_off = saved.value("poses_were_off", bool)
+        self._progress = saved.value("progress", float)
+        self._words = {name: str(words) for name, words in saved.value("words", dict).items()}
+        self.exposure.restore(saved.part("exposure"))
+        self.poses.restore(saved.part("poses"))
 
     def decide(self, progress: float, parameters: ParameterSet) -> bool:
         """Make the decisions due at the fraction `progress` of the run, on the current scene; called before a step.

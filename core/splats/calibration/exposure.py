@@ -16,8 +16,9 @@ import torch
 import warp as wp
 from numpy.typing import NDArray
 
+from ...files.states import SavedState, State
 from ..raster import Frame
-from .adam import AdamMoments, decayed
+from .adam import AdamMoments, decayed, restore, snapshot
 
 _BLOCK = 16  # pixels; gains are estimated from the means of square blocks, which blur and noise hardly change
 _DARKEST = 0.05  # mean of a block whose ratio is usable
@@ -105,6 +106,20 @@ class ExposureCorrection:
     def log_gains(self) -> NDArray[np.float32]:
         """(V, 3) natural logarithms of the gains, zero in the mean over the views."""
         return self._log_gains.cpu().numpy().copy()
+
+    def snapshot(self) -> State:
+        """What `restore` continues from, between two steps."""
+        return {"active": self.active, "log_gains": self.log_gains, "moments": snapshot(self._moments, 3)}
+
+    def restore(self, saved: SavedState) -> None:
+        """Continue from a `snapshot`; raises `InputError` where it is of other views."""
+        self.active = saved.value("active", bool)
+        gains = saved.array("log_gains", np.float32, len(self._moments), 3)
+        self._log_gains = torch.from_numpy(gains).to(self._device)
+        restore(self._moments, 3, saved.part("moments"), self._on_device)
+
+    def _on_device(self, row: NDArray[np.float64]) -> torch.Tensor:
+        return torch.from_numpy(row.astype(np.float32)).to(self._device)
 
     def start(self, estimates: Sequence[NDArray[np.float64]], threshold: float) -> bool:
         """Correct from now on if the (V, 3) estimated log gains differ by more than `threshold` (RMS)."""

@@ -21,9 +21,10 @@ import warp as wp
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ...files.states import SavedState, State
 from ..raster import Gradients, ParameterSet, RasterCamera, Rasterizer
 from ..targets import Background, TrainingView
-from .adam import AdamMoments, decayed
+from .adam import AdamMoments, decayed, restore, snapshot
 
 _DEPTH = 1.0  # frame units from a camera to what it looks at: the unit is the cameras' distance from their mean
 
@@ -148,6 +149,15 @@ class PoseRefinement:
             squares.append((camera.fx * seen[0] / seen[2]) ** 2 + (camera.fy * seen[1] / seen[2]) ** 2)
         return float(np.sqrt(np.mean(squares)))
 
+    def snapshot(self) -> State:
+        """What `restore` continues from."""
+        return {"poses": self.poses, "moments": snapshot(self._moments, 6)}
+
+    def restore(self, saved: SavedState) -> None:
+        """Continue from a `snapshot`; raises `InputError` where it is of other views."""
+        self._poses = saved.array("poses", np.float64, *self._given.shape)
+        restore(self._moments, 6, saved.part("moments"), np.copy)
+
     def put(self, view: int, pose: NDArray[np.float64]) -> None:
         """Replace the (4, 4) pose of a view."""
         self._poses[view] = pose
@@ -180,6 +190,15 @@ class AlignedViews:
     def views(self) -> list[TrainingView]:
         """The views in these poses."""
         return [view.moved(pose) for view, pose in zip(self._given, self.poses, strict=True)]
+
+    def snapshot(self) -> State:
+        """What `restore` continues from."""
+        return {"aligned": self._aligned, "refinement": self._refinement.snapshot()}
+
+    def restore(self, saved: SavedState) -> None:
+        """Continue from a `snapshot`; raises `InputError` where it is of other views."""
+        self._aligned = saved.value("aligned", bool)
+        self._refinement.restore(saved.part("refinement"))
 
     def align(self, parameters: ParameterSet) -> None:
         """Align the poses with the current scene: from the given poses at first, then from the latest ones."""

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ...files.states import SavedState, State
 from .parameters import FIELDS, Gradients, ParameterSet
 from .rasterizer import Rasterizer
 
@@ -51,6 +52,21 @@ class Adam:
         bias[1:, 0] = 1.0 / (1.0 - betas[0] ** exponents)
         bias[1:, 1] = 1.0 / np.sqrt(1.0 - betas[1] ** exponents)
         self._bias = wp.array(bias.astype(np.float32), dtype=wp.float32, device=device)
+
+    def snapshot(self) -> State:
+        """What `restore` continues from."""
+        return {"first": self._first.numpy(), "second": self._second.numpy(), "steps": self._steps.numpy()}
+
+    def restore(self, saved: SavedState) -> None:
+        """Continue from a `snapshot` of as many Gaussians; raises `InputError` where it is another one."""
+        count, sh_count, device = len(self._first), self._first.sh_count, self._steps.device
+        self._first, self._second = (
+            ParameterSet.restored(saved.part(name), count, sh_count, device) for name in ("first", "second")
+        )
+        steps = saved.array("steps", np.int32, count)
+        if (steps < 0).any():
+            saved.refuse("steps are negative")
+        self._steps = wp.array(steps, dtype=wp.int32, device=device)
 
     def step(
         self, rasterizer: Rasterizer, params: ParameterSet, gradients: Gradients, learning_rates: LearningRates

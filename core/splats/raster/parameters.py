@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ...files.states import SavedState
 from ..gaussians import Gaussians
 
 FIELDS = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
@@ -64,6 +65,12 @@ class ParameterSet:
         return cls(
             **{name: wp.zeros(shape, dtype=wp.float32, device=device) for name, shape in _shapes(count, sh_count)}
         )
+
+    @classmethod
+    def restored(cls, saved: SavedState, count: int, sh_count: int, device: str | wp.Device) -> Self:
+        """The arrays of `numpy` out of a file; raises `InputError` where they are not of `count` Gaussians."""
+        arrays = {name: saved.array(name, np.float32, *shape) for name, shape in _shapes(count, sh_count)}
+        return cls(**{name: wp.array(array, dtype=wp.float32, device=device) for name, array in arrays.items()})
 
     def numpy(self) -> dict[str, NDArray[np.float32]]:
         """The arrays by field name: views of this memory on the CPU, copies on CUDA."""

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+from ...files.states import SavedState, State
 from ..gaussians import Gaussians
-from ..raster import LearningRates
+from ..raster import LearningRates, ParameterSet
 from .fitting import Fit
 
 MANY_VIEWS = 24
@@ -178,6 +179,12 @@ class ShDegreeRule:
         return LearningRates(sh0=self.sh0_learning_rate * factor, sh_rest=self.sh_rest_learning_rate * factor)
 
 
+def _measurement(saved: SavedState, entry: Any) -> Measurement:
+    if not isinstance(entry, list) or [type(value) for value in entry] != [int, int, float, int]:
+        saved.refuse("a measurement is unusable")
+    return Measurement(*entry)
+
+
 @dataclass
 class DecisionLog:
     """The measurements and decisions of a run, and its best Gaussians so far.
@@ -187,6 +194,8 @@ class DecisionLog:
         strategy: its name.
         steps: planned.
         limit: of the number of Gaussians as asked for, or None.
+        initial: number of Gaussians at the start.
+        start: what was chosen to start from, in plain words; empty if there was nothing to choose.
         measured: on the validation views, at regular steps.
         rounds: likewise, before each refinement.
         growth, degree: verdicts in plain words, empty if there is none.
@@ -197,6 +206,8 @@ class DecisionLog:
     strategy: str
     steps: int
     limit: int | None
+    initial: int = 0
+    start: str = ""
     measured: list[Measurement] = field(default_factory=list)
     rounds: list[Measurement] = field(default_factory=list)
     growth: str = ""
@@ -204,6 +215,38 @@ class DecisionLog:
     stopped: bool = False
     _best: tuple[Measurement, Gaussians] | None = None
     _restored: str = ""
+
+    def snapshot(self) -> State:
+        """What `restore` continues from."""
+        state: dict[str, Any] = {
+            "initial": self.initial,
+            "start": self.start,
+            "views": self.views,
+            "growth": self.growth,
+            "degree": self.degree,
+            "stopped": self.stopped,
+            "measured": self.measured,
+            "rounds": self.rounds,
+        }
+        if self._best is not None:
+            measurement, gaussians = self._best
+            state |= {"best": {"measurement": measurement, "sh_count": gaussians.sh.shape[1], **vars(gaussians)}}
+        return state
+
+    def restore(self, saved: SavedState) -> None:
+        """Continue from a `snapshot`; raises `InputError` where it is damaged."""
+        names = ("views", "start", "growth", "degree")
+        self.views, self.start, self.growth, self.degree = (saved.value(name, str) for name in names)
+        self.initial = saved.number("initial", 0, 2**62)
+        self.stopped = saved.value("stopped", bool)
+        self.measured, self.rounds = (
+            [_measurement(saved, entry) for entry in saved.value(name, list)] for name in ("measured", "rounds")
+        )
+        if "best" in saved:
+            best = saved.part("best")
+            measurement = _measurement(best, best.value("measurement", list))
+            gaussians = ParameterSet.restored(best, measurement.gaussians, best.number("sh_count", 1, 16), "cpu")
+            self._best = measurement, gaussians.to_gaussians()
 
     def keep_if_best(self, measurement: Measurement, fit: Fit) -> None:
         """Keep a copy of the Gaussians if no measurement was better."""
@@ -224,8 +267,8 @@ class DecisionLog:
         gain = best.psnr - now.psnr
         self._restored = f"the Gaussians of step {best.step} were restored, because they were {gain:.2f} dB better"
 
-    def in_words(self, step: int, initial: int, fit: Fit) -> dict[str, Any]:
-        """For the report, after the last step of a run that started with `initial` Gaussians."""
+    def in_words(self, step: int, fit: Fit) -> dict[str, Any]:
+        """For the report, after the last step of a run."""
         if self.limit is not None:
             verdict = f"limited to {self.limit:,}, as asked for"
         else:
@@ -234,9 +277,10 @@ class DecisionLog:
         words = {
             "strategy": self.strategy,
             "views": self.views,
-            "gaussians": f"{initial:,} at the start, {len(fit):,} at the end; {verdict}",
+            "gaussians": f"{self.initial:,} at the start, {len(fit):,} at the end; {verdict}",
             "steps": f"{step:,} of {self.steps:,}"
             + (": the validation views no longer improved" if self.stopped else ""),
             "sh_degree": f"{degree:.0f}" + (f": {self.degree}" if self.degree else ""),
         }
+        words |= {"start": self.start} if self.start else {}
         return words | ({"restored": self._restored} if self._restored else {})

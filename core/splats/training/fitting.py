@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...capture.model import View
 from ...color.metrics import ccpr
+from ...files.states import SavedState, State
 from ..calibration.corrections import Correction
 from ..calibration.exposure import estimate_log_gains
 from ..gaussians import Gaussians
@@ -26,6 +27,8 @@ _LARGEST_PARAMETER = 1e4
 # Steps between checks for non-finite numbers on a GPU, which has to wait for them. In between the optimiser skips
 # Gaussians without a finite gradient.
 _CHECK_EVERY_CUDA = 50
+# What a saved state is believed at most: Gaussians, spherical harmonics of degree 3, and counts.
+_MOST_GAUSSIANS, _MOST_SH, _MOST_COUNTED = 2**31 - 1, 16, 2**62
 _NO_CORRECTION = Correction()
 
 
@@ -67,6 +70,35 @@ class Fit:
     def state(self, state: tuple[ParameterSet, Adam]) -> None:
         self.parameters, self._adam = state
         self._clear_gradients()
+
+    def snapshot(self) -> State:
+        """What `restore` continues from, between two steps."""
+        return {
+            "gaussians": len(self),
+            "sh_count": self.parameters.sh_count,
+            "parameters": self.parameters.numpy(),
+            "adam": self._adam.snapshot(),
+            "gradient": self._gradient,
+            "observed": self._observed,
+            "steps": self._steps,
+            "work": self.work,
+            "skipped": self.skipped,
+        }
+
+    def restore(self, saved: SavedState) -> None:
+        """Continue from a `snapshot`; raises `InputError` where it is damaged."""
+        count, sh_count = saved.number("gaussians", 0, _MOST_GAUSSIANS), saved.number("sh_count", 1, _MOST_SH)
+        if math.isqrt(sh_count) ** 2 != sh_count:
+            saved.refuse(f"sh_count is {sh_count}")
+        device = self._rasterizer.device
+        self.parameters = ParameterSet.restored(saved.part("parameters"), count, sh_count, device)
+        self._adam = Adam(self.parameters)
+        self._adam.restore(saved.part("adam"))
+        self._gradient: NDArray[np.float32] = saved.array("gradient", np.float32, count)
+        self._observed = saved.array("observed", np.int32, count)
+        self._steps, self.work, self.skipped = (
+            saved.number(name, 0, _MOST_COUNTED) for name in ("steps", "work", "skipped")
+        )
 
     def restart(self, gaussians: Gaussians) -> None:
         """Continue from these Gaussians, with a new optimiser."""

@@ -21,6 +21,7 @@ from ..gaussians import Gaussians
 from ..raster import LearningRates, Rasterizer
 from ..renderer import SceneRenderer
 from ..targets import Background
+from .checkpoints import Checkpoints
 from .fitting import fit_guided
 from .losses import GuidedLoss, KeptContrast, SeenContrast, ViewGuide
 from .plan import TrainingPlan, TrainingResult
@@ -64,6 +65,7 @@ class JointTraining:
         background: behind the Gaussians.
         seed: of all random numbers.
         contrast: of `views`, to keep in the last part.
+        checkpoints: of the first part; None keeps none.
     """
 
     rasterizer: Rasterizer
@@ -74,6 +76,7 @@ class JointTraining:
     background: Background
     seed: int
     contrast: SeenContrast | None = None
+    checkpoints: Checkpoints | None = None
 
     def train(
         self, points: NDArray[np.float32], colors: NDArray[np.uint8], guides_of: GuidesOfGeometry, reporter: Reporter
@@ -87,7 +90,10 @@ class JointTraining:
         together = round(self.plan.steps * joint.share)
         before = max(self.plan.steps - together, 1)
         plan = replace(self.plan, steps=before, poses=None)  # `guides_of` finds correspondences in the given poses
-        trainer = Trainer(self.rasterizer, self.views, self.held_out, points, colors, plan, self.background, self.seed)
+        trainer = Trainer(
+            *(self.rasterizer, self.views, self.held_out, points, colors, plan, self.background, self.seed),
+            checkpoints=self.checkpoints,
+        )
         turn = before / self.plan.steps
         result = trainer.train(StageSpan(reporter, STAGE, 0.0, turn, "fitting enhanced views"))
         started = time.perf_counter()

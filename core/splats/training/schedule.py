@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ...files.states import SavedState, State
 from ..raster import LearningRates
 from ..strategy import Schedule
 from .plan import TrainingPlan
@@ -25,6 +26,14 @@ class TrainingSchedule:
         self._growth_ended = False
         self.steps = plan.steps
         self.means_reach = 1.0
+
+    def snapshot(self) -> State:
+        """What `restore` continues from."""
+        return {"growth_ended": self._growth_ended, "means_reach": self.means_reach}
+
+    def restore(self, saved: SavedState) -> None:
+        """Continue from a `snapshot`; raises `InputError` where it is something else."""
+        self._growth_ended, self.means_reach = saved.value("growth_ended", bool), saved.value("means_reach", float)
 
     def end_growth(self) -> None:
         """Stop densifying for good, earlier than planned."""

@@ -8,13 +8,14 @@ Exposures and poses are corrected on the way, if they need it (`ViewCorrections`
 
 from __future__ import annotations
 
-import time
 from collections.abc import Collection, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...capture.model import View
+from ...files.states import Restorable, SavedState, State, restore_random
 from ...runtime.protocol import Reporter
 from ..calibration.corrections import ViewCorrections
 from ..calibration.poses import AlignedViews
@@ -24,13 +25,17 @@ from ..scene_frame import SceneFrame
 from ..strategy import Evidence, MultiViewConsistent, ViewEvidence
 from ..strategy.editing import in_morton_order, morton_order
 from ..targets import Background, TrainingView, ViewOrder, prepare_targets
+from .checkpoints import Checkpoints, fingerprint, watched
 from .decisions import DecisionLog, Measurement, split_views
 from .evidence import gather_view_evidence
 from .fitting import Fit
 from .losses import GuidedLoss, KeptContrast
+from .outcome import warn
 from .plan import TrainingPlan, TrainingResult
 from .schedule import TrainingSchedule
 from .start import StartChoice, StartTrial, choose_start, means_reach
+from .trials import choose_degree, exposure_gain
+from .validation import Curve, HeldOut, Validation
 
 __all__ = ["STAGE", "Trainer"]
 
@@ -49,6 +54,10 @@ class Trainer:
         plan: the settings.
         background: behind the Gaussians.
         seed: of the initialisation, the order of the views and the strategy.
+        checkpoints: where the state is kept; None keeps none.
+
+    Raises (on construction):
+        InputError: the checkpoint to go on from is damaged.
     """
 
     def __init__(
@@ -61,9 +70,9 @@ class Trainer:
         plan: TrainingPlan,
         background: Background,
         seed: int,
+        checkpoints: Checkpoints | None = None,
     ) -> None:
-        self._started = time.perf_counter()
-        self._measuring = 0.0
+        self._curve = Curve()
         self._rasterizer = rasterizer
         self._plan = plan
         self._background = background
@@ -76,20 +85,28 @@ class Trainer:
         self._limit = plan.limit or plan.growth.ceiling(sum(v.camera.width * v.camera.height for v in fitted))
         self._strategy = plan.strategy or MultiViewConsistent()
         self._schedule = TrainingSchedule(plan, self._strategy.schedule)
-        start = self._choose_start(fitted, points, colors, seed)
-        initial = start.gaussians.take(morton_order(start.gaussians.means))
-        self._schedule.means_reach = means_reach(initial.means, [v.at(1)[1] for v in self._targets[: len(fitted)]])
-        self._initial_count = len(initial)
-        self.fit = Fit(rasterizer, initial.with_sh_degree(plan.sh_degree or 0), background, plan.ssim_weight)
+        self.fit = Fit(rasterizer, Gaussians.none(), background, plan.ssim_weight)
+        self._step, self._ended = 0, False
         self._corrections = ViewCorrections(
             rasterizer, self._targets, background, plan.exposure, plan.poses, plan.steps
         )
         self._order = ViewOrder(self._fitted_count, self._rng)
         self._loss: GuidedLoss | None = None
         self._degree_undecided = plan.sh_degree is None
-        self._curve: list[dict[str, float | None]] = []
         self._log = DecisionLog(self._split.reason, type(self._strategy).__name__, plan.steps, plan.limit)
-        self._start = start.words
+        self._checkpoints = checkpoints
+        saved = checkpoints and checkpoints.saved(fingerprint(plan, seed, views, held_out, points, colors))
+        if saved:
+            self._restore(saved)
+        else:
+            self._begin(self._choose_start(fitted, points, colors, seed))
+
+    def _begin(self, start: StartChoice) -> None:
+        plan, initial = self._plan, start.gaussians.take(morton_order(start.gaussians.means))
+        cameras = [view.at(1)[1] for view in self._targets[: self._fitted_count]]
+        self._schedule.means_reach = means_reach(initial.means, cameras)
+        self._log.initial, self._log.start = len(initial), start.words
+        self.fit.restart(initial.with_sh_degree(plan.sh_degree or 0))
 
     def _choose_start(
         self, views: Sequence[View], points: NDArray[np.float32], colors: NDArray[np.uint8], seed: int
@@ -106,12 +123,10 @@ class Trainer:
         """Targets of the views; of the training views, those that are fitted from the start come first."""
         self._keys = [view.key for view in training]
         self._targets = self._prepare(training, {factor for _, factor in self._plan.coarse})
-        self._all_held_out = list(held_out)
-        self._held_out = self._prepare(self._plan.curve_subset(held_out))
+        self._held_out = HeldOut(held_out, self._prepare, self._plan.curve_subset)
         split = self._split
-        self._validation = self._held_out if split.validate_on_held_out else self._targets[len(split.fitted) :]
-        self._aligned_validation: AlignedViews | None = None
-        self._aligned_held_out: dict[str, NDArray[np.float64]] = {}
+        validating = self._held_out.shown if split.validate_on_held_out else self._targets[len(split.fitted) :]
+        self._validation = Validation(validating, self._aligned)
 
     def _prepare(self, views: Sequence[View], reductions: Collection[int] = ()) -> list[TrainingView]:
         return prepare_targets(self._rasterizer, views, self._frame, self._background, reductions)
@@ -119,37 +134,38 @@ class Trainer:
     def train(self, reporter: Reporter) -> TrainingResult:
         """Run the planned steps, or as many as pay."""
         plan, schedule = self._plan, self._schedule
-        reporter.status(STAGE, f"fitting {self._initial_count:,} Gaussians to {len(self._targets)} views")
+        goes_on = f", from step {self._step:,} on" if self._step else ""
+        reporter.status(STAGE, f"fitting {len(self.fit):,} Gaussians to {len(self._targets)} views{goes_on}")
         curve_steps = {round(plan.steps * (i + 1) / plan.curve_points) for i in range(plan.curve_points)}
-        psnr = self._extend_curve(0)
-        step = 0
-        while step < schedule.steps:
-            step += 1
-            self.step(step)
-            if schedule.refines(step):
-                self._refine(step)
-            if self._stops_early(step):
-                break
-            if schedule.progress(step) >= plan.validation_until:
-                self._end_validation(step)
-            if step in curve_steps and step < schedule.steps:
-                psnr = self._extend_curve(step)
-            if step % _PROGRESS_EVERY == 0:
-                quality = f", {psnr:.1f} dB" if psnr is not None else ""
-                reporter.progress(STAGE, step / schedule.steps, f"{len(self.fit):,} Gaussians{quality}")
-        self._finish(step)
+        if not self._step:
+            self._extend_curve(0)
+        with watched(self._checkpoints) as between_steps:
+            while self._step < schedule.steps and not self._ended:
+                self._step = step = self._step + 1
+                self.step(step)
+                if schedule.refines(step):
+                    self._refine(step)
+                self._ended = self._stops_early(step)
+                if not self._ended and schedule.progress(step) >= plan.validation_until:
+                    self._end_validation(step)
+                if not self._ended and step in curve_steps and step < schedule.steps:
+                    self._extend_curve(step)
+                if step % _PROGRESS_EVERY == 0:
+                    psnr = self._curve.entries[-1]["psnr"]
+                    quality = f", {psnr:.1f} dB" if psnr is not None else ""
+                    reporter.progress(STAGE, step / schedule.steps, f"{len(self.fit):,} Gaussians{quality}")
+                between_steps(self._snapshot, self._ended or step == schedule.steps)
+        self._finish(self._step)
         reporter.progress(STAGE, 1.0, f"{len(self.fit):,} Gaussians")
-        self._warn(step, reporter)
-        decision = self._log.in_words(step, self._initial_count, self.fit) | self._corrections.in_words()
-        if self._start:
-            decision["start"] = self._start
-        if self._aligned_held_out:
+        warn(reporter, self._step, self.fit.skipped, self._corrections)
+        decision = self._log.in_words(self._step, self.fit) | self._corrections.in_words()
+        if self._held_out.poses:
             decision["poses"] += "; the held-out views were then aligned with the finished scene"
         return TrainingResult(
             self.gaussians,
-            self._curve,
-            self._seconds,
-            self._initial_count,
+            self._curve.entries,
+            self._curve.seconds,
+            self._log.initial,
             decision,
             self.fit.skipped,
             self._moved_poses(),
@@ -195,9 +211,12 @@ class Trainer:
 
     def _keep_contrast(self, plan: ContrastPlan) -> None:
         """From now on, add the contrast hinge to the loss, for normal vision."""
-        contrast = KeptContrast(self._rasterizer, plan, ((view.at(1)[0], view.looked_at()) for view in self._targets))
-        self._loss = GuidedLoss(self._rasterizer, None, self._plan.ssim_weight, 0.0, contrast)
+        self._loss = self._contrast_loss(plan)
         self._log.forget_best()  # it gives up a little PSNR for contrast
+
+    def _contrast_loss(self, plan: ContrastPlan) -> GuidedLoss:
+        contrast = KeptContrast(self._rasterizer, plan, ((view.at(1)[0], view.looked_at()) for view in self._targets))
+        return GuidedLoss(self._rasterizer, None, self._plan.ssim_weight, 0.0, contrast)
 
     # Densification
 
@@ -211,7 +230,7 @@ class Trainer:
                 self._schedule.end_growth()
                 self._log.growth = verdict
                 return
-        budget = strategy.schedule.budget(step, plan.steps, self._initial_count, self._limit)
+        budget = strategy.schedule.budget(step, plan.steps, self._log.initial, self._limit)
         evidence = Evidence(self.fit.mean_gradient, self._sample_evidence(step))
         gaussians = self.fit.parameters.to_gaussians()
         self.fit.apply(in_morton_order(strategy.refine(gaussians, evidence, budget, self._rng)))
@@ -241,37 +260,30 @@ class Trainer:
     def _measure(self, step: int) -> Measurement:
         """Measure the validation views; keeps the Gaussians if they are the best so far."""
         if self._corrections.poses_were_off:
-            self._align_validation()
+            self._validation.align(self.fit.parameters)
         measurement = Measurement(step, len(self.fit), self._validation_psnr(), self.fit.work)
         self._log.keep_if_best(measurement, self.fit)
         return measurement
 
     def _validation_psnr(self) -> float:
         """dB; with exposures compensated if these are corrected, since the scene is kept free of them."""
-        return self.fit.psnr(self._validation, any_exposure=self._corrections.exposure.active)
+        return self.fit.psnr(self._validation.views, any_exposure=self._corrections.exposure.active)
 
     def _try_exposure(self, step: int) -> None:
         """Correct exposures only if the validation views gain by it: two branches from here, on the same views."""
-        plan, corrections = self._plan, self._corrections
+        plan, before = self._plan, self.fit.state
         assert plan.exposure is not None, "only a plan proposes a correction"
-        before, start = self.fit.state, self.fit.parameters.to_gaussians()
-        psnr = []
-        for corrected in (False, True):
-            corrections.exposure.active = corrected
-            self.fit.restart(start)
-            order = ViewOrder(self._fitted_count, np.random.default_rng(step))
-            for _ in range(plan.exposure.trial_steps(plan.steps)):
-                self._fit_next(self._schedule.reduction(step), self._schedule.learning_rates(step), order=order)
-            psnr.append(self.fit.psnr(self._validation, any_exposure=True))
-        if not corrections.settle_exposure(psnr[1] - psnr[0]):
-            self.fit.state = before  # as if there had been no trial
+        steps = plan.exposure.trial_steps(plan.steps)
 
-    def _align_validation(self) -> None:
-        """Align the validation views' poses, which are off like the others, with the current scene."""
-        if self._aligned_validation is None:
-            self._aligned_validation = self._aligned(self._validation)
-        self._aligned_validation.align(self.fit.parameters)
-        self._validation = self._aligned_validation.views
+        def branch(corrected: bool) -> float:
+            self._corrections.exposure.active = corrected
+            order = ViewOrder(self._fitted_count, np.random.default_rng(step))
+            for _ in range(steps):
+                self._fit_next(self._schedule.reduction(step), self._schedule.learning_rates(step), order=order)
+            return self.fit.psnr(self._validation.views, any_exposure=True)
+
+        if not self._corrections.settle_exposure(exposure_gain(self.fit, branch)):
+            self.fit.state = before  # as if there had been no trial
 
     def _aligned(self, views: Sequence[TrainingView]) -> AlignedViews:
         assert self._plan.poses is not None, "poses that are not refined are never off"
@@ -294,44 +306,21 @@ class Trainer:
             self._choose_degree()
         if not self._split.validation:
             return
-        self._validation = []
+        self._validation.end()
         if self._fitted_count < len(self._targets):
-            if self._aligned_validation is not None:
-                for view, pose in enumerate(self._aligned_validation.poses, self._fitted_count):
-                    self._corrections.poses.put(view, pose)
+            aligned = self._validation.poses
+            for view, pose in enumerate(() if aligned is None else aligned, self._fitted_count):
+                self._corrections.poses.put(view, pose)
             self._fitted_count = len(self._targets)
             self._order = ViewOrder(self._fitted_count, self._rng)
             self._log.views += f", then fitted like the others from step {step:,}"
 
     def _choose_degree(self) -> None:
-        """Raise the SH degree as long as the validation views gain enough from it in a trial."""
-        rule = self._plan.sh_degree_rule
         self._degree_undecided = False
-        if not self._validation:
-            return
-        if not rule.trial_steps(self._plan.steps):
-            self._log.degree = "the run is too short to try a higher one"
-            return
-        chosen = self.fit.state
-        start = self.fit.parameters.to_gaussians()
-        before = self._try_degree(start, 0)
-        for degree in range(1, rule.highest + 1):
-            after = self._try_degree(start, degree)
-            self._log.degree = f"degree {degree} gained {after - before:.2f} dB in a trial"
-            if after - before < rule.degree_gain:
-                self._log.degree += f", less than {rule.degree_gain:g}"
-                self.fit.state = chosen
-                return
-            before, chosen = after, self.fit.state
-
-    def _try_degree(self, start: Gaussians, degree: int) -> float:
-        """Validation PSNR after a trial of the colours, always from the same start and of the same length."""
-        rule = self._plan.sh_degree_rule
-        self.fit.restart(start.with_sh_degree(degree))
-        steps = rule.trial_steps(self._plan.steps)
-        for number in range(steps):
-            self._fit_next(1, rule.learning_rates(number / steps))
-        return self._validation_psnr()
+        if self._validation:
+            rule, steps = self._plan.sh_degree_rule, self._plan.steps
+            fit_next = partial(self._fit_next, 1)
+            self._log.degree = choose_degree(self.fit, rule, steps, fit_next, self._validation_psnr)
 
     # The end of the run
 
@@ -343,54 +332,67 @@ class Trainer:
             self._choose_degree()
         views = self._evidence(range(self._fitted_count), self._schedule.coarsest)
         self.fit.keep(~views.unseen & ~views.floaters)
-        if self._corrections.poses_were_off and self._all_held_out:
-            self._align_held_out()
+        if self._corrections.poses_were_off:
+            self._held_out.align(self.fit.parameters, self._aligned)
         self._extend_curve(step)
-
-    def _align_held_out(self) -> None:
-        """Align the held-out views' poses, which are off like the others, with the finished scene."""
-        aligned = self._aligned(self._prepare(self._all_held_out))
-        aligned.align(self.fit.parameters)
-        self._aligned_held_out = {view.key: pose for view, pose in zip(self._all_held_out, aligned.poses, strict=True)}
-        self._held_out = self._plan.curve_subset(aligned.views)
 
     def _moved_poses(self) -> dict[str, NDArray[np.float64]]:
         moved = self._corrections.moved_poses
         if moved is None:
             return {}
-        poses = {**dict(zip(self._keys, moved, strict=True)), **self._aligned_held_out}
+        poses = {**dict(zip(self._keys, moved, strict=True)), **self._held_out.poses}
         return {key: self._frame.pose_to_world(pose) for key, pose in poses.items()}
 
-    def _extend_curve(self, step: int) -> float | None:
-        """Add a point to the curve; returns the held-out PSNR."""
-        started = time.perf_counter()
-        psnr = self.fit.psnr(self._held_out) if self._held_out else None
+    def _extend_curve(self, step: int) -> None:
+        self._curve.extend(lambda: self._entry(step))
+
+    def _entry(self, step: int) -> dict[str, float | None]:
+        shown = self._held_out.shown
+        psnr = self.fit.psnr(shown) if shown else None
         entry = {"step": step, "psnr": psnr, "gaussians": len(self.fit)}
         if self._split.validation and self._validation:
             entry["deciding_psnr"] = self._validation_psnr()  # the name in existing reports
-        if self._held_out and self._corrections.exposure.active:
-            entry["psnr_any_exposure"] = self.fit.psnr(self._held_out, any_exposure=True)
-        self._measuring += time.perf_counter() - started
-        self._curve.append({**entry, "seconds": round(self._seconds, 2)})
-        return psnr
+        if shown and self._corrections.exposure.active:
+            entry["psnr_any_exposure"] = self.fit.psnr(shown, any_exposure=True)
+        return entry
 
-    @property
-    def _seconds(self) -> float:
-        return time.perf_counter() - self._started - self._measuring
+    # Checkpoints
 
-    def _warn(self, steps: int, reporter: Reporter) -> None:
-        if self.fit.skipped:
-            reporter.warning(
-                "skipped-steps",
-                f"{self.fit.skipped} of {steps} steps gave numbers that are not finite and were skipped, entirely or "
-                "for the Gaussians concerned",
-            )
-        if self._corrections.poses_were_off:
-            reporter.warning(
-                "cameras-corrected",
-                f"the camera poses were about {self._corrections.pose_motion:.1f} pixels off and were corrected along "
-                "with the scene; a better calibration may make it sharper",
-            )
+    def _snapshot(self) -> State:
+        """Everything that changes while a run goes on, between two steps."""
+        return {
+            **{name: part.snapshot() for name, part in self._parts().items()},
+            "step": self._step,
+            "ended": self._ended,
+            "all_fitted": self._fitted_count == len(self._targets),
+            "degree_undecided": self._degree_undecided,
+            "contrast": self._loss is not None,
+            "random": self._rng.bit_generator.state,
+        }
+
+    def _parts(self) -> dict[str, Restorable]:
+        return {
+            "fit": self.fit,
+            "corrections": self._corrections,
+            "order": self._order,
+            "schedule": self._schedule,
+            "log": self._log,
+            "validation": self._validation,
+            "curve": self._curve,
+        }
+
+    def _restore(self, saved: SavedState) -> None:
+        """Go on from a snapshot of the same run."""
+        self._step, self._ended = saved.number("step", 1, self._plan.steps), saved.value("ended", bool)
+        self._degree_undecided = saved.value("degree_undecided", bool)
+        if saved.value("all_fitted", bool):
+            self._fitted_count = len(self._targets)
+            self._order = ViewOrder(self._fitted_count, self._rng)
+        if saved.value("contrast", bool) and self._plan.contrast is not None:
+            self._loss = self._contrast_loss(self._plan.contrast)
+        for name, part in self._parts().items():
+            part.restore(saved.part(name))
+        restore_random(self._rng, saved, "random")
 
 
 def _due(every: int, step: int) -> bool:

@@ -1,0 +1,57 @@
+"""Decisions by trial: two ways to go on from the same Gaussians, and what the validation views gain by one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..raster import LearningRates
+from .decisions import ShDegreeRule
+from .fitting import Fit
+
+
+def exposure_gain(fit: Fit, branch: Callable[[bool], float]) -> float:
+    """dB that correcting exposures gains; `fit` is left at the end of the branch that corrects.
+
+    Args:
+        branch: fits with or without correction for a while; returns the PSNR of the validation views.
+    """
+    start = fit.parameters.to_gaussians()
+    psnr = []
+    for corrected in (False, True):
+        fit.restart(start)
+        psnr.append(branch(corrected))
+    return psnr[1] - psnr[0]
+
+
+def choose_degree(
+    fit: Fit, rule: ShDegreeRule, steps: int, fit_next: Callable[[LearningRates], None], measure: Callable[[], float]
+) -> str:
+    """Raise the SH degree as long as the validation views gain enough from it in a trial; returns why, in words.
+
+    Args:
+        steps: of the run.
+        fit_next: fits the next view.
+        measure: PSNR of the validation views.
+    """
+    if not rule.trial_steps(steps):
+        return "the run is too short to try a higher one"
+    chosen, start, words = fit.state, fit.parameters.to_gaussians(), ""
+
+    def after_trial(degree: int) -> float:
+        """Always from the same start, of the same length, and of the colours alone."""
+        fit.restart(start.with_sh_degree(degree))
+        trial = rule.trial_steps(steps)
+        for number in range(trial):
+            fit_next(rule.learning_rates(number / trial))
+        return measure()
+
+    before = after_trial(0)
+    for degree in range(1, rule.highest + 1):
+        after = after_trial(degree)
+        words = f"degree {degree} gained {after - before:.2f} dB in a trial"
+        if after - before < rule.degree_gain:
+            words += f", less than {rule.degree_gain:g}"
+            break
+        before, chosen = after, fit.state
+    fit.state = chosen
+    return words
