@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 NAME = "robustness"
 OURS = "layers"
 PICTURE_LINES = (
-    "From left to right it gets worse. Blue stands, the fainter the closer to its nearest failure line, relative to the "
-    "untouched capture; red with a cross has failed, and the thick line is where it does so first.",
+    "From left to right it gets worse. Blue stands, the fainter the closer to its nearest failure line, relative to "
+    "the untouched capture; red with a cross has failed, and the thick line is where it does so first.",
     "",
     picture(NAME, "Which method stands at which level of which axis, and what the product warns of"),
 )
