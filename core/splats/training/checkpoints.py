@@ -48,8 +48,8 @@ def fingerprint(
         parts = (view.world_to_camera, view.image, view.alpha, view.mask)
         there = [array is not None for array in parts]
         digest.update(f"{view.key} {view.camera!r} {view.image.shape} {there}\n".encode())
-        for array in parts:
-            digest.update(b"" if array is None else np.ascontiguousarray(array).tobytes())
+        for part in parts:
+            digest.update(b"" if part is None else np.ascontiguousarray(part).tobytes())
     for array in (points, colors):
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
