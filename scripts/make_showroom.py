@@ -1,4 +1,4 @@
-"""Build the textile showroom in Blender and photograph it: the embedded demo capture.
+"""Build the textile showroom in Blender and photograph it: the embedded demo capture, or a room one walks around in.
 
     python scripts/make_showroom.py --out DIR                 with the bpy wheel
     blender -b -P scripts/make_showroom.py -- --out DIR       with Blender
@@ -22,7 +22,7 @@ from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.cli import OneLineParser, exit_code, script_arguments
 from cvdgs.core.runtime.progress import format_seconds
 from cvdgs.core.runtime.protocol import Reporter
-from cvdgs.scripts.showroom.settings import VARIANTS, CaptureSettings, SceneSettings
+from cvdgs.scripts.showroom.settings import ROOM_CAMERAS, SCENES, VARIANTS, CaptureSettings, SceneSettings
 
 PREVIEW_SAMPLES = 3
 
@@ -51,9 +51,11 @@ def parse(arguments: list[str]) -> tuple[Path, CaptureSettings, int]:
     parser = OneLineParser(prog="make_showroom.py", description=__doc__.splitlines()[0], allow_abbrev=False)
     add = parser.add_argument
     add("--out", type=Path, required=True, help="folder to write; an earlier showroom in it is replaced")
-    add("--views", type=int, default=defaults.cameras.views, help="photographs (%(default)s)")
-    add("--width", type=int, default=defaults.cameras.width, help="of a photograph, in pixels (%(default)s)")
-    add("--height", type=int, default=defaults.cameras.height, help="likewise (%(default)s)")
+    add("--scene", choices=SCENES, default=defaults.scene.scene, help="a set, or a room one walks in (%(default)s)")
+    usual = {name: f"({getattr(defaults.cameras, name)}; room {value:g})" for name, value in ROOM_CAMERAS.items()}
+    add("--views", type=int, help=f"photographs {usual['views']}")
+    add("--width", type=int, help=f"of a photograph, in pixels {usual['width']}")
+    add("--height", type=int, help=f"likewise {usual['height']}")
     add("--samples", type=int, default=defaults.samples, help="Cycles samples a pixel before denoising (%(default)s)")
     add("--seed", type=int, default=defaults.seed, help="of cloth, rendering and points (%(default)s)")
     add("--points", type=int, default=defaults.points, help="sparse points (%(default)s)")
@@ -70,6 +72,7 @@ def parse(arguments: list[str]) -> tuple[Path, CaptureSettings, int]:
     add("--preview", action="store_true", help=f"{PREVIEW_SAMPLES} samples and coarser cloth")
     given = parser.parse_args(arguments)
     scene = SceneSettings(
+        scene=given.scene,
         variant=given.variant,
         satin_roughness=given.satin_roughness,
         sheer_opacity=given.sheer_opacity,
@@ -77,7 +80,8 @@ def parse(arguments: list[str]) -> tuple[Path, CaptureSettings, int]:
         light=given.light,
         cloth_detail=given.cloth_detail,
     )
-    cameras = replace(defaults.cameras, views=given.views, width=given.width, height=given.height)
+    asked = {name: getattr(given, name) for name in ("views", "width", "height") if getattr(given, name) is not None}
+    cameras = replace(defaults.cameras, **{**(ROOM_CAMERAS if given.scene == "room" else {}), **asked})
     settings = replace(
         defaults,
         scene=scene,

@@ -1,4 +1,4 @@
-"""Where the photographs are taken from: two rings of exact pinhole cameras. numpy only."""
+"""Where the photographs are taken from: exact pinhole cameras on two rings, or on a walk. numpy only."""
 
 from __future__ import annotations
 
@@ -40,6 +40,28 @@ def rings(settings: CameraSettings) -> list[Pose]:
         x, y, _ = settings.target
         eye = np.array([x + radius * np.sin(azimuth), y - radius * np.cos(azimuth), height])
         poses.append(Pose(f"view_{index:03d}", look_at(eye, np.array(settings.target))))
+    return poses
+
+
+_ROUNDS = ((1.75, 1.05, 1.0), (2.75, 1.75, -1.0))
+"""Half the length and the width of an ellipse on which one walks round the room, and whether one looks away from the
+middle (1) or across it (-1)."""
+_EYE, _BOB = 1.5, 0.08  # metres over the floor, and how far the hand goes up and down
+_SWAY = 22.0  # degrees, to both sides
+
+
+def walk(settings: CameraSettings) -> list[Pose]:
+    """Twice round the room, first looking at the walls nearby, then across it, while the view sways to both sides."""
+    poses: list[Pose] = []
+    for number, (length, width, outward) in enumerate(_ROUNDS):
+        count = (settings.views + 1 - number) // 2
+        for step in range(count):
+            angle = 2 * np.pi * (step + 0.5 * number) / count
+            eye = np.array([length * np.cos(angle), width * np.sin(angle), _EYE + _BOB * np.sin(5 * angle)])
+            heading = np.arctan2(outward * eye[1] / width, outward * eye[0] / length)
+            heading += np.deg2rad(_SWAY) * np.sin(7 * angle)
+            ahead = np.array([np.cos(heading), np.sin(heading), -0.16 + 0.1 * np.cos(3 * angle)])
+            poses.append(Pose(f"view_{len(poses):03d}", look_at(eye, eye + ahead)))
     return poses
 
 

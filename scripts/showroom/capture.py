@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.runtime.protocol import Reporter
 from ...core.settings import Settings
-from . import photograph, scene
-from .cameras import Pose, focal_pixels, rings
+from . import photograph, room, scene
+from .cameras import Pose, focal_pixels, rings, walk
 from .settings import CameraSettings, CaptureSettings
 
 DEPTH_UNIT = 2e-4
@@ -37,10 +37,11 @@ def make(out: Path, settings: CaptureSettings, reporter: Reporter, threads: int 
         InputError: the folder contains other files, or cannot be written.
     """
     images, again, depths = _prepare(out)
-    scene.build(settings.scene, settings.seed, lambda message: reporter.status("set", message))
+    build, route = (room.build, walk) if settings.scene.scene == "room" else (scene.build, rings)
+    build(settings.scene, settings.seed, lambda message: reporter.status("set", message))
     camera = photograph.set_up_camera(settings.cameras)
     photograph.set_up_render(settings, threads)
-    poses = rings(settings.cameras)
+    poses = route(settings.cameras)
 
     reporter.status("photographs", f"{len(poses)} views of {settings.cameras.width} x {settings.cameras.height}")
     paths = []

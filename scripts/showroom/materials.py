@@ -143,6 +143,24 @@ def plain(name: str, color: NDArray[np.floating], roughness: float = 0.8) -> bpy
     return material
 
 
+def mirror(name: str) -> bpy.types.Material:
+    """Silvered glass."""
+    material, _, shader = _new(name)
+    shader.inputs["Base Color"].default_value = (0.9, 0.92, 0.91, 1.0)
+    shader.inputs["Metallic"].default_value = 1.0
+    shader.inputs["Roughness"].default_value = 0.0
+    return material
+
+
+def glowing(name: str, color: NDArray[np.floating], strength: float) -> bpy.types.Material:
+    """A surface that shines in one colour, `strength` times as bright as lit white."""
+    material, _, shader = _new(name)
+    shader.inputs["Base Color"].default_value = (0.0, 0.0, 0.0, 1.0)
+    shader.inputs["Emission Color"].default_value = (*color, 1.0)
+    shader.inputs["Emission Strength"].default_value = strength
+    return material
+
+
 def _mottle(
     tree: bpy.types.NodeTree,
     shader: Node,

@@ -51,7 +51,7 @@ AMBIENT = 0.24
 
 def build(settings: SceneSettings, seed: int, progress: Progress = lambda message: None) -> None:
     """Replace whatever the Blender session holds by the showroom, without cameras."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    start_scene(settings.light)
     fabrics = Fabrics(settings, seed)
     stage = _Stage(settings, seed, fabrics)
     progress("walls, floor and furniture")
@@ -75,24 +75,53 @@ def build(settings: SceneSettings, seed: int, progress: Progress = lambda messag
 
 
 def light(level: float) -> None:
-    """Soft studio light; lamps are not seen by the camera."""
-    scene = bpy.context.scene
+    """Soft studio light."""
     for index, box in enumerate(LIGHTS):
-        lamp = bpy.data.lights.new(f"soft box {index}", "AREA")
-        lamp.shape, lamp.size, lamp.energy = "SQUARE", box.size, box.power * level
-        obj = bpy.data.objects.new(lamp.name, lamp)
-        obj.location = box.position
-        direction = mathutils.Vector(box.target) - mathutils.Vector(box.position)
-        obj.rotation_euler = direction.to_track_quat("-Z", "Y").to_euler()
-        obj.visible_camera = False
-        scene.collection.objects.link(obj)
+        add_light(f"soft box {index}", box.position, box.target, box.size, box.power * level)
+
+
+def add_light(name: str, position: Sequence[float], target: Sequence[float], size: float, power: float) -> None:
+    """A square area light of `size` metres and `power` watts, which is not seen by the camera."""
+    lamp = bpy.data.lights.new(name, "AREA")
+    lamp.shape, lamp.size, lamp.energy = "SQUARE", size, power
+    obj = bpy.data.objects.new(lamp.name, lamp)
+    obj.location = position
+    direction = mathutils.Vector(target) - mathutils.Vector(position)
+    obj.rotation_euler = direction.to_track_quat("-Z", "Y").to_euler()
+    obj.visible_camera = False
+    bpy.context.scene.collection.objects.link(obj)
+
+
+def start_scene(level: float) -> None:
+    """An empty scene under an even sky."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
     world = bpy.data.worlds.new("studio")
-    scene.world = world
+    bpy.context.scene.world = world
     if bpy.app.version < (5, 0):
         world.use_nodes = True
     background = world.node_tree.nodes["Background"]
     background.inputs["Color"].default_value = (1.0, 0.985, 0.96, 1.0)
     background.inputs["Strength"].default_value = AMBIENT * level
+
+
+def boards(half_length: float, half_width: float, seed: int) -> None:
+    """A floor about the origin of oak boards 18 cm wide of four tones, which run along y."""
+    rng = np.random.default_rng(seed)
+    tones = [np.array([0.46, 0.345, 0.235]) * gain for gain in (0.9, 0.97, 1.03, 1.1)]
+    finishes = [materials.wood(f"oak board {i}", tone, (9.0, 0.7, 4.0)) for i, tone in enumerate(tones)]
+    width, joint = 0.18, 0.004
+    for row, x in enumerate(np.arange(-half_length, half_length, width)):
+        start = -half_width - rng.uniform(0, 2.0)
+        while start < half_width:
+            length = rng.uniform(1.4, 2.4)
+            board = meshes.add_box(
+                f"board {row}", (x, start, -0.03), (x + width - joint, start + length - joint, 0.0), bevel=0.002
+            )
+            board.data.materials.append(finishes[rng.integers(len(finishes))])
+            start += length
+    ground = meshes.add_surface("ground", cloth.flat_cloth(2 * half_length, 2 * half_width, half_width))
+    ground.location.z = -0.02
+    ground.data.materials.append(materials.plain("joint", np.array([0.12, 0.09, 0.06])))
 
 
 class _Stage:
@@ -144,26 +173,7 @@ class _Stage:
         along = np.stack(np.meshgrid(angle * radius, profile[:, 1]), axis=-1)
         wall = meshes.add_surface("wall", cloth.grid(positions, along))
         wall.data.materials.append(materials.plaster("lime plaster", np.array([0.74, 0.715, 0.675])))
-        self._boards(radius)
-
-    def _boards(self, radius: float) -> None:
-        """Floor boards 18 cm wide of four tones."""
-        rng = np.random.default_rng(self._seed)
-        tones = [np.array([0.46, 0.345, 0.235]) * gain for gain in (0.9, 0.97, 1.03, 1.1)]
-        finishes = [materials.wood(f"oak board {i}", tone, (9.0, 0.7, 4.0)) for i, tone in enumerate(tones)]
-        width, joint = 0.18, 0.004
-        for row, x in enumerate(np.arange(-radius, radius, width)):
-            start = -radius - rng.uniform(0, 2.0)
-            while start < radius:
-                length = rng.uniform(1.4, 2.4)
-                board = meshes.add_box(
-                    f"board {row}", (x, start, -0.03), (x + width - joint, start + length - joint, 0.0), bevel=0.002
-                )
-                board.data.materials.append(finishes[rng.integers(len(finishes))])
-                start += length
-        ground = meshes.add_surface("ground", cloth.flat_cloth(2 * radius, 2 * radius, radius))
-        ground.location.z = -0.02
-        ground.data.materials.append(materials.plain("joint", np.array([0.12, 0.09, 0.06])))
+        boards(radius, radius, self._seed)
 
     def furniture(self) -> tuple[bpy.types.Object, ...]:
         """Stone plinth, oak block behind the cushions, cube, pedestal; returns what cloth falls on, with a floor."""

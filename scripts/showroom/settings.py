@@ -6,8 +6,15 @@ from dataclasses import dataclass, field
 
 from ...core.errors import InputError
 
+SCENES = ("showroom", "room")
+"""What can be photographed: a set from outside, and a shop that one walks around in."""
+
 VARIANTS = ("deutan", "protan", "tritan")
 """The showrooms: each has the colours that this vision confuses."""
+
+
+ROOM_CAMERAS = {"views": 200, "width": 640, "height": 480, "focal_length": 22.0}
+"""Of `CameraSettings`, what is usual in the room: a telephone's wide lens."""
 
 
 @dataclass(frozen=True)
@@ -15,6 +22,7 @@ class SceneSettings:
     """The set and its fabrics.
 
     Attributes:
+        scene: which set, one of `SCENES`; satin and organza are in the showroom alone.
         variant: which showroom, one of `VARIANTS`.
         satin_roughness: microfacet roughness of the satin; about 0.15 is a mirror-like sheen, 1 is matt.
         sheer_opacity: share of light that the organza stops at normal incidence, 0 to 1.
@@ -23,6 +31,7 @@ class SceneSettings:
         cloth_detail: multiplies the resolution of cloth meshes, for quick tests.
     """
 
+    scene: str = "showroom"
     variant: str = "deutan"
     satin_roughness: float = 0.36
     sheer_opacity: float = 0.42
@@ -33,7 +42,7 @@ class SceneSettings:
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """Two rings of cameras about one target, in metres and degrees; azimuth 0 looks along +y.
+    """Two rings of cameras about one target, in metres and degrees; azimuth 0 looks along +y. A walk has its own path.
 
     Attributes:
         views: number of photographs, shared equally between the rings.

@@ -20,10 +20,13 @@ from cvdgs.core.capture.model import Capture, View
 from cvdgs.core.capture.reader import read_capture
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.scripts.showroom import cloth, weaves
+from cvdgs.scripts.showroom.cameras import walk
 from cvdgs.scripts.showroom.palette import palette
+from cvdgs.scripts.showroom.settings import CameraSettings
 
 SCRIPT = ROOT / "scripts" / "make_showroom.py"
 SHIPPED_VIEWS = 40
+HALF_LENGTH, HALF_WIDTH = 4.5, 3.0  # metres, of the room
 SHIPPED_BYTES = 5_000_000
 PROJECTION_PIXELS = 2e-4  # what single precision, in which Blender computes, leaves of 480 pixels
 TINY = ("--views", "3", "--width", "64", "--height", "48", "--samples", "1", "--cloth-detail", "0.2", "--points", "90")
@@ -271,6 +274,45 @@ def test_a_tiny_showroom_is_a_readable_capture(tmp_path: Path) -> None:
     (depth,) = read_depth_maps(out).values()
     assert depth.min() > 1.0
     assert depth.max() < 10.0
+
+
+def test_a_tiny_room_is_a_readable_capture_of_which_every_side_is_seen(tmp_path: Path) -> None:
+    out = tmp_path / "room"
+    done = make_showroom("--scene", "room", "--out", str(out), "--depth-views", "3", *TINY)
+
+    assert done.returncode == 0, done.stderr
+    capture = read_capture(out, max_size=None)
+    assert [view.image.shape for view in capture.views] == [(48, 64, 3)] * 3
+    assert capture.views[0].again is not None
+    for depth in read_depth_maps(out).values():
+        assert depth.min() > 0.2  # nobody walks through a wall or a rack
+        assert depth.max() < np.hypot(np.hypot(9.0, 6.0), 2.9) + 1.0  # closed but for what is behind the windows
+    photographs = np.stack([view.image for view in capture.views])
+    assert 90 < photographs.mean() < 225  # neither a dark nor a burnt-out room
+
+
+@pytest.mark.parametrize("views", [20, 60, 200])
+def test_who_walks_round_the_room_stays_in_it_and_looks_everywhere(views: int) -> None:
+    poses = walk(CameraSettings(views=views))
+    eyes = np.stack([pose.camera_to_world[:3, 3] for pose in poses])
+    ahead = np.stack([-pose.camera_to_world[:3, 2] for pose in poses])
+
+    assert len({pose.name for pose in poses}) == views
+    assert np.abs(eyes[:, 0]).max() < HALF_LENGTH - 1.0  # the racks stand closer to the walls
+    assert np.abs(eyes[:, 1]).max() < HALF_WIDTH - 1.0
+    headings = np.sort(np.rad2deg(np.arctan2(ahead[:, 1], ahead[:, 0])))
+    assert np.diff(np.concatenate([headings, headings[:1] + 360])).max() < 45  # less than a wide lens sees
+
+
+@given(st.integers(60, 300))
+def test_what_a_held_out_view_of_the_room_sees_others_see_too(views: int) -> None:
+    poses = walk(CameraSettings(views=views))
+    places = np.stack([pose.camera_to_world[:3, 3] for pose in poses])
+    ahead = np.stack([-pose.camera_to_world[:3, 2] for pose in poses])
+    fitted = np.arange(views) % 8 != 0
+    for index in range(0, views, 8):
+        near = np.linalg.norm(places[fitted] - places[index], axis=1) < 1.0
+        assert (near & (ahead[fitted] @ ahead[index] > np.cos(np.deg2rad(30)))).any()
 
 
 @pytest.mark.slow
