@@ -26,7 +26,7 @@ AT_REST = 0.15  # seconds of the processor a second; Cycles keeps all of it busy
 STILL = 4.0  # grey levels by which a picture of the same thing may differ from another in the mean
 LEAST_CONTRAST = 20.0  # deviation in grey levels; an empty view has less
 # Pixels below the header of Display, before and after the view is in colour.
-VIEW_IN_COLOR, SIMULATE_BELOW_DISPLAY = 57.0, 400.0
+VIEW_IN_COLOR, SIMULATE_BELOW_DISPLAY = 57.0, 426.0
 
 # Nothing in front of the picture, and room for it.
 CLEAR = """
@@ -106,6 +106,17 @@ def test_the_viewport_shows_the_scene_as_the_observer_sees_it(shown: Desktop, pi
     assert np.abs(wiped - simulated)[:, -third:].mean() < STILL
     shown.ask("bpy.context.scene.cvdgs.simulate.in_viewport = False")
     assert np.abs(settled_view(shown, "view-again") - plain).mean() < STILL
+
+
+def test_the_comparison_has_the_original_on_the_left_and_both_as_the_observer_sees_them(shown: Desktop):
+    shown.ask("simulate = bpy.context.scene.cvdgs.simulate; simulate.wipe = False; simulate.in_viewport = True")
+    enhanced = settled_view(shown, "view-enhanced-seen")
+    shown.ask("bpy.ops.cvdgs.compare()")
+    compared = settled_view(shown, "view-compared")
+    third = enhanced.shape[1] // 3
+    assert np.abs(compared - enhanced)[:, :third].mean() > 1.0
+    assert np.abs(compared - enhanced)[:, -third:].mean() < STILL
+    shown.ask("bpy.ops.cvdgs.compare()")
 
 
 @FOR_PICTURES
