@@ -17,6 +17,7 @@ BIN := $(VENV)/bin
 BLENDER ?= yes
 DEMO_OUT ?= out/demo
 BENCH_OUT ?= out/bench
+WEIGHTS_OUT ?= out/weights
 
 # A process for each core; the tests of a file stay together, because they share what was made for them.
 SIDE_BY_SIDE := -n auto --dist loadfile
@@ -24,7 +25,7 @@ SIDE_BY_SIDE := -n auto --dist loadfile
 # Spinning OpenMP threads make everything ten times slower beside one busy neighbour.
 export OMP_WAIT_POLICY = passive
 
-.PHONY: venv demo test test-all lint bench licences clean
+.PHONY: venv demo test test-all lint bench weights licences clean
 
 venv: $(VENV)/.ready
 
@@ -68,6 +69,10 @@ lint: venv
 bench: venv
 	$(BIN)/python scripts/benchmark.py step --out $(BENCH_OUT)
 	$(BIN)/python scripts/benchmark.py trainer --out $(BENCH_OUT)
+
+# From nothing to the shipped weights of --enhancer cgan; stopped, the same command goes on.
+weights: venv
+	nice $(BIN)/python scripts/train_enhancer.py $(WEIGHTS_OUT) --publish
 
 licences: venv
 	$(BIN)/python scripts/licences.py

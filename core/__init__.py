@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from .capture.reader import read_capture as read_capture
     from .color.metrics import contrast_scores as contrast_scores
     from .color.simulation import simulate as simulate
+    from .enhance.lut_fit import fit_lut as fit_lut
     from .enhance.registry import make_enhancer as make_enhancer
-    from .enhance.teacher import fit_lut as fit_lut
     from .pipeline.launch import run as run
     from .settings import Settings as Settings
     from .splats.gaussians import Gaussians as Gaussians
@@ -31,7 +31,7 @@ _ROOMS = {
     ".color.metrics": ("contrast_scores",),
     ".color.simulation": ("simulate",),
     ".enhance.registry": ("make_enhancer",),
-    ".enhance.teacher": ("fit_lut",),
+    ".enhance.lut_fit": ("fit_lut",),
     ".pipeline.launch": ("run",),
     ".settings": ("Settings",),
     ".splats.gaussians": ("Gaussians",),

@@ -152,10 +152,18 @@ class Settings:
     enhancer: str = _option("scene", "|".join(ENHANCERS) + f"|FILE{WEIGHTS_SUFFIX}", metavar="NAME", trains=True)
     change_budget: float | None = _option(
         None,
-        "mean ΔE00 that --enhancer scene may change colours by",
+        "mean ΔE00 that --enhancer scene and cgan may change colours by",
         metavar="DELTA_E",
         low=0.1,
         high=20.0,
+        trains=True,
+    )
+    fit: int = _option(
+        25,
+        "steps that fit the network which --enhancer cgan predicts; 0 takes the prediction as it is",
+        metavar="N",
+        low=0,
+        high=1000,
         trains=True,
     )
     mode: str = _option("layers", "how geometry and colours are fitted", choices=MODES, trains=True, fixed=True)

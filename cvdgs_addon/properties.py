@@ -182,7 +182,7 @@ class RunProperties(bpy.types.PropertyGroup):
                     "A small network fitted to the photographs, which sees each pixel's surroundings",
                 ),
                 ("lut", "Colour Mapping", "One smooth mapping of the scene's colours, fitted to the photographs"),
-                ("cgan", "Network", "The mapping, refined by a trained network that may treat regions differently"),
+                ("cgan", "Predicted Network", "The scene network, predicted by a trained one and briefly fitted"),
             ),
         )
     )

@@ -35,7 +35,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--out", required=True, metavar="DIR", help="folder for the results; replaced only when everything succeeds")
     add("--cvd", default="deutan", metavar="TYPE", help=f"{'|'.join(CVD_TYPES)} (deutan)")
     add("--severity", type=float, default=1.0, metavar="0..1", help="(1)")
-    add_settings(parser, ("simulation", "strength", "enhancer", "change_budget", "seed", "device"))
+    add_settings(parser, ("simulation", "strength", "enhancer", "change_budget", "fit", "seed", "device"))
     add(
         "--separately",
         action="store_true",

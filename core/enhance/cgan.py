@@ -1,36 +1,27 @@
-"""The enhancer that is trained beforehand: a conditional GAN that improves on the scene's LUT, view by view."""
+"""The enhancer that is trained beforehand: a conditional GAN predicts the scene network, which a few steps then fit."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-import torch
-from numpy.typing import NDArray
-from torch import Tensor
-
-from ..color.spaces import image_to_tensor, tensor_to_image
+from ..errors import InputError
 from ..runtime.protocol import Reporter
-from .enhancer import SceneEnhancer
-from .gan.apply import average_statistics, enhance, record_statistics
-from .gan.conditioning import palette
-from .gan.networks import Statistics
+from ..settings import Settings
+from .gan.prediction import predict_network
 from .gan.weights import load_generator, load_shipped
 from .pairs import Alphas, Images
-from .teacher import fit_luts
-
-_SCENE_VIEWS = 16
-"""Views, spread over the scene, from which a normalised network takes its statistics, to bound the time."""
+from .scene.enhancer import SceneNetworkEnhancer
+from .scene.fit import FitSettings, default_budget, fit_network
 
 
-class CganEnhancer(SceneEnhancer):
-    """Recolours with one LUT per scene, then with a U-Net that sees the view and the LUT's proposal.
-
-    Views agree because the LUT and the network's conditions are taken from all of them together.
+class CganEnhancer(SceneNetworkEnhancer):
+    """Recolours with one scene network, which a generator predicts from the views and a few steps fit to them.
 
     Args:
+        budget: mean ΔE00 by which colours may change; None to take it from the photographs.
         weights: a file of `gan.weights`; None for the shipped one.
-        device: of torch: "cpu" or "cuda".
+        fit_steps: of the fit; 0 takes the prediction as it is.
 
     Raises:
         InputError: also weights that cannot be used.
@@ -45,35 +36,30 @@ class CganEnhancer(SceneEnhancer):
         simulation: str = "machado",
         strength: float = 1.0,
         seed: int = 0,
+        budget: float | None = None,
         weights: Path | None = None,
-        device: str = "cpu",
+        fit_steps: int = Settings.fit,
     ) -> None:
-        super().__init__(cvd, severity, simulation, strength, seed)
-        self._device = device
-        self._generator = (load_generator(weights) if weights else load_shipped()).to(device)
-        self._palette = torch.empty(0)
-        self._statistics: Statistics | None = None
+        usual = FitSettings()
+        if fit_steps < 0:
+            raise InputError(f"{fit_steps} steps are out of range", where="--fit", remedy="give 0 or more")
+        settings = replace(usual, steps=fit_steps, table_steps=min(fit_steps, usual.table_steps))
+        super().__init__(cvd, severity, simulation, strength, seed, budget, settings)
+        self._generator = load_generator(weights) if weights else load_shipped()
 
     def _fit(self, images: Images, reporter: Reporter, alphas: Alphas) -> None:
-        """Fit the LUT and take the scene's palette, and for a network with `scene` normalisation its statistics."""
-        (self.lut,) = fit_luts(images, [self._observer], alphas=alphas, seed=self._seed, reporter=reporter)
-        self._palette = palette(images, alphas)
-        if self._generator.config.normalisation != "scene":
-            return
-        chosen = np.unique(np.linspace(0, len(images) - 1, min(len(images), _SCENE_VIEWS)).round().astype(int))
-        self._statistics = average_statistics(
-            [
-                record_statistics(self._generator, *self._tensors(images[i]), self._observer, self._palette)
-                for i in chosen
-            ]
+        budget = self._budget
+        if budget is None:
+            budget = default_budget(images, self._observer, alphas, self._settings)
+        self._take(
+            fit_network(
+                images,
+                self._observer,
+                alphas=alphas,
+                budget=budget,
+                start=predict_network(self._generator, images, self._observer, budget, alphas),
+                settings=self._settings,
+                seed=self._seed,
+                reporter=reporter,
+            )
         )
-
-    def _enhance(self, image: NDArray) -> NDArray[np.float32]:
-        pair = self._tensors(image)
-        enhanced = enhance(self._generator, *pair, self._observer, self._palette, self._statistics, self._strength)
-        return tensor_to_image(enhanced)
-
-    def _tensors(self, image: NDArray) -> tuple[Tensor, Tensor]:
-        """The image and the LUT's proposal, (3, H, W) on the device."""
-        proposal = self._fitted_lut()(image)
-        return image_to_tensor(image).to(self._device), image_to_tensor(proposal).to(self._device)

@@ -15,8 +15,8 @@ from ..errors import InputError
 from ..files.images import to_bytes
 from ..runtime.protocol import Reporter
 from .lut import ColorLut, as_float
+from .lut_fit import LutSettings, fit_lut
 from .pairs import Alphas, Images
-from .teacher import TeacherSettings, fit_luts
 
 
 class Enhancer(Protocol):
@@ -112,7 +112,7 @@ class IdentityEnhancer(SceneEnhancer):
 
 
 class LutEnhancer(SceneEnhancer):
-    """Recolours with one LUT per scene, fitted by the teacher in a few seconds on one core.
+    """Recolours with one LUT per scene, fitted in a few seconds on one core.
 
     Args:
         settings: constants of the fit; None for the defaults.
@@ -127,14 +127,14 @@ class LutEnhancer(SceneEnhancer):
         simulation: str = "machado",
         strength: float = 1.0,
         seed: int = 0,
-        settings: TeacherSettings | None = None,
+        settings: LutSettings | None = None,
     ) -> None:
         super().__init__(cvd, severity, simulation, strength, seed)
-        self._settings = settings or TeacherSettings()
+        self._settings = settings or LutSettings()
 
     def _fit(self, images: Images, reporter: Reporter, alphas: Alphas) -> None:
-        observers, settings = [self._observer], self._settings
-        (self.lut,) = fit_luts(images, observers, alphas=alphas, settings=settings, seed=self._seed, reporter=reporter)
+        who = (self._observer.cvd, self._observer.severity, self._observer.simulation)
+        self.lut = fit_lut(images, *who, alphas=alphas, settings=self._settings, seed=self._seed, reporter=reporter)
 
     def _enhance(self, image: NDArray) -> NDArray[np.float32]:
         return self._fitted_lut()(image, self._strength)

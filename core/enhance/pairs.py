@@ -1,4 +1,4 @@
-"""Pairs of colours drawn from a scene's views: what the teacher compares."""
+"""Pairs of colours drawn from a scene's views: what the LUT's fit compares."""
 
 from __future__ import annotations
 

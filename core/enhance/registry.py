@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..color.matrices import check_simulation
 from ..errors import InputError
-from ..settings import ENHANCERS, PLUGIN_PREFIX, WEIGHTS_SUFFIX, is_enhancer
+from ..settings import ENHANCERS, PLUGIN_PREFIX, WEIGHTS_SUFFIX, Settings, is_enhancer
 from .cgan import CganEnhancer
 from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer, check_strength
 from .scene.enhancer import SceneNetworkEnhancer
@@ -25,8 +25,8 @@ def make_enhancer(
     simulation: str = "machado",
     strength: float = 1.0,
     seed: int = 0,
-    device: str = "cpu",
     budget: float | None = None,
+    fit_steps: int = Settings.fit,
 ) -> Enhancer:
     """The enhancer of this name or in a file, or a plug-in's, for an observer.
 
@@ -34,6 +34,7 @@ def make_enhancer(
 
     Args:
         budget: mean ΔE00 by which a scene network may change colours; None to take it from the photographs.
+        fit_steps: by which the conditional GAN's prediction is fitted.
 
     Raises:
         InputError: an unknown enhancer, an observer that cannot be simulated, a strength outside [0, 1], weights that
@@ -55,7 +56,7 @@ def make_enhancer(
     if name != CganEnhancer.name and is_scene_network(Path(name)):
         return SceneNetworkEnhancer.from_file(Path(name), cvd, severity, simulation, strength)
     weights = None if name == CganEnhancer.name else Path(name)
-    return CganEnhancer(cvd, severity, simulation, strength, seed, weights, device)
+    return CganEnhancer(cvd, severity, simulation, strength, seed, budget, weights, fit_steps)
 
 
 def _plugin(name: str) -> Callable[..., Enhancer]:

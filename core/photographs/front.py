@@ -35,7 +35,7 @@ class EnhanceRequest:
         inputs: photographs, and folders that are searched with their subfolders.
         out: the output folder.
         cvd, severity, simulation, strength, enhancer, seed, device: as in `Settings`.
-        change_budget: as in `Settings`.
+        change_budget, fit: as in `Settings`.
         separately: fit the enhancer to each photograph alone.
         together: fit it to all photographs as one scene, whatever their colours; with neither, those whose palettes are
             alike are one scene.
@@ -52,6 +52,7 @@ class EnhanceRequest:
     seed: int = Settings.seed
     device: str = Settings.device
     change_budget: float | None = Settings.change_budget
+    fit: int = Settings.fit
     separately: bool = False
     together: bool = False
     skip_unreadable: bool = False

@@ -54,7 +54,7 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
     if request.separately and request.together:
         remedy = "leave one of them out"
         raise InputError("photographs cannot be enhanced together and separately", where="--together", remedy=remedy)
-    device = choose_device(request.device, has_cuda=torch.cuda.is_available())
+    choose_device(request.device, has_cuda=torch.cuda.is_available())  # refuses a card that is not there
 
     def make() -> Enhancer:
         return make_enhancer(
@@ -64,8 +64,8 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
             request.simulation,
             request.strength,
             request.seed,
-            device,
             request.change_budget,
+            request.fit,
         )
 
     make()  # refuses what cannot be simulated before anything takes time

@@ -59,7 +59,7 @@ def run(
     device = choose_warp_device(settings.device)
     earlier = EarlierRun.read(folder, settings.out) if settings.resume else None
     settings = earlier.complete(settings) if earlier else settings
-    enhancers = _make_enhancers(settings, device)  # refuses what cannot be simulated before anything takes time
+    enhancers = _make_enhancers(settings)  # refuses what cannot be simulated before anything takes time
     with clock.measure("capture"):
         if earlier:
             earlier.check_photographs(Path(settings.capture), recorder)
@@ -157,7 +157,7 @@ def _checkpoints(request: CheckpointRequest, settings: Settings, reporter: Repor
     )
 
 
-def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:
+def _make_enhancers(settings: Settings) -> dict[Layer, Enhancer]:
     return {
         layer: make_enhancer(
             settings.enhancer,
@@ -166,8 +166,8 @@ def _make_enhancers(settings: Settings, device: str) -> dict[Layer, Enhancer]:
             settings.simulation,
             settings.strength,
             settings.seed,
-            device,
             settings.change_budget,
+            settings.fit,
         )
         for layer in settings.layers
     }

@@ -23,8 +23,8 @@ from ...core.color.spaces import (
 )
 from ...core.enhance import Enhancer, SceneEnhancer
 from ...core.enhance.lut import as_float
+from ...core.enhance.lut_fit import LutSettings, fit_lut
 from ...core.enhance.pairs import Alphas, Images
-from ...core.enhance.teacher import TeacherSettings, fit_luts
 from ...core.errors import InputError
 from ...core.files.images import to_bytes
 from ...core.runtime.protocol import Reporter
@@ -36,7 +36,7 @@ _LARGEST_GAIN = 16.0
 _BISECTIONS = 20  # to 16 / 2^20
 _SAMPLES = 10_000  # pixels on which the gain is found; few enough that torch starts no threads
 _MATCHED_VIEWS = 8  # on which a scene's contrast gain is matched; more hardly change the mean
-# Of a LUT fitted to each view and rendering: a third of the teacher's usual effort.
+# Of a LUT fitted to each view and rendering: a third of the usual effort.
 _PER_VIEW_STEPS = 80
 _PER_VIEW_PAIRS = 3000
 
@@ -149,14 +149,14 @@ class FidanerEnhancer(SceneEnhancer):
 class PerViewLut(SceneEnhancer):
     """Fits a new LUT to every image, as a method for single images would treat a scene.
 
-    Two confused colours can be separated in either direction. For a scene the teacher decides that once; here nothing
+    Two confused colours can be separated in either direction. For a scene the fit decides that once; here nothing
     ties the views together, and each image is decided by a coin toss seeded with its pixels.
     """
 
     name = "lut-per-view"
 
     def _enhance(self, image: NDArray) -> NDArray[np.float32]:
-        usual = TeacherSettings()
+        usual = LutSettings()
         direction = 1.0 if _seeded_by(image).random() < 0.5 else -1.0
         settings = replace(
             usual,
@@ -165,7 +165,8 @@ class PerViewLut(SceneEnhancer):
             relaxations=0,
             initial_shift=direction * usual.initial_shift,
         )
-        (lut,) = fit_luts([image], [self._observer], settings=settings, seed=self._seed)
+        who = (self._observer.cvd, self._observer.severity, self._observer.simulation)
+        lut = fit_lut([image], *who, settings=settings, seed=self._seed)
         return lut(image, self._strength)
 
 

@@ -175,7 +175,7 @@ def weights() -> list[bytes]:
     from cvdgs.core.enhance.gan.networks import Generator, GeneratorConfig
     from cvdgs.core.enhance.gan.weights import save_generator
 
-    generator = Generator(GeneratorConfig(widths=(2, 3), embedding=2))
+    generator = Generator(GeneratorConfig((2, 2, 2, 3), 1, 2, 2))
     return [written("w.safetensors", lambda path: save_generator(generator, path, {"step": "1"}))]
 
 

@@ -85,12 +85,12 @@ def colmap_points(folder: Path) -> Path:
 
 
 def weights(folder: Path) -> Path:
-    """A network that just fits into the 512 MiB that its file may have."""
+    """A network that just fits into the 16 MiB that its file may have."""
     from cvdgs.core.enhance.gan.networks import Generator, GeneratorConfig
     from cvdgs.core.enhance.gan.weights import save_generator
 
-    save_generator(Generator(GeneratorConfig(widths=(960,) * 6, embedding=2)), folder / "weights.safetensors")
-    assert 400 << 20 < (folder / "weights.safetensors").stat().st_size <= 512 << 20
+    save_generator(Generator(GeneratorConfig(widths=(200,) * 4)), folder / "weights.safetensors")
+    assert 14 << 20 < (folder / "weights.safetensors").stat().st_size <= 16 << 20
     return folder / "weights.safetensors"
 
 

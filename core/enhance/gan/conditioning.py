@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -23,7 +24,10 @@ PALETTE_BINS = 4
 PALETTE_FEATURES = PALETTE_BINS**3 + 9
 """Length of a palette."""
 
-_PALETTE_PIXELS = 60_000  # drawn from each image for its palette
+CONDITION_FEATURES = OBSERVER_FEATURES + PALETTE_FEATURES + 1
+"""Length of a scene's condition."""
+
+_PALETTE_PIXELS = 4_000  # drawn from each image for its palette
 _LAB_CENTER, _LAB_SCALE = np.array([50.0, 0.0, 0.0]), 20.0  # bring CIELAB to the order of 1
 
 
@@ -32,6 +36,11 @@ def observer_features(observer: Observer) -> Tensor:
     kind = [observer.severity * (observer.cvd == name) for name in CVD_TYPES]
     model = [float(observer.simulation == name) for name in SIMULATIONS]
     return torch.tensor([*kind, *model], dtype=torch.float32)
+
+
+def condition(observer: Observer, colors: Tensor, budget: float) -> Tensor:
+    """(CONDITION_FEATURES,) for a scene: the observer, the scene's `palette`, and the budget in mean ΔE00."""
+    return torch.cat([observer_features(observer), colors, torch.tensor([math.log(budget)])])
 
 
 def palette(

@@ -1,23 +1,20 @@
-"""The generator: a U-Net that improves on the teacher's recolouring of each pixel for one observer.
+"""The generator: looks at a scene's views at low resolution, and gives the parameters of a scene network.
 
-It sees the image and the teacher's proposal, a recolouring of the whole scene by one look-up table, and says how the
-proposal is to be changed. So it need not find out which way a scene's colours are to be moved apart, which any single
-view leaves open, and it can do what no look-up table can: treat one colour differently from place to place.
+A U-Net (Isola et al. 2017) reads every view: the colours, and what the observer sees differently. It is steered by the
+observer, the scene's palette and the budget (feature-wise modulation, Perez et al. 2018). Its output are a few pictures
+of attention and some features; each attention takes the mean of features and colours over what it points at. What the
+views have in common by that, their mean, becomes one code of the scene, and the code the network's parameters:
 
-As in pix2pix (Isola et al. 2017) convolutions of stride 2 lead down and skip connections back up; different are
+    parameters = base + basis · code          table = share · (what the observer loses, made visible) + basis · code
 
-- the finest level, which is one narrow layer: recolouring is a function of the pixel and its neighbours, steered by
-  features of its surroundings from half resolution downwards. That halves the cost of an image;
-- nearest-neighbour upsampling before a convolution, which leaves no checkerboard;
-- feature-wise modulation (FiLM, Perez et al. 2018) of every level by the observer and the scene's palette;
-- the residual's last layer, which starts at zero: training starts from the proposal;
-- the severity as a factor of the residual: at severity 0 the proposal stays as it is, whatever the weights;
-- a factor that fades the whole change out towards neutral colours: greys and whites stay, whatever the weights;
-- another that takes back part of it in colours like skin: people look at faces.
+One prediction holds for the whole scene, so that all views agree as they do after a fit. Its change is to be scaled to
+the budget, so the generator decides about directions and places only.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -25,19 +22,19 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from ...color.protected_colors import skin_likeness
-from .conditioning import OBSERVER_FEATURES, PALETTE_FEATURES
+from ...color.simulation import Observer
+from ..scene.network import SceneNetwork
+from .conditioning import CONDITION_FEATURES
 
-NORMALISATIONS = ("none", "instance", "scene")
+STRIDE = 16
+"""Sides of the generator's views are multiples of this, in pixels."""
+
+_SEEN = 6  # channels of a view: `seen_features`
 _SLOPE = 0.2  # of leaky ReLUs, as in pix2pix
-_EPSILON = 1e-5  # added to variances
-_NEUTRAL = 0.03  # difference of the largest and the smallest channel at which half of the change is applied
-
-_SKIN_HELD = 0.4  # share of the change that is taken back in colours like skin
-_PLANES = 12  # channels of the input: four images
-
-Statistics = dict[int, tuple[Tensor, Tensor]]
-"""Mean and variance, (B, C, 1, 1) each, of every normalised layer by its number."""
+_HIDDEN = 128  # between the summary of the views and the code
+_TABLE_SCALE, _PERCEPTRON_SCALE = 0.05, 0.3  # bring both parts of the parameters to the order of 1
+_LAST_SCALE = 0.01  # of the perceptron's last layer at first: next to nothing
+_TABLE = "table"
 
 
 @dataclass(frozen=True)
@@ -45,181 +42,126 @@ class GeneratorConfig:
     """The network's shape; stored with its weights.
 
     Attributes:
-        widths: channels at full resolution, at half, at a quarter, ...
-        normalisation: of the inner levels: "none"; "instance", by the statistics of the image at hand; or "scene", by
-            those of all views of a scene together, which are taken when the enhancer is fitted. The latter two train
-            alike.
-        palette: whether the scene's palette steers the network.
-        embedding: width of the vector that steers.
+        widths: channels at half the resolution, at a quarter, an eighth, a sixteenth.
+        attentions: pictures of attention.
+        embedding: width of the vector that steers the U-Net.
+        code: width of the scene's code: so many changes of the parameters are learned.
     """
 
-    widths: tuple[int, ...] = (16, 24, 32, 64, 96, 128)
-    normalisation: str = "none"
-    palette: bool = True
-    embedding: int = 64
-
-    @property
-    def levels(self) -> int:
-        """Number of halvings of the resolution."""
-        return len(self.widths) - 1
-
-    @property
-    def stride(self) -> int:
-        """Sides of the network's input are multiples of this."""
-        return 2**self.levels
-
-    @property
-    def reach(self) -> int:
-        """An output pixel depends on no input further away than this, in pixels, rounded up to a whole stride.
-
-        Going down, a 4×4 kernel reaches 2 pixels of the level it reads; coming up, a 3×3 kernel reaches 1 and nearest
-        neighbours shift by at most 1.
-        """
-        down = sum(2 * 2**level for level in range(self.levels))
-        up = sum(2 * 2**level for level in range(self.levels))
-        return -(-(down + up) // self.stride) * self.stride
+    widths: tuple[int, ...] = (16, 24, 32, 48)
+    attentions: int = 8
+    embedding: int = 48
+    code: int = 48
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready; `from_dict` reads it back."""
+        """JSON values."""
         return asdict(self)
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> GeneratorConfig:
-        """The configuration of `to_dict`; ValueError, TypeError or KeyError when it describes no network of ours."""
-        config = cls(**{**values, "widths": tuple(values["widths"])})
-        sizes = (*config.widths, config.embedding)
-        plausible = 2 <= len(config.widths) <= 9 and all(type(w) is int and 1 <= w <= 1024 for w in sizes)
-        if not plausible or config.normalisation not in NORMALISATIONS or not isinstance(config.palette, bool):
-            raise ValueError("no generator of this shape")
+    def from_dict(cls, values: Mapping[str, Any]) -> GeneratorConfig:
+        """From what `to_dict` gave.
+
+        Raises:
+            ValueError: values that no network has.
+        """
+        config = cls(tuple(values["widths"]), *(values[name] for name in ("attentions", "embedding", "code")))
+        numbers = [*config.widths, config.attentions, config.embedding, config.code]
+        if len(config.widths) != 4 or not all(type(one) is int and 1 <= one <= 1024 for one in numbers):
+            raise ValueError("no such network")
         return config
 
 
 class Generator(nn.Module):
-    """See the module's text."""
+    """See the module.
+
+    Args:
+        config: its shape.
+    """
 
     def __init__(self, config: GeneratorConfig = GeneratorConfig()) -> None:
         super().__init__()
         self.config = config
-        full, *inner = config.widths
-        self.embed = nn.Sequential(
-            nn.Linear(OBSERVER_FEATURES + PALETTE_FEATURES * config.palette, config.embedding),
-            nn.LeakyReLU(_SLOPE),
-            nn.Linear(config.embedding, config.embedding),
-            nn.LeakyReLU(_SLOPE),
-        )
+        widths, embedding = config.widths, config.embedding
+        self.steer = nn.Sequential(nn.Linear(CONDITION_FEATURES, 64), nn.SiLU(), nn.Linear(64, embedding), nn.SiLU())
+        entering = (_SEEN, *widths[:-1])
         self.down = nn.ModuleList(
-            _Modulated(nn.Conv2d(before, after, 4, stride=2, padding=1), config.embedding)
-            for before, after in zip((_PLANES, *inner[:-1]), inner, strict=True)
+            _Steered(before, after, embedding, stride=2) for before, after in zip(entering, widths, strict=True)
         )
-        self.up = nn.ModuleList(
-            _Modulated(nn.Conv2d(below + here, here, 3, padding=1), config.embedding)
-            for below, here in zip(reversed(inner[1:]), reversed(inner[:-1]), strict=True)
+        rising = list(zip(widths[:0:-1], widths[-2::-1], strict=True))
+        self.up = nn.ModuleList(_Steered(below + beside, beside, embedding) for below, beside in rising)
+        self.attention = nn.Conv2d(widths[0], config.attentions, 1)
+        summary = config.attentions * (widths[0] + _SEEN)
+        self.code = nn.Sequential(
+            nn.Linear(summary + embedding, _HIDDEN), nn.SiLU(), nn.Linear(_HIDDEN, config.code), nn.SiLU()
         )
-        self.steer = nn.Conv2d(inner[0], full, 1)
-        self.pixel = _Modulated(nn.Conv2d(_PLANES, full, 3, padding=1), config.embedding)
-        self.mix = nn.Conv2d(full, full, 1)
-        self.residual = nn.Conv2d(full, 3, 1)
-        nn.init.zeros_(self.residual.weight)
-        if self.residual.bias is not None:
-            nn.init.zeros_(self.residual.bias)
-        channels_last(self)
+        self.share = nn.Linear(config.code, 1)
+        self._shapes = {name: value.shape for name, value in SceneNetwork(Observer("deutan", 1.0)).state_dict().items()}
+        self.parameters_of = nn.Linear(config.code, sum(math.prod(shape) for shape in self._shapes.values()))
+        self._initialise()
 
-    def forward(
-        self,
-        image: Tensor,
-        simulated: Tensor,
-        proposal: Tensor,
-        proposal_simulated: Tensor,
-        observer: Tensor,
-        severity: Tensor,
-        palette: Tensor,
-        statistics: Statistics | None = None,
-        record: Statistics | None = None,
-    ) -> Tensor:
-        """(B, 3, H, W) what to add to `image`; not clipped.
+    def _initialise(self) -> None:
+        """Any scene's first prediction is the direction that the fit tries first."""
+        network = SceneNetwork(Observer("deutan", 1.0))
+        nn.init.normal_(network.last.weight, std=_LAST_SCALE)
+        start = [value.detach().flatten() / _scale(name) for name, value in network.state_dict().items()]
+        with torch.no_grad():
+            self.parameters_of.bias.copy_(torch.cat(start))
+            self.parameters_of.weight[: math.prod(self._shapes[_TABLE])] = 0.0
+            self.share.weight.mul_(0.1)
+            self.share.bias.fill_(1.0)
+
+    def summary(self, views: Tensor, condition: Tensor, coverage: Tensor | None = None) -> Tensor:
+        """(V, S) what the attentions find in each view.
 
         Args:
-            image: (B, 3, H, W) sRGB in [0, 1], sides multiples of `config.stride`.
-            simulated: S(image), likewise.
-            proposal: the teacher's recolouring of the image, likewise.
-            proposal_simulated: S(proposal), likewise.
-            observer: (B, OBSERVER_FEATURES).
-            severity: (B,).
-            palette: (B, PALETTE_FEATURES); ignored by a network without palette.
-            statistics: normalise by these instead of the images' own.
-            record: is filled with the images' own.
+            views: (V, 6, H, W) `seen_features`, with sides that are multiples of `STRIDE`.
+            condition: (V, CONDITION_FEATURES) of each view's scene.
+            coverage: (V, 1, H, W) in [0, 1]; None where all is covered.
         """
-        norm = _Normaliser(self.config.normalisation != "none", statistics, record)
-        steering = self.embed(torch.cat([observer, palette], 1) if self.config.palette else observer)
-        # Differences are what matters: what the observer loses, and what the proposal gives back. They are small, so
-        # they are scaled up.
-        planes = [image - 0.5, simulated - image, proposal - image, proposal_simulated - simulated]
-        seen = torch.cat([planes[0], *(2.0 * plane for plane in planes[1:])], 1)
-        seen = seen.contiguous(memory_format=torch.channels_last)
-        skips, features = [], seen
-        for level, layer in enumerate(self.down):
-            # As in pix2pix, the outermost layer is not normalised.
-            features = layer(features, steering, norm if level else None)
-            skips.append(features)
-        features = skips.pop()
+        steer, levels, found = self.steer(condition), [], views
+        for layer in self.down:
+            found = layer(found, steer)
+            levels.append(found)
+        levels.pop()
         for layer in self.up:
-            wider = functional.interpolate(features, scale_factor=2.0, mode="nearest")
-            features = layer(torch.cat([wider, skips.pop()], 1), steering, norm)
-        surroundings = functional.interpolate(
-            self.steer(features), scale_factor=2.0, mode="bilinear", align_corners=False
-        )
-        features = self.pixel(seen, steering, None, surroundings)
-        features = functional.leaky_relu(self.mix(features), _SLOPE)
-        colorfulness = (image.amax(1, keepdim=True) - image.amin(1, keepdim=True)) ** 2
-        chromatic = colorfulness / (colorfulness + _NEUTRAL**2)
-        change = proposal - image + self.residual(features) * severity[:, None, None, None]
-        held = 1.0 - _SKIN_HELD * skin_likeness(image)[:, None]
-        return change * chromatic * held
+            beside = levels.pop()
+            found = layer(torch.cat([functional.interpolate(found, scale_factor=2.0), beside], 1), steer)
+        weight = self.attention(found)
+        if coverage is not None:
+            covered = functional.avg_pool2d(coverage, 2)
+            weight = weight + covered.clamp(min=torch.finfo(covered.dtype).tiny).log()
+        weight = weight.flatten(2).softmax(2)
+        values = torch.cat([found, functional.avg_pool2d(views, 2)], 1).flatten(2)
+        return torch.einsum("vap,vcp->vac", weight, values).flatten(1)
+
+    def forward(self, summary: Tensor, condition: Tensor, start: Tensor) -> dict[str, Tensor]:
+        """The state of a `SceneNetwork` for each scene, by name, with a first axis for the scenes.
+
+        Args:
+            summary: (B, S) mean `summary` of each scene's views.
+            condition: (B, CONDITION_FEATURES).
+            start: (B, N, N, N, 3) tables that make visible what each observer loses.
+        """
+        code = self.code(torch.cat([summary, self.steer(condition)], 1))
+        sizes = [math.prod(shape) for shape in self._shapes.values()]
+        parts = zip(self._shapes.items(), self.parameters_of(code).split(sizes, 1), strict=True)
+        state = {name: _scale(name) * values.reshape(-1, *shape) for (name, shape), values in parts}
+        state[_TABLE] = state[_TABLE] + self.share(code)[:, :, None, None, None] * start
+        return state
 
 
-def channels_last(network: nn.Module) -> None:
-    """Store convolution kernels as oneDNN wants them: on a CPU a third faster than torch's default order."""
-    for value in network.parameters():
-        if value.ndim == 4:
-            value.data = value.data.contiguous(memory_format=torch.channels_last)
+class _Steered(nn.Module):
+    """A convolution whose result is scaled and shifted by the vector that steers."""
 
-
-class _Normaliser:
-    """Instance normalisation by given statistics or the images' own, layer after layer in the order of calls."""
-
-    def __init__(self, active: bool, statistics: Statistics | None, record: Statistics | None) -> None:
-        self._active, self._statistics, self._record, self._layer = active, statistics, record, 0
-
-    def __call__(self, features: Tensor) -> Tensor:
-        if not self._active:
-            return features
-        if self._statistics is None:
-            variance, mean = torch.var_mean(features, (2, 3), correction=0, keepdim=True)
-        else:
-            mean, variance = self._statistics[self._layer]
-        if self._record is not None:
-            self._record[self._layer] = (mean, variance)
-        self._layer += 1
-        return (features - mean) * torch.rsqrt(variance + _EPSILON)
-
-
-class _Modulated(nn.Module):
-    """A convolution whose output channels are scaled and shifted by the steering vector, then rectified."""
-
-    def __init__(self, convolution: nn.Conv2d, embedding: int) -> None:
+    def __init__(self, before: int, after: int, embedding: int, stride: int = 1) -> None:
         super().__init__()
-        self.convolution = convolution
-        self.modulate = nn.Linear(embedding, 2 * convolution.out_channels)
-        nn.init.zeros_(self.modulate.weight)
-        nn.init.zeros_(self.modulate.bias)
+        self.convolution = nn.Conv2d(before, after, 3, stride, 1)
+        self.modulation = nn.Linear(embedding, 2 * after)
 
-    def forward(
-        self, features: Tensor, steering: Tensor, norm: _Normaliser | None, surroundings: Tensor | None = None
-    ) -> Tensor:
-        features = self.convolution(features)
-        if norm is not None:
-            features = norm(features)
-        scale, shift = self.modulate(steering)[:, :, None, None].chunk(2, 1)
-        if surroundings is not None:
-            shift = shift + surroundings
-        return functional.leaky_relu(torch.addcmul(shift, features, 1.0 + scale), _SLOPE)
+    def forward(self, found: Tensor, steer: Tensor) -> Tensor:
+        scale, shift = self.modulation(steer)[:, :, None, None].chunk(2, 1)
+        return functional.leaky_relu(self.convolution(found) * (1.0 + scale) + shift, _SLOPE)
+
+
+def _scale(name: str) -> float:
+    return _TABLE_SCALE if name == _TABLE else _PERCEPTRON_SCALE

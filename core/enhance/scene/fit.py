@@ -14,16 +14,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn import functional
 
 from ...color.simulation import Observer
-from ...errors import InputError
 from ...runtime.protocol import Reporter
 from ...runtime.threads import one_thread
+from ..lut_fit import initial_residual
 from ..pairs import Alphas, Images
-from ..teacher import initial_residual
 from .network import SceneNetwork, features
 from .objective import Objective, ObjectiveWeights, lost_contrast
+from .views import chosen_views, reduced
 
 STAGE = "enhance"
 
@@ -77,9 +76,10 @@ _GAIN, _MOST_EXCESS = 0.1, 0.5  # how fast that weight follows, and the relative
 _LEAST_WEIGHT, _MOST_WEIGHT = 0.003, 5.0
 _LAX_WEIGHT = 0.02  # of naturalness; where it sinks below, the budget is not spent, and structure is eased too
 _LEAST_EASE = 0.5
-_FINEST = 8  # larger images lose pixels before they are reduced, in units of the size that is asked for
-_LEAST_COVERAGE = 1 / 255
-_SCALINGS = 4  # at most, of a change that exceeds the budget; ΔE00 is not quite proportional to it
+_SCALINGS = 4  # at most, of a change to the budget; ΔE00 is not quite proportional to it
+_NEARLY = 0.98  # of the budget is near enough
+_LEAST_CHANGE = 1e-6  # mean ΔE00
+_LEAST_SCALE, _MOST_SCALE = 0.2, 3.0  # of a start's change
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,8 @@ def fit_network(
         images, alphas: the views; at most `settings.views` of them are looked at.
         observer: who is to tell things apart, of a severity above 0.
         budget: mean ΔE00 by which colours may change; None to take it from how much contrast the observer loses.
-        start: a network for the observer, such as a predicted one, to go on from; it is left as it is.
+        start: a network for the observer, such as a predicted one, to go on from once its change is scaled to the
+            budget; it is left as it is.
 
     Raises:
         InputError: no view has a covered pixel.
@@ -125,14 +126,30 @@ def fit_network(
         return _Fit(images, observer, alphas, budget, settings, seed, reporter or Reporter()).run(start)
 
 
+def default_budget(
+    images: Images, observer: Observer, alphas: Alphas = None, settings: FitSettings = FitSettings()
+) -> float:
+    """Mean ΔE00 by which the colours of a scene may change, from how much contrast the observer loses.
+
+    Args:
+        images, observer, alphas: as for `fit_network`.
+
+    Raises:
+        InputError: no view has a covered pixel.
+    """
+    views = [reduced(*view, settings.judged_size) for view in chosen_views(images, alphas, settings.views)]
+    lost = [lost_contrast(pixels, observer, coverage) for pixels, coverage in views]
+    fine, coarse = (sum(one) / len(lost) for one in zip(*lost, strict=True))
+    return settings.budget_base + settings.budget_share * max(fine, settings.coarse_share * coarse)
+
+
 @dataclass(frozen=True)
 class _View:
-    """A view as the fit sees it: its objective, colours (P, 3) and features (P, 25), and its `lost_contrast`."""
+    """A view as the fit sees it: its objective, colours (P, 3) and features (P, 25)."""
 
     objective: Objective
     colors: Tensor
     features: Tensor
-    lost: tuple[float, float]
 
     def shown(self, network: SceneNetwork, *, whole: bool) -> Tensor:
         """(3, H, W) the enhanced view, not clipped; `whole`: with the perceptron."""
@@ -156,8 +173,8 @@ class _Fit:
         self._observer, self._settings, self._reporter = observer, settings, reporter
         self._torch_generator = torch.Generator().manual_seed(seed)
         self._generator = np.random.default_rng(seed)
-        self._views = self._prepare(images, alphas)
-        self._budget = self._default_budget() if budget is None else budget
+        self._views = [self._view(*view) for view in chosen_views(images, alphas, settings.views)]
+        self._budget = default_budget(images, observer, alphas, settings) if budget is None else budget
         self._weight = settings.weight
         self._mean_change: float | None = None
         self._total = len(settings.shifts) * settings.start_steps + settings.table_steps + settings.steps
@@ -170,44 +187,26 @@ class _Fit:
             self._initialise(network)
             alone.table.data.copy_(self._best_start())
         else:
-            network.load_state_dict(start.state_dict())
-            alone.table.data.copy_(start.table.data)
+            network = self._at_budget(start, whole=True, least=_LEAST_SCALE, most=_MOST_SCALE)
+            alone.table.data.copy_(network.table.data)
         self._optimise(alone, [alone.table], self._settings.table_steps, whole=False)
         if start is None:
             network.table.data.copy_(alone.table.data)
-        table = self._within_budget(alone, whole=False).table.detach()
+        table = self._at_budget(alone, whole=False).table.detach()
         self._weight, self._mean_change = self._settings.weight, None
         self._optimise(network, list(network.parameters()), self._settings.steps, whole=True)
-        network = self._within_budget(network, whole=True)
+        network = self._at_budget(network, whole=True)
         self._reporter.progress(STAGE, 1.0)
         return FittedNetwork(network.requires_grad_(False), table, self._budget, self._change(network, whole=True))
 
-    def _prepare(self, images: Images, alphas: Alphas) -> list[_View]:
-        alphas = [None] * len(images) if alphas is None else alphas
-        visible = [i for i, alpha in enumerate(alphas) if alpha is None or alpha.any()]
-        if not visible:
-            raise InputError("no view has a visible pixel", remedy="check the alpha channels of the photographs")
-        places = np.linspace(0, len(visible) - 1, min(self._settings.views, len(visible))).round().astype(int)
-        return [self._view(images[i], alphas[i]) for i in np.array(visible)[np.unique(places)]]
-
     def _view(self, image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None) -> _View:
-        pixels, coverage = _reduced(image, alpha, self._settings.size)
+        pixels, coverage = reduced(image, alpha, self._settings.size)
         objective = Objective(pixels, self._observer, coverage, self._torch_generator, self._settings.objective)
         return _View(
             objective,
             pixels.flatten(1).T.contiguous(),
             features(pixels, self._observer, coverage),
-            self._lost(image, alpha),
         )
-
-    def _lost(self, image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None) -> tuple[float, float]:
-        pixels, coverage = _reduced(image, alpha, self._settings.judged_size)
-        return lost_contrast(pixels, self._observer, coverage)
-
-    def _default_budget(self) -> float:
-        fine, coarse = (sum(one) / len(self._views) for one in zip(*(view.lost for view in self._views), strict=True))
-        lost = max(fine, self._settings.coarse_share * coarse)
-        return self._settings.budget_base + self._settings.budget_share * lost
 
     def _initialise(self, network: SceneNetwork) -> None:
         """Random hidden layers from the seed, as torch's own initialisation would draw them."""
@@ -260,41 +259,20 @@ class _Fit:
         excess = min(max(self._mean_change / self._budget - 1.0, -_MOST_EXCESS), _MOST_EXCESS)
         self._weight = min(max(self._weight * math.exp(_GAIN * excess), _LEAST_WEIGHT), _MOST_WEIGHT)
 
-    def _within_budget(self, network: SceneNetwork, *, whole: bool) -> SceneNetwork:
-        """A copy whose change is scaled down where it exceeds the budget."""
-        copy = SceneNetwork(self._observer)
+    def _at_budget(self, network: SceneNetwork, *, whole: bool, least: float = 0.0, most: float = 1.0) -> SceneNetwork:
+        """A copy whose change is scaled towards the budget, by factors from `least` to `most`."""
+        copy, factor = SceneNetwork(self._observer), 1.0
         copy.load_state_dict(network.state_dict())
         for _ in range(_SCALINGS):
             change = self._change(copy, whole=whole)
-            if change <= self._budget:
+            wanted = min(max(factor * self._budget / max(change, _LEAST_CHANGE), least), most)
+            if wanted == factor or _NEARLY < change / self._budget <= 1.0:
                 break
-            copy.scale(self._budget / change)
+            copy.scale(wanted / factor)
+            factor = wanted
         return copy
 
     def _change(self, network: SceneNetwork, *, whole: bool) -> float:
         with torch.no_grad():
             changes = [view.objective.change(view.shown(network, whole=whole)) for view in self._views]
         return sum(changes) / len(changes)
-
-
-def _reduced(image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None, size: int) -> tuple[Tensor, Tensor | None]:
-    """(3, H, W) in [0, 1] with a longer side of at most `size` pixels, and (H, W) coverage where there is some.
-
-    Pixels that are not covered have the mean colour of the others: windows and squares reach across the border.
-    """
-    longer = max(image.shape[:2])
-    thinning = np.s_[:: max(longer // (_FINEST * size), 1)]
-    pixels = torch.from_numpy(np.ascontiguousarray(image[thinning, thinning].transpose(2, 0, 1))).float() / 255.0
-    shape = [max(round(side * min(size / longer, 1.0)), 1) for side in image.shape[:2]]
-
-    def reduce(maps: Tensor) -> Tensor:
-        return functional.interpolate(maps[None], shape, mode="bilinear", antialias=True)[0]
-
-    if alpha is None:
-        return reduce(pixels), None
-    coverage = torch.from_numpy(np.ascontiguousarray(alpha[thinning, thinning])).float()[None] / 255.0
-    mean = (coverage * pixels).sum((1, 2)) / coverage.sum()
-    *premultiplied, covered = reduce(torch.cat([coverage * pixels, coverage]))
-    straight = torch.stack(premultiplied) / covered.clamp(min=_LEAST_COVERAGE)
-    is_covered = covered >= _LEAST_COVERAGE
-    return torch.where(is_covered, straight, mean[:, None, None]), covered * is_covered

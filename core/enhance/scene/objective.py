@@ -132,7 +132,7 @@ class Objective:
         seen = linear_to_lab(seen_linear)
         near, far = self._neighbours.contrasts(seen), self._distant.contrasts(seen)
         areas = self._areas.contrasts(self.observer.lab(srgb_to_linear(_reduce(clipped, _REDUCTION))))
-        change = _smooth_change(self._lab, linear_to_lab(linear))
+        change = smooth_change(self._lab, linear_to_lab(linear))
         return {
             "neighbours": self._neighbours.lost(near, _FEW_NEIGHBOURS),
             "areas": self._areas.lost(areas, _FEW_AREAS),
@@ -293,7 +293,7 @@ def _reduce(maps: Tensor, reduction: int) -> Tensor:
     return functional.avg_pool2d(maps[None], size)[0]
 
 
-def _smooth_change(before: Tensor, after: Tensor) -> Tensor:
+def smooth_change(before: Tensor, after: Tensor) -> Tensor:
     """(H, W) change of CIELAB pictures: the CIE94 difference, rounded off at 0 so that its slope is smooth there."""
     difference = after - before
     chroma = (before[1:].square().sum(0) + 1e-3).sqrt()

@@ -13,7 +13,6 @@ from ....core.enhance import CganEnhancer, Enhancer, IdentityEnhancer, LutEnhanc
 from ....core.errors import InputError
 from ....core.files.images import to_bytes
 from ....core.settings import WEIGHTS_SUFFIX
-from ...training.gradient_teacher import GradientTeacher
 from ..baselines import ContrastGain, FidanerEnhancer, PerViewLut
 from .scores import Enhanced
 
@@ -23,9 +22,7 @@ GAIN = "gain"
 MethodFactory = Callable[[str, float, str], Enhancer]
 """(cvd, severity, simulation) to an enhancer."""
 
-METHODS: Mapping[str, MethodFactory] = {
-    method.name: method for method in (FidanerEnhancer, GradientTeacher, PerViewLut)
-}
+METHODS: Mapping[str, MethodFactory] = {method.name: method for method in (FidanerEnhancer, PerViewLut)}
 """Enhancers of benchmarks alone, in addition to those of `make_enhancer`."""
 
 _TIMED_SIDE = 1000  # pixels: one megapixel

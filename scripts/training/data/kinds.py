@@ -1,19 +1,14 @@
-"""What a sample shows and who looks at it: the kinds of image that can be drawn, pieces of photographs, observers."""
+"""What a training picture shows and who looks at it: the kinds of image that can be drawn, and observers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.capture.files import list_images
-from ....core.capture.images import read_pixels
-from ....core.capture.scaling import downscale
 from ....core.color.simulation import Observer
-from ....core.errors import InputError
 from . import patches, prints, scenes, weaves
 from .fields import relief, resize
 from .palettes import Palette, draw_palette
@@ -47,9 +42,6 @@ _DRAW: dict[str, Callable[[int, int, Palette, np.random.Generator], Pixels]] = {
 KINDS = (*_DRAW, PLATE, MIXTURE)
 """Names that `draw_image` knows."""
 
-
-PHOTOGRAPH = "photograph"
-"""The kind of a sample whose input is a piece of a photograph."""
 
 KIND_SHARES: Mapping[str, float] = {
     "tartan": 0.10,
@@ -138,83 +130,6 @@ def _draw_mixture(height: int, width: int, generator: np.random.Generator, confu
     border = np.cos(angle) * x + np.sin(angle) * y + generator.uniform(-0.4, 0.4)
     border = border + generator.choice([0.0, 0.3]) * relief(height, width, 0.1 * min(height, width), generator)
     return Drawing(np.where((border > 0.0)[..., None], first.image, second.image), first.confuses or second.confuses)
-
-
-@dataclass(frozen=True)
-class Input:
-    """The input of a sample.
-
-    Attributes:
-        image: (H, W, 3) uint8 sRGB.
-        kind: what was drawn, or `PHOTOGRAPH`.
-        confuses: the type of deficiency that its colours were chosen for, or None.
-        source: the photograph's name, or None.
-    """
-
-    image: NDArray[np.uint8]
-    kind: str
-    confuses: str | None = None
-    source: str | None = None
-
-
-@dataclass(frozen=True)
-class Photographs:
-    """Photographs in folders, in a fixed order.
-
-    Attributes:
-        paths: of the files.
-        names: folder name and path below it, and the size in bytes: what tells whether they are still the same.
-    """
-
-    paths: tuple[Path, ...] = ()
-    names: tuple[str, ...] = ()
-
-    @classmethod
-    def find(cls, folders: tuple[str, ...]) -> Photographs:
-        """All images in and below the folders.
-
-        Raises:
-            InputError: a folder is missing or holds no image.
-        """
-        paths: list[Path] = []
-        names: list[str] = []
-        for folder in map(Path, folders):
-            found = list_images(folder) if folder.is_dir() else []
-            if not found:
-                raise InputError("there is no folder of images", where=folder, remedy="give one that holds photographs")
-            paths += [folder / name for name in found]
-            names += [f"{folder.resolve().name}/{name} ({(folder / name).stat().st_size} bytes)" for name in found]
-        return cls(tuple(paths), tuple(names))
-
-
-def draw_input(
-    size: int,
-    kind_shares: Mapping[str, float],
-    photographs: Photographs,
-    photograph_share: float,
-    generator: np.random.Generator,
-) -> Input:
-    """An image of `size` pixels a side."""
-    if photographs.paths and generator.random() < photograph_share:
-        chosen = int(generator.integers(len(photographs.paths)))
-        image = cut_photograph(photographs.paths[chosen], size, generator)
-        return Input(image, PHOTOGRAPH, source=photographs.names[chosen])
-    shares = np.array(list(kind_shares.values()), np.float64)
-    kind = str(generator.choice(list(kind_shares), p=shares / shares.sum()))
-    drawing = draw(kind, size, size, generator)
-    return Input(drawing.image, kind, drawing.confuses)
-
-
-def cut_photograph(path: Path, size: int, generator: np.random.Generator) -> NDArray[np.uint8]:
-    """(size, size, 3) a random square of a photograph, at a random scale between its own and all of it."""
-    image, alpha = read_pixels(path, upright=True)
-    if alpha is not None:
-        cover = alpha[..., None].astype(np.float32) / 255.0
-        image = np.round(255.0 + cover * (image - 255.0)).astype(np.uint8)
-    shorter = min(image.shape[:2])
-    side = round(float(np.exp(generator.uniform(np.log(min(size, shorter)), np.log(shorter)))))
-    top, left = (int(generator.integers(0, length - side + 1)) for length in image.shape[:2])
-    return downscale(np.ascontiguousarray(image[top : top + side, left : left + side]), size, size)
 
 
 def draw_observers(count: int, confuses: str | None, generator: np.random.Generator) -> list[Observer]:

@@ -1,314 +1,278 @@
-"""Trains the conditional GAN on a paired dataset, on CPU or CUDA, resumable from a checkpoint.
+"""Trains the conditional GAN: from nothing to weights in one schedule, and on from a checkpoint.
 
-The generator minimises L_GAN + λ_cd L_cd + λ_1 L1 (Hu and Xiao 2026, Eq. 5), the discriminator its halved cross
-entropy; both by Adam, whose rate falls linearly to zero after half of the steps. Step k draws its batch from (seed, k)
-alone, so a resumed training sees what an uninterrupted one would have seen.
+The generator minimises L_GAN + λ L_cd + λ_1 L1 (Hu and Xiao 2026, Eq. 5): L_cd is the scene network's own objective,
+relative to that of the untouched picture so that no scene rules the others, and L1 compares what is shown with what
+fitted networks show. What is shown always has the scene's budget. The scaling is part of what is differentiated, so
+that a change that is not worth its ΔE is unlearned.
+
+Both networks are trained by Adam, whose rates fall linearly to zero after half of the steps. Step k draws its scenes
+from (seed, k) alone.
 """
 
 from __future__ import annotations
 
-import copy
 import csv
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
+from torch.func import functional_call
 
-from ....core.color.metrics import ccpr, ssim
-from ....core.color.protected_colors import skin_like
-from ....core.color.spaces import linear_to_srgb, linear_to_xyz, srgb_to_lab, srgb_to_linear, xyz_to_lab
+from ....core.color.spaces import srgb_to_lab
+from ....core.enhance.gan.conditioning import observer_features
 from ....core.enhance.gan.networks import Generator, GeneratorConfig
-from ....core.enhance.gan.weights import load_generator, save_generator
+from ....core.enhance.gan.prediction import scene_condition, start_table
+from ....core.enhance.gan.weights import save_generator
+from ....core.enhance.scene.fit import FitSettings
+from ....core.enhance.scene.network import SceneNetwork, features, seen_features
+from ....core.enhance.scene.objective import Objective, smooth_change
 from ....core.runtime.protocol import Reporter
-from .batches import Batch, Examples, ObserverBatch
 from .checkpoint import load_checkpoint, save_checkpoint
-from .losses import Discriminator, contrast_distance, discriminator_loss, generator_loss, structure_distance
+from .examples import DRAWN, KEPT, Pairs, Scene, draw_scene, watched
+from .losses import Discriminator, discriminator_loss, generator_loss
 
+STAGE = "training"
 CHECKPOINT = "checkpoint.safetensors"
 WEIGHTS = "enhancer.safetensors"
 LOG = "log.csv"
 
+_COLUMNS = ("step", "seconds", "objective", "l1", "adversarial", "discriminator", "kept", "kept_l1")
+_LEAST_OBJECTIVE = 3.0  # an untouched picture with less has hardly anything to gain
+_SCALES = (0.2, 3.0)  # of a predicted change, to the budget
+_RAMP = 100  # steps over which the rates rise
+_ROUGHNESS = 0.3 * FitSettings().roughness  # it adds up over many scenes; the fit that follows takes out the rest
+
 
 @dataclass(frozen=True)
 class TrainingSettings:
-    """What a training run depends on besides its data.
+    """What a training depends on.
 
     Attributes:
-        steps: generator updates; 0.5 `steps` at the full rate.
-        batch, crop: images a step and their sides in pixels, a multiple of the generator's stride.
-        learning_rate, beta1: of Adam, for both networks.
-        l1_weight, contrast_weight, structure_weight: λ_1, and λ_cd of the two parts of L_cd.
-        adversarial_weight: of L_GAN; 0 trains without discriminator.
-        contrast_offsets: see `contrast_distance`.
-        one_sided: see `contrast_distance`.
-        discriminator_width: channels of the discriminator's first layer.
-        held_weight: of L1 where the original's colours are skin-like, besides 1.
-        protection: how far the targets of skin-like colours are moved back to the original; the teacher does not know
-            that people look at faces. L_cd does not move such colours either.
-        hard_share: share of the batch drawn by how much the teacher changes a pair; the rest is drawn evenly.
-        average_decay: of the running mean of the weights, which is what is kept.
-        seed: of initial weights and batches.
+        steps: of the generator.
+        drawn: scenes a step without a fitted network; there is one with.
+        window: drawings that are in use at a time; each step replaces one.
+        steps_a_pair: steps after which there is one pair more.
+        pairs: that there are at most, and at first.
+        rate, discriminator_rate: of Adam.
+        objective_weight, l1_weight: λ and λ_1.
+        adversarial_weight: of L_GAN; 0 trains without an adversary.
+        average_decay: of the running mean of the generator's weights, which is what is kept.
+        log_every, checkpoint_every: steps between two lines of the log, seconds between two checkpoints.
+        kept: scenes for the log's last columns.
+        seed: of everything.
         generator: the network's shape.
     """
 
-    steps: int = 9_200
-    batch: int = 4
-    crop: int = 128
-    learning_rate: float = 1e-3
-    beta1: float = 0.5
-    l1_weight: float = 100.0
-    contrast_weight: float = 200.0
-    structure_weight: float = 150.0
+    steps: int = 3000
+    drawn: int = 3
+    window: int = 256
+    steps_a_pair: int = 60
+    pairs: tuple[int, int] = (400, 8)
+    rate: float = 1e-3
+    discriminator_rate: float = 5e-4
+    objective_weight: float = 20.0
+    l1_weight: float = 50.0
     adversarial_weight: float = 1.0
-    contrast_offsets: tuple[int, ...] = (1, 6, 24)
-    one_sided: bool = True
-    discriminator_width: int = 8
-    held_weight: float = 3.0
-    protection: float = 0.6
-    hard_share: float = 0.5
-    average_decay: float = 0.999
+    average_decay: float = 0.995
+    log_every: int = 100
+    checkpoint_every: float = 120.0
+    kept: int = 8
     seed: int = 0
     generator: GeneratorConfig = field(default_factory=GeneratorConfig)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
+        """JSON values."""
         return asdict(self)
-
-    def rate(self, step: int) -> float:
-        """Factor of the learning rate at a step."""
-        return min(1.0, 2.0 * (1.0 - step / self.steps))
 
 
 class Training:
-    """A training run in a folder: ``checkpoint.safetensors``, ``enhancer.safetensors`` and ``log.csv``.
+    """A training in a folder.
 
     Args:
-        folder: continues the run found there, which has to have the same settings apart from `steps`.
-        examples: what to learn from.
-        validation: what the log measures on; not learnt from.
+        folder: receives checkpoint, weights, log and pairs; what is there is gone on with.
         settings: see there.
-        device: of torch.
-        start: weights to begin with instead of random ones; the settings' generator has to be theirs.
-        workers: threads that share each batch. On a CPU two of them, of one torch thread each, were 1.4 times as fast
-            as two torch threads, because a network this small gives those little to share.
-
-    Raises:
-        InputError: the folder's checkpoint is damaged or of other settings.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        examples: Examples,
-        validation: Examples,
-        settings: TrainingSettings,
-        device: str = "cpu",
-        workers: int = 1,
-        start: Path | None = None,
-    ) -> None:
-        if settings.batch % workers:
-            raise ValueError(f"{workers} workers cannot share batches of {settings.batch}")
-        self._workers, self._pool = workers, ThreadPoolExecutor(workers)
-        self.settings, self.folder, self.step = settings, folder, 0
-        self._examples, self._validation, self._device = examples, validation, device
-        torch.manual_seed(settings.seed)
-        self.generator = Generator(settings.generator).to(device)
-        if start is not None:
-            self.generator.load_state_dict(load_generator(start).state_dict())
-        self._discriminator = Discriminator(settings.discriminator_width).to(device)
-        self.average = copy.deepcopy(self.generator).requires_grad_(False)
-        self._optimizers = {
-            name: torch.optim.Adam(network.parameters(), settings.learning_rate, (settings.beta1, 0.999))
-            for name, network in (("generator", self.generator), ("discriminator", self._discriminator))
-        }
+    def __init__(self, folder: Path, settings: TrainingSettings) -> None:
+        self._folder, self._settings = folder, settings
         folder.mkdir(parents=True, exist_ok=True)
-        if (folder / CHECKPOINT).is_file():
-            self.step = load_checkpoint(folder / CHECKPOINT, self._networks(), self._optimizers, settings.to_dict())
+        torch.manual_seed(settings.seed)
+        self.generator, self.average = Generator(settings.generator), Generator(settings.generator)
+        self.average.load_state_dict(self.generator.state_dict())
+        self._discriminator = Discriminator()
+        self._networks = {"generator": self.generator, "average": self.average, "discriminator": self._discriminator}
+        self._optimizers = {
+            "generator": torch.optim.Adam(self.generator.parameters(), settings.rate, (0.9, 0.99)),
+            "discriminator": torch.optim.Adam(
+                self._discriminator.parameters(), settings.discriminator_rate, (0.5, 0.99)
+            ),
+        }
+        self._pairs = Pairs(folder / "pairs", settings.seed)
+        self._kept = Pairs(folder / "pairs", settings.seed, KEPT)
+        self.step = 0
+        if (folder / CHECKPOINT).exists():
+            described = settings.to_dict()
+            self.step = load_checkpoint(folder / CHECKPOINT, self._networks, self._optimizers, described)
 
-    def run(
-        self, reporter: Reporter | None = None, *, log_every: int = 500, notes: dict[str, str] | None = None
-    ) -> None:
-        """Train to the last step; a checkpoint is written at every log line and when the run is interrupted."""
-        reporter = reporter or Reporter()
-        losses: list[dict[str, float]] = []
-        with ThreadPoolExecutor(1) as loader:
-            coming = loader.submit(self._batch, self.step)
-            try:
-                while self.step < self.settings.steps:
-                    batch = coming.result()
-                    coming = loader.submit(self._batch, self.step + 1)
-                    losses.append(self._update(batch))
-                    self.step += 1
-                    message = f"step {self.step}, L1 {losses[-1]['l1']:.4f}, contrast {losses[-1]['contrast']:.4f}"
-                    reporter.progress("train", self.step / self.settings.steps, message)
-                    if self.step % log_every == 0 or self.step == self.settings.steps:
-                        self._log(losses)
-                        losses.clear()
-                        self.save(notes)
-            except BaseException:
-                self.save(notes)
-                raise
+    def run(self, reporter: Reporter, notes: dict[str, str] | None = None) -> None:
+        """Train up to the last step, and write the weights; `notes` are kept with them.
 
-    def save(self, notes: dict[str, str] | None = None) -> None:
-        """Write the checkpoint and the weights as they are now."""
-        save_checkpoint(
-            self.folder / CHECKPOINT, self._networks(), self._optimizers, self.step, self.settings.to_dict()
-        )
-        save_generator(self.average, self.folder / WEIGHTS, {"step": str(self.step), **(notes or {})})
+        Raises:
+            InputError: a file of the folder cannot be used.
+        """
+        saved = started = time.monotonic()
+        sums: list[dict[str, float]] = []
+        while self.step < self._settings.steps:
+            sums.append(self._train())
+            self.step += 1
+            reporter.progress(STAGE, self.step / self._settings.steps, f"step {self.step}")
+            is_last = self.step == self._settings.steps
+            if self.step % self._settings.log_every == 0 or is_last:
+                self._log(sums, time.monotonic() - started)
+                sums = []
+            if is_last or time.monotonic() - saved > self._settings.checkpoint_every:
+                self._save(notes or {})
+                saved = time.monotonic()
 
-    def _networks(self) -> dict[str, nn.Module]:
-        return {"generator": self.generator, "discriminator": self._discriminator, "average": self.average}
+    def _save(self, notes: dict[str, str]) -> None:
+        settings = self._settings.to_dict()
+        save_checkpoint(self._folder / CHECKPOINT, self._networks, self._optimizers, self.step, settings)
+        save_generator(self.average, self._folder / WEIGHTS, {**notes, "step": str(self.step)})
 
-    def _batch(self, step: int) -> Batch:
-        generator = np.random.default_rng([self.settings.seed, step])
-        return self._examples.draw(generator, self.settings.batch, self.settings.crop, self.settings.hard_share)
-
-    def _update(self, batch: Batch) -> dict[str, float]:
-        """One step of both networks; returns the losses."""
-        settings = self.settings
-        for optimizer in self._optimizers.values():
-            optimizer.param_groups[0]["lr"] = settings.learning_rate * settings.rate(self.step)
-        parts = [_Part.of(part, settings.protection, self._device) for part in batch.split(self._workers)]
-        self._discriminator.requires_grad_(False)
-        self._optimizers["generator"].zero_grad(set_to_none=True)
-        results = list(self._pool.map(self._generator_gradients, parts))
-        self._optimizers["generator"].step()
-        losses = [losses for losses, _ in results]
+    def _train(self) -> dict[str, float]:
+        """One step; returns its losses."""
+        settings = self._settings
+        generator = np.random.default_rng([settings.seed, self.step])
+        drawn = self.step + generator.choice(settings.window, settings.drawn, replace=False)
+        scenes = [watched(draw_scene(settings.seed, DRAWN, int(number)), generator) for number in drawn]
+        most, first = settings.pairs
+        pair = self._pairs[int(generator.integers(min(first + self.step // settings.steps_a_pair, most)))]
+        torch.manual_seed(int(generator.integers(2**62)))  # after what may be there already, or not
+        judged = [_Judged(scene) for scene in (*scenes, pair)]
+        states = predict(self.generator, [*scenes, pair])
+        losses, shown = zip(*(one.loss(state) for one, state in zip(judged, states, strict=True)), strict=True)
+        objective = torch.stack(losses).mean()
+        target = judged[-1].target()
+        l1 = (shown[-1] - target).abs().mean()
+        loss = settings.objective_weight * objective + settings.l1_weight * l1
+        found = {"objective": objective.item(), "l1": l1.item()}
+        self._set_rates()
         if settings.adversarial_weight:
-            self._discriminator.requires_grad_(True)
-            self._optimizers["discriminator"].zero_grad(set_to_none=True)
-            candidates = [candidate for _, candidate in results]
-            judged = list(self._pool.map(self._discriminator_gradients, parts, candidates))
-            self._optimizers["discriminator"].step()
-            losses = [{**loss, "discriminator": value} for loss, value in zip(losses, judged, strict=True)]
-        self._update_average()
-        return {name: float(np.mean([loss[name] for loss in losses])) for name in losses[0]}
-
-    def _generator_gradients(self, part: _Part) -> tuple[dict[str, float], Tensor]:
-        """Add a part's share to the generator's gradients; returns the losses and what was generated."""
-        settings, observers, original = self.settings, part.observers, part.original
-        mapped = part.generate(self.generator)
-        candidate = mapped.clamp(0.0, 1.0)
-        free = torch.where(part.held, candidate.detach(), candidate)
-        linear = observers.simulate_linear(srgb_to_linear(free))
-        seen = xyz_to_lab(linear_to_xyz(linear))
-        contrast = contrast_distance(srgb_to_lab(original), seen, settings.contrast_offsets, settings.one_sided)
-        structure = structure_distance(original, linear_to_srgb(linear))
-        # Unclipped, so that a pixel that left the gamut still finds back.
-        weights = 1.0 + settings.held_weight * part.held.to(original)
-        distance = (weights * (mapped - part.target).abs()).mean()
-        loss = (
-            settings.l1_weight * distance + settings.contrast_weight * contrast + settings.structure_weight * structure
-        )
-        losses = {"l1": distance.item(), "contrast": contrast.item(), "structure": structure.item()}
-        if settings.adversarial_weight:
-            adversarial = generator_loss(self._discriminator(original, candidate, observers.features))
+            told = observer_features(pair.observer)[None]
+            photograph, real, fake = pair.view(0)[None], target[None], shown[-1][None]
+            found |= self._train_discriminator(photograph, real, fake.detach(), told)
+            adversarial = generator_loss(self._discriminator(photograph, fake, told))
             loss = loss + settings.adversarial_weight * adversarial
-            losses["adversarial"] = adversarial.item()
-        (loss / self._workers).backward()
-        return losses, candidate.detach()
+            found["adversarial"] = adversarial.item()
+        optimizer = self._optimizers["generator"]
+        optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.generator.parameters(), 20.0)
+        optimizer.step()
+        self._follow()
+        return found
 
-    def _discriminator_gradients(self, part: _Part, candidate: Tensor) -> float:
-        """Add a part's share to the discriminator's gradients; returns its loss."""
-        judged = [
-            self._discriminator(part.original, image, part.observers.features) for image in (part.target, candidate)
-        ]
-        loss = discriminator_loss(*judged)
-        (loss / self._workers).backward()
-        return loss.item()
+    def _train_discriminator(self, photograph: Tensor, real: Tensor, fake: Tensor, told: Tensor) -> dict[str, float]:
+        judge, optimizer = self._discriminator, self._optimizers["discriminator"]
+        loss = discriminator_loss(judge(photograph, real, told), judge(photograph, fake, told))
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        return {"discriminator": loss.item()}
 
-    def _update_average(self) -> None:
-        # The first steps would weigh too long in a mean of fixed memory.
-        decay = min(self.settings.average_decay, (1.0 + self.step) / (10.0 + self.step))
+    def _set_rates(self) -> None:
+        share = min((self.step + 1) / _RAMP, 1.0, 2.0 * (1.0 - self.step / self._settings.steps))
+        rates = {"generator": self._settings.rate, "discriminator": self._settings.discriminator_rate}
+        for name, optimizer in self._optimizers.items():
+            for group in optimizer.param_groups:
+                group["lr"] = share * rates[name]
+
+    def _follow(self) -> None:
+        """Move the running mean of the weights; at first it forgets faster."""
+        decay = min(self._settings.average_decay, (1.0 + self.step) / (10.0 + self.step))
         with torch.no_grad():
             for mean, value in zip(self.average.parameters(), self.generator.parameters(), strict=True):
                 mean.lerp_(value, 1.0 - decay)
 
-    def _log(self, losses: Sequence[dict[str, float]]) -> None:
-        row: dict[str, Any] = {"step": self.step, "time": round(time.time(), 1)}
-        row |= {name: round(float(np.mean([loss[name] for loss in losses])), 5) for name in losses[0]}
-        row |= {name: round(value, 5) for name, value in validate(self.average, self._validation, self._device).items()}
-        path = self.folder / LOG
-        new = not path.is_file()
-        with open(path, "a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(row))
-            if new:
+    def _log(self, sums: Sequence[dict[str, float]], seconds: float) -> None:
+        means = {name: float(np.mean([one[name] for one in sums])) for name in sums[0]}
+        objective, l1 = judge_kept(self.average, [self._kept[number] for number in range(self._settings.kept)])
+        row = {"step": self.step, "seconds": round(seconds), **means, "kept": objective, "kept_l1": l1}
+        path = self._folder / LOG
+        is_new = not path.exists()
+        with path.open("a", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, _COLUMNS, restval="")
+            if is_new:
                 writer.writeheader()
-            writer.writerow(row)
+            writer.writerow({k: f"{v:.4f}" if isinstance(v, float) else v for k, v in row.items()})
 
 
-@dataclass(frozen=True)
-class _Part:
-    """What the networks see of a batch, on their device.
-
-    Attributes:
-        observers, palettes: one for each of the B images.
-        original, proposal: (B, 3, H, W), and what the teacher makes of them, from which the generator starts.
-        held: (B, 1, H, W) bool, where the original's colours are skin-like.
-        target: (B, 3, H, W), the proposal with the held colours moved back to the original.
-    """
-
-    observers: ObserverBatch
-    palettes: Tensor
-    original: Tensor
-    proposal: Tensor
-    held: Tensor
-    target: Tensor
-
-    @classmethod
-    def of(cls, batch: Batch, protection: float, device: str) -> _Part:
-        """`protection`: how far the held colours are moved back."""
-        original, proposal = batch.original.to(device), batch.target.to(device)
-        held = skin_like(original)[:, None]
-        target = torch.lerp(proposal, original, protection * held.to(original))
-        return cls(ObserverBatch(batch.observers, device), batch.palettes.to(device), original, proposal, held, target)
-
-    def generate(self, generator: Generator) -> Tensor:
-        """(B, 3, H, W) what the generator makes of the originals, not clipped."""
-        observers = self.observers
-        change = generator(
-            self.original,
-            observers.simulate(self.original),
-            self.proposal,
-            observers.simulate(self.proposal),
-            observers.features,
-            observers.severities,
-            self.palettes,
-        )
-        return self.original + change
+def predict(generator: Generator, scenes: Sequence[Scene]) -> list[dict[str, Tensor]]:
+    """The state of a scene network for each scene."""
+    views = [[(scene.view(number), None) for number in range(len(scene.drawing.views))] for scene in scenes]
+    told = torch.stack(
+        [scene_condition(mine, scene.observer, scene.budget) for mine, scene in zip(views, scenes, strict=True)]
+    )
+    counts = [len(mine) for mine in views]
+    seen = [
+        seen_features(pixels, scene.observer) for mine, scene in zip(views, scenes, strict=True) for pixels, _ in mine
+    ]
+    summaries = generator.summary(torch.stack(seen), told.repeat_interleave(torch.tensor(counts), 0))
+    means = torch.stack([mine.mean(0) for mine in summaries.split(counts)])
+    states = generator(means, told, torch.stack([start_table(scene.observer) for scene in scenes]))
+    return [{name: values[index] for name, values in states.items()} for index in range(len(scenes))]
 
 
-def validate(generator: Generator, examples: Examples, device: str = "cpu", batch: int = 8) -> dict[str, float]:
-    """How a generator does on examples that it has not learnt from.
-
-    Returns:
-        `distance`: mean absolute difference to the teacher; `shift`: mean ΔE76 to the original; CCPR (τ = 6), averaged
-        over images, of the simulated original (`ccpr_input`), of the teacher's (`ccpr_teacher`) and of the generator's
-        (`ccpr`); likewise SSIM(original, S(·)); `shift_teacher`: the teacher's mean ΔE76.
-    """
-    totals: dict[str, list[float]] = {}
-    for first in range(0, len(examples), batch):
-        images = examples.whole(range(first, min(first + batch, len(examples))))
-        with torch.inference_mode():
-            part = _Part.of(images, 0.0, device)
-            original, teacher = part.original, part.proposal
-            candidate = part.generate(generator).clamp(0.0, 1.0)
-            for suffix, image in (("_input", original), ("_teacher", teacher), ("", candidate)):
-                pairs = list(zip(original, part.observers.simulate(image), strict=True))
-                totals.setdefault(f"ccpr{suffix}", []).extend(ccpr(*pair)[0] for pair in pairs)
-                totals.setdefault(f"ssim{suffix}", []).extend(ssim(*pair) for pair in pairs)
-            totals.setdefault("distance", []).extend((candidate - teacher).abs().mean((1, 2, 3)).tolist())
-            for name, image in (("shift", candidate), ("shift_teacher", teacher)):
-                totals.setdefault(name, []).extend(_shift(original, image))
-    return {name: float(np.nanmean(values)) for name, values in totals.items()}
+def judge_kept(generator: Generator, scenes: Sequence[Scene]) -> tuple[float, float]:
+    """Mean relative objective of predictions, and mean difference of what they and the fitted networks show."""
+    objectives, differences = [], []
+    with torch.no_grad():
+        for scene in scenes:
+            torch.manual_seed(0)
+            (state,) = predict(generator, [scene])
+            judged = _Judged(scene)
+            loss, shown = judged.loss(state)
+            objectives.append(loss.item())
+            differences.append((shown - judged.target()).abs().mean().item())
+    return float(np.mean(objectives)), float(np.mean(differences))
 
 
-def _shift(original: Tensor, image: Tensor) -> list[float]:
-    difference: Tensor = srgb_to_lab(original) - srgb_to_lab(image)
-    return difference.norm(dim=1).mean((1, 2)).tolist()
+class _Judged:
+    """The first view of a scene, with what is needed to judge a prediction."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene, self._view = scene, scene.view(0)
+        self._objective = Objective(self._view, scene.observer)
+        self._colors = self._view.flatten(1).T.contiguous()
+        self._features = features(self._view, scene.observer)
+        with torch.no_grad():
+            self._before = max(float(self._objective(self._view, 0.0)), _LEAST_OBJECTIVE)
+
+    def loss(self, state: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """The relative objective of a prediction, and the (3, H, W) picture it shows."""
+        network = SceneNetwork(self._scene.observer)
+        predicted = functional_call(network, state, (self._colors, self._features)).T.reshape(self._view.shape)
+        scale = self._scale(predicted)
+        shown = self._view + scale * (predicted - self._view)
+        table = scale * state["table"]
+        rough = torch.stack([torch.diff(table, n=2, dim=axis).pow(2).mean() for axis in range(3)]).sum()
+        return (self._objective(shown, 0.0) + _ROUGHNESS * rough) / self._before, shown.clamp(0.0, 1.0)
+
+    def target(self) -> Tensor:
+        """(3, H, W) what the fitted network shows."""
+        fitted = self._scene.fitted
+        assert fitted is not None
+        with torch.no_grad():
+            shown = fitted(self._colors, self._features).T.reshape(self._view.shape)
+        return shown.clamp(0.0, 1.0)
+
+    def _scale(self, predicted: Tensor) -> Tensor:
+        """What the change is multiplied by to have the budget; its slope is that of a smooth ΔE."""
+        scale = self._scene.budget / max(self._objective.change(predicted), 1e-3)
+        change = smooth_change(srgb_to_lab(self._view), srgb_to_lab(predicted.clamp(0.0, 1.0))).mean() + 1e-3
+        return min(max(scale, _SCALES[0]), _SCALES[1]) * (change.detach() / change)

@@ -17,15 +17,15 @@ from cvdgs.core.color.simulation import simulate
 from cvdgs.core.color.spaces import image_to_tensor, srgb_to_lab
 from cvdgs.core.enhance import ColorLut, LutEnhancer, make_enhancer
 from cvdgs.core.enhance.lut import CUBE_SIZE
+from cvdgs.core.enhance.lut_fit import LutSettings, fit_lut
 from cvdgs.core.enhance.pairs import PairSampling, sample_neighbours, sample_pairs
-from cvdgs.core.enhance.teacher import TeacherSettings, fit_lut
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 
 from . import textiles
 
-LEAN = TeacherSettings(pairs=1500)  # a quarter of the pairs: the same result for images this small, sooner
-BRIEF = TeacherSettings(steps=60, pairs=1500, relaxations=0)  # enough to see the direction of a fit
+LEAN = LutSettings(pairs=1500)  # a quarter of the pairs: the same result for images this small, sooner
+BRIEF = LutSettings(steps=60, pairs=1500, relaxations=0)  # enough to see the direction of a fit
 
 
 @lru_cache
@@ -94,7 +94,7 @@ def test_the_fit_continues_while_a_scene_is_hard_and_only_then() -> None:
     def fit(image: np.ndarray, sufficient_ccpr: float) -> ColorLut:
         return fit_lut([image], "deutan", 1.0, settings=replace(short, sufficient_ccpr=sufficient_ccpr))
 
-    default = TeacherSettings().sufficient_ccpr
+    default = LutSettings().sufficient_ccpr
     stopped, continued = fit(hard, 0.0), fit(hard, default)
     assert seen_contrast(hard, continued(hard), "deutan") > seen_contrast(hard, stopped(hard), "deutan") + 0.1
     assert torch.equal(fit(easy, 0.0).residual, fit(easy, default).residual)

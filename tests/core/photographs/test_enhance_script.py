@@ -17,8 +17,8 @@ from PIL import Image
 
 from cvdgs.core.bootstrap import ROOT
 from cvdgs.core.enhance import LutEnhancer, SceneNetworkEnhancer
+from cvdgs.core.enhance.lut_fit import LutSettings
 from cvdgs.core.enhance.scene.fit import FitSettings
-from cvdgs.core.enhance.teacher import TeacherSettings
 from cvdgs.core.errors import InputError
 from cvdgs.core.photographs.front import EnhanceRequest, earlier_files, enhance
 from cvdgs.core.photographs.job import enhance_folder
@@ -27,7 +27,7 @@ from cvdgs.core.runtime.protocol import Reporter
 from ...patience import SOON
 from ..enhance import textiles
 
-BRIEF = TeacherSettings(steps=60, pairs=800, relaxations=0)  # enough to see the direction of a fit
+BRIEF = LutSettings(steps=60, pairs=800, relaxations=0)  # enough to see the direction of a fit
 TARTAN = textiles.tartan(size=48, stripe=8)
 
 

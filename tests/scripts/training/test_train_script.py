@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +13,7 @@ from cvdgs.core.bootstrap import ROOT
 from cvdgs.core.color.metrics import ccpr
 from cvdgs.core.color.simulation import simulate
 from cvdgs.core.color.spaces import image_to_tensor
-from cvdgs.core.enhance import make_enhancer
+from cvdgs.core.enhance import CganEnhancer
 from cvdgs.scripts.training.data.kinds import draw
 
 SCRIPT = ROOT / "scripts" / "train_enhancer.py"
@@ -26,14 +25,7 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [
-        (["--set", "momentum=1"], "no setting 'momentum'"),
-        (["--set", "steps=many"], "'many' is not a value for steps"),
-        (["--set", "generator.depth=3"], "no setting 'generator.depth'"),
-        (["--pairs", "nowhere"], "no paired dataset"),
-        (["--publish", "nowhere"], "cannot be read"),
-        (["--preset", "huge"], "--preset"),
-    ],
+    [(["--steps", "many"], "--steps"), (["--steps", "0"], "--steps"), (["--threads", "0"], "--threads")],
 )
 def test_unusable_arguments_get_one_line_and_exit_code_2(tmp_path, arguments, said):
     done = run(tmp_path / "out", *arguments)
@@ -43,21 +35,18 @@ def test_unusable_arguments_get_one_line_and_exit_code_2(tmp_path, arguments, sa
 
 
 @pytest.mark.slow
-def test_the_small_preset_trains_weights_that_help(tmp_path):
+@pytest.mark.timeout(1800)
+def test_a_short_training_gives_weights_that_help(tmp_path):
     """Minutes on two cores: pairs, training, and the weights applied to cloth that was not trained on."""
-    first = run(tmp_path, "--preset", "small", "--set", "steps=60")
+    first = run(tmp_path, "--steps", "60")
     assert first.returncode == 0, first.stderr
-    made = (tmp_path / "pairs" / "manifest.json").stat().st_mtime_ns
-    again = run(tmp_path, "--preset", "small")  # goes on from step 60 with the pairs that are there
+    again = run(tmp_path, "--steps", "80")  # goes on from step 60 with the pairs that are there
     assert again.returncode == 0, again.stderr
-    assert len(json.loads((tmp_path / "pairs" / "manifest.json").read_text())["samples"]) == 24
-    assert (tmp_path / "pairs" / "manifest.json").stat().st_mtime_ns >= made
 
-    weights = str(tmp_path / "training" / "enhancer.safetensors")
     gains = []
     for seed in range(6):
         image = draw("tartan", 96, 96, np.random.default_rng([99, seed]), "deutan").image
-        enhancer = make_enhancer(weights, "deutan", 1.0)
+        enhancer = CganEnhancer("deutan", 1.0, weights=tmp_path / "enhancer.safetensors", fit_steps=0)
         enhancer.fit([image])
         original, enhanced = image_to_tensor(image), image_to_tensor(enhancer(image))
         before, after = (ccpr(original, simulate(x, "deutan", 1.0))[0] for x in (original, enhanced))

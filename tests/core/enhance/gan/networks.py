@@ -6,14 +6,13 @@ import torch
 
 from cvdgs.core.enhance.gan.networks import Generator, GeneratorConfig
 
-SMALL = GeneratorConfig(widths=(6, 8, 12, 16), embedding=12)
+SMALL = GeneratorConfig(widths=(4, 6, 8, 8), attentions=3, embedding=8, code=6)
 
 
 def random_generator(config: GeneratorConfig = SMALL, seed: int = 0) -> Generator:
-    """A generator that changes colours visibly, differently from place to place and by observer and palette."""
+    """A generator that predicts visibly different networks for different scenes and observers."""
     torch.manual_seed(seed)
     generator = Generator(config).eval().requires_grad_(False)
-    for name, value in generator.named_parameters():
-        if "modulate" in name or name.startswith("residual"):
-            value.normal_(std=0.2)
+    generator.parameters_of.weight.normal_(std=0.5)
+    generator.share.weight.normal_(std=0.5)
     return generator

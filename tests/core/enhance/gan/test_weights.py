@@ -61,9 +61,21 @@ def test_weights_of_something_else_are_refused(saved):
         load_generator(rewritten(saved, format="cvdgs-color-lut"))
 
 
+def test_weights_of_the_network_that_refined_a_lut_are_refused(saved):
+    with pytest.raises(InputError, match=r"version 2, this program reads version 3"):
+        load_generator(rewritten(saved, version="2"))
+
+
 @pytest.mark.parametrize(
     "config",
-    ["", "[]", "{}", '{"widths": [1]}', '{"widths": [100000, 2]}', '{"widths": [6, 8], "normalisation": "batch"}'],
+    [
+        "",
+        "[]",
+        "{}",
+        '{"widths": [1]}',
+        '{"widths": [100000, 2, 2, 2], "attentions": 1, "embedding": 1, "code": 1}',
+        '{"widths": [4, 6, 8, 8], "attentions": 3, "embedding": 8, "code": "6"}',
+    ],
 )
 def test_an_impossible_shape_is_refused(saved, config):
     with pytest.raises(InputError, match="do not fit"):
@@ -72,12 +84,12 @@ def test_an_impossible_shape_is_refused(saved, config):
 
 def test_a_shape_that_the_weights_do_not_have_is_refused(saved):
     with pytest.raises(InputError, match="do not fit"):
-        load_generator(rewritten(saved, config=json.dumps({**SMALL.to_dict(), "widths": [6, 8, 12, 20]})))
+        load_generator(rewritten(saved, config=json.dumps({**SMALL.to_dict(), "widths": [4, 6, 8, 9]})))
 
 
 def test_weights_that_are_not_finite_are_refused(tmp_path):
     generator = random_generator()
-    generator.mix.weight[0, 0] = float("nan")
+    generator.share.weight[0, 0] = float("nan")
     save_generator(generator, tmp_path / "bad.safetensors")
     with pytest.raises(InputError, match="not all finite"):
         load_generator(tmp_path / "bad.safetensors")
@@ -91,4 +103,4 @@ def test_a_pickle_is_refused_and_not_run(tmp_path):
 
 def test_the_shipped_weights_can_be_loaded_and_are_small():
     load_generator(SHIPPED)
-    assert SHIPPED.stat().st_size <= 16 * 10**6
+    assert SHIPPED.stat().st_size <= 2 * 10**6

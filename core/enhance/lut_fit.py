@@ -1,4 +1,4 @@
-"""The scene LUT teacher: fits one smooth recolouring so that what normal vision tells apart stays apart under S.
+"""Fits the scene's LUT: one smooth recolouring so that what normal vision tells apart stays apart under S.
 
 With d the ΔE76 of a pair of colours in the original, d' that of the pair in S(f(·)), the objective is
 
@@ -17,7 +17,6 @@ scenes keep theirs.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -53,7 +52,7 @@ _NEIGHBOURS = 20_000  # pairs of adjacent pixels from which CCPR is estimated, t
 
 
 @dataclass(frozen=True)
-class TeacherSettings:
+class LutSettings:
     """Constants of the fit; weights belong to the terms of the module's formula.
 
     Attributes:
@@ -94,7 +93,7 @@ def fit_lut(
     model: str = "machado",
     *,
     alphas: Alphas = None,
-    settings: TeacherSettings = TeacherSettings(),
+    settings: LutSettings = LutSettings(),
     seed: int = 0,
     reporter: Reporter | None = None,
     stage: str = "enhance",
@@ -123,78 +122,28 @@ def fit_lut(
         (16, 16, 3)
         >>> lut.export_cube(Path("deutan.cube"))  # for grading tools
     """
-    return fit_luts(
-        images,
-        [Observer(cvd, severity, model)],
-        alphas=alphas,
-        settings=settings,
-        seed=seed,
-        reporter=reporter,
-        stage=stage,
-    )[0]
-
-
-def fit_luts(
-    images: Images,
-    observers: Sequence[Observer],
-    *,
-    alphas: Alphas = None,
-    settings: TeacherSettings = TeacherSettings(),
-    seed: int = 0,
-    reporter: Reporter | None = None,
-    stage: str = "enhance",
-) -> list[ColorLut]:
-    """Fit one recolouring of a scene for each observer, to the same pairs; deterministic for a seed.
-
-    Each result is that of a fit for one observer alone. With few pairs a step, where torch's overhead counts, fitting
-    them together is faster.
-
-    Args:
-        images: training views.
-        alphas: uncovered pixels are left out.
-        settings: constants of the fit.
-        seed: of the random pairs.
-        reporter, stage: progress goes there under this name.
-
-    Raises:
-        InputError: an observer that cannot be simulated.
-    """
-    reporter = reporter or Reporter()
+    observer, reporter = Observer(cvd, severity, model), reporter or Reporter()
     generator = np.random.default_rng(seed)
     neighbours = torch.from_numpy(sample_neighbours(images, _NEIGHBOURS, generator, alphas)).float() / 255.0
-    residuals = [
-        initial_residual(observer, settings.nodes, settings.initial_shift).requires_grad_() for observer in observers
-    ]
-    optimizer = torch.optim.Adam(residuals, lr=settings.learning_rate)
+    residual = initial_residual(observer, settings.nodes, settings.initial_shift).requires_grad_()
+    optimizer = torch.optim.Adam([residual], lr=settings.learning_rate)
     rounds = [settings.steps] + [settings.relaxation_steps] * settings.relaxations
-    hard = list(range(len(observers)))
     done = 0
     with one_thread():
         for relaxation, steps in enumerate(rounds):
-            if relaxation:
-                hard = [
-                    index
-                    for index in hard
-                    if _ccpr(residuals[index].detach(), neighbours, observers[index]) < settings.sufficient_ccpr
-                ]
-            if not hard:
+            if relaxation and _ccpr(residual.detach(), neighbours, observer) >= settings.sufficient_ccpr:
                 break
             naturalness_weight = settings.naturalness_weight / 2.0**relaxation
-            viewers = [observers[index] for index in hard]
             samples = sample_pairs(images, steps * settings.pairs, generator, settings.sampling, alphas)
             for batch in torch.from_numpy(samples).view(steps, settings.pairs, 2, 3):
-                tables = torch.stack([residuals[index] for index in hard])
-                loss = _objectives(tables, batch.float() / 255.0, viewers, settings, naturalness_weight).sum()
-                optimizer.zero_grad()  # to None: Adam leaves the tables alone that are fitted
+                loss = _objective(residual, batch.float() / 255.0, observer, settings, naturalness_weight)
+                optimizer.zero_grad()
                 loss.backward()
                 optimizer.step()
                 done += 1
                 reporter.progress(stage, done / sum(rounds), f"loss {loss.item():.3f}")
     reporter.progress(stage, 1.0)
-    return [
-        ColorLut(residual.detach(), _description(observer))
-        for residual, observer in zip(residuals, observers, strict=True)
-    ]
+    return ColorLut(residual.detach(), _description(observer))
 
 
 def initial_residual(observer: Observer, nodes: int, shift: float) -> Tensor:
@@ -214,39 +163,27 @@ def _description(observer: Observer) -> dict[str, str]:
     return {"cvd": observer.cvd, "severity": repr(float(observer.severity)), "simulation": observer.simulation}
 
 
-def _objectives(
-    residuals: Tensor,
-    pairs: Tensor,
-    observers: Sequence[Observer],
-    settings: TeacherSettings,
-    naturalness_weight: float,
+def _objective(
+    residual: Tensor, pairs: Tensor, observer: Observer, settings: LutSettings, naturalness_weight: float
 ) -> Tensor:
-    """(K,) E of (K, N, N, N, 3) tables, each for an observer of its own, for the same (P, 2, 3) pairs of colours."""
-    colors = pairs.expand(len(observers), -1, -1, -1)
-    mapped = colors + interpolate(residuals, colors.flatten(1, 2)).reshape(colors.shape)
+    """E of an (N, N, N, 3) table for (P, 2, 3) pairs of colours."""
+    mapped = pairs + interpolate(residual, pairs.view(1, -1, 3)).reshape(pairs.shape)
     clipped = mapped.clamp(0.0, 1.0)
     original_lab = srgb_to_lab(_channels_first(pairs))
     linear = srgb_to_linear(_channels_first(clipped))
-    seen_linear = torch.stack(
-        [observer.simulate_linear(image) for image, observer in zip(linear, observers, strict=True)]
-    )
-    contrast, seen = _contrast(original_lab), _contrast(xyz_to_lab(linear_to_xyz(seen_linear)))
+    contrast, seen = _contrast(original_lab), _contrast(observer.lab(linear))
     lost = torch.relu(contrast - seen) ** 2 / (contrast + settings.contrast_offset)
     # The second pixels have the same distribution as the first, so one half of them is enough here.
     shift = xyz_to_lab(linear_to_xyz(linear[..., :1])) - original_lab[..., :1]
-    greys = torch.linspace(0.0, 1.0, _GREYS)[None, :, None].expand(len(observers), -1, 3)
+    greys = torch.linspace(0.0, 1.0, _GREYS)[None, :, None].expand(1, -1, 3)
+    roughness = torch.stack([torch.diff(residual, n=2, dim=axis).pow(2).mean() for axis in range(3)]).sum()
     return (
-        _means(lost * (contrast >= settings.discernible))
-        + naturalness_weight * _means((shift**2).sum(-3))
-        + settings.neutral_weight * _means(interpolate(residuals, greys) ** 2)
-        + settings.gamut_weight * _means(((mapped - clipped) ** 2).sum(-1))
-        + settings.smoothness_weight * _roughness(residuals)
+        (lost * (contrast >= settings.discernible)).mean()
+        + naturalness_weight * (shift**2).sum(-3).mean()
+        + settings.neutral_weight * (interpolate(residual, greys) ** 2).mean()
+        + settings.gamut_weight * ((mapped - clipped) ** 2).sum(-1).mean()
+        + settings.smoothness_weight * roughness
     )
-
-
-def _means(values: Tensor) -> Tensor:
-    """(K,) means of the rows of a (K, ...) tensor."""
-    return values.flatten(1).mean(1)
 
 
 def _ccpr(residual: Tensor, neighbours: Tensor, observer: Observer) -> float:
@@ -265,8 +202,3 @@ def _contrast(lab: Tensor) -> Tensor:
 def _channels_first(pairs: Tensor) -> Tensor:
     """(..., P, 2, 3) to (..., 3, P, 2): colour functions want channels at dimension -3."""
     return pairs.movedim(-1, -3)
-
-
-def _roughness(residuals: Tensor) -> Tensor:
-    """(K,) sums over the three axes of the mean squared second difference of (K, N, N, N, 3) tables."""
-    return torch.stack([_means(torch.diff(residuals, n=2, dim=axis).pow(2)) for axis in (1, 2, 3)]).sum(0)

@@ -1,0 +1,75 @@
+"""Predicts a scene network: one for all views of a scene, scaled to the budget."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from ...color.simulation import Observer
+from ...color.spaces import tensor_to_image
+from ...files.images import to_bytes
+from ..lut_fit import initial_residual
+from ..pairs import Alphas, Images
+from ..scene.network import NODES, SceneNetwork, seen_features
+from ..scene.views import chosen_views, reduced
+from .conditioning import condition, palette
+from .networks import STRIDE, Generator
+
+SIDE = 112
+"""Longer side, in pixels, of the views that the generator sees."""
+
+_VIEWS = 6  # at most that it looks at
+_START = 0.3  # share of what is lost that the start makes visible, as the fit's first start
+
+
+def predict_network(
+    generator: Generator, images: Images, observer: Observer, budget: float, alphas: Alphas = None
+) -> SceneNetwork:
+    """The network for a scene, not yet scaled to the budget.
+
+    Args:
+        images: (H, W, 3) uint8 views; at most six are looked at, spread over the scene.
+        observer: for whom.
+        budget: mean ΔE00 by which colours may change.
+        alphas: (H, W) coverage per view or None.
+
+    Raises:
+        InputError: no view has a covered pixel.
+    """
+    with torch.no_grad():
+        views = [reduced(image, alpha, SIDE) for image, alpha in chosen_views(images, alphas, _VIEWS)]
+        told = scene_condition(views, observer, budget)[None]
+        summaries = [generator.summary(*_resized(pixels, observer, told, coverage)) for pixels, coverage in views]
+        state = generator(torch.stack(summaries).mean(0), told, start_table(observer)[None])
+    network = SceneNetwork(observer)
+    network.load_state_dict({name: values[0].clone() for name, values in state.items()})
+    return network
+
+
+def scene_condition(views: Sequence[tuple[Tensor, Tensor | None]], observer: Observer, budget: float) -> Tensor:
+    """(CONDITION_FEATURES,) of a scene from its (3, H, W) views and their (H, W) coverage."""
+    images = [tensor_to_image(pixels) for pixels, _ in views]
+    alphas = [None if coverage is None else to_bytes(coverage.numpy()) for _, coverage in views]
+    return condition(observer, palette(images, alphas), budget)
+
+
+@lru_cache(64)
+def start_table(observer: Observer) -> Tensor:
+    """(N, N, N, 3) what the observer loses, made visible: the start that a generator is given."""
+    return initial_residual(observer, NODES, _START)
+
+
+def _resized(
+    pixels: Tensor, observer: Observer, told: Tensor, coverage: Tensor | None
+) -> tuple[Tensor, Tensor, Tensor | None]:
+    """The arguments of `Generator.summary` for one view, with sides that are multiples of `STRIDE`."""
+    shape = [max(round(side / STRIDE), 1) * STRIDE for side in pixels.shape[-2:]]
+
+    def resize(maps: Tensor) -> Tensor:
+        return functional.interpolate(maps[None], shape, mode="bilinear", antialias=True)
+
+    return resize(seen_features(pixels, observer)), told, None if coverage is None else resize(coverage[None])

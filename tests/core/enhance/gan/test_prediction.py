@@ -1,0 +1,82 @@
+"""One network is predicted for a whole scene, from what its views show and for whom."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cvdgs.core.color.simulation import Observer
+from cvdgs.core.enhance.gan.conditioning import CONDITION_FEATURES, condition, palette
+from cvdgs.core.enhance.gan.networks import STRIDE, Generator
+from cvdgs.core.enhance.gan.prediction import predict_network, start_table
+from cvdgs.core.enhance.scene.network import SceneNetwork
+from cvdgs.core.errors import InputError
+
+from .networks import random_generator
+
+DEUTAN = Observer("deutan", 1.0)
+
+
+def noise(height: int, width: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8)
+
+
+def values(network: SceneNetwork) -> torch.Tensor:
+    return torch.cat([value.flatten() for value in network.state_dict().values()])
+
+
+def test_an_untrained_generator_predicts_the_direction_that_the_fit_tries_first():
+    torch.manual_seed(0)
+    network = predict_network(Generator(), [noise(40, 50)], DEUTAN, 2.0)
+    expected = start_table(DEUTAN)
+    assert float(torch.cosine_similarity(network.table.detach().flatten(), expected.flatten(), 0)) > 0.999
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.integers(1, 70), st.integers(1, 70))
+def test_views_of_any_size_give_a_network(height, width):
+    network = predict_network(random_generator(), [noise(height, width)], DEUTAN, 2.0)
+    assert torch.isfinite(values(network)).all()
+
+
+def test_the_order_of_the_views_does_not_matter():
+    views = [noise(30, 40, 1), noise(48, 32, 2), noise(33, 33, 3)]
+    one, other = (values(predict_network(random_generator(), v, DEUTAN, 2.0)) for v in (views, views[::-1]))
+    assert torch.allclose(one, other, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("observer", "budget"), [(Observer("protan", 1.0), 2.0), (Observer("deutan", 0.5), 2.0), (DEUTAN, 4.0)]
+)
+def test_observer_and_budget_matter(observer, budget):
+    view = noise(40, 40)
+    usual = values(predict_network(random_generator(), [view], DEUTAN, 2.0))
+    assert (usual - values(predict_network(random_generator(), [view], observer, budget))).abs().max() > 1e-5
+
+
+def test_what_is_not_covered_does_not_steer():
+    alpha = np.zeros((STRIDE * 2, STRIDE * 2), np.uint8)
+    alpha[:, :STRIDE] = 255
+    view = noise(*alpha.shape)
+    other = view.copy()
+    other[:, STRIDE + 8 :] = 255
+    one, two = (values(predict_network(random_generator(), [v], DEUTAN, 2.0, [alpha])) for v in (view, other))
+    assert torch.equal(one, two)
+
+
+def test_a_scene_that_cannot_be_seen_is_refused():
+    with pytest.raises(InputError, match="no view has a visible pixel"):
+        predict_network(random_generator(), [noise(8, 8)], DEUTAN, 2.0, [np.zeros((8, 8), np.uint8)])
+
+
+def test_attention_finds_no_features_where_nothing_is_covered():
+    generator = random_generator()
+    told = condition(DEUTAN, palette([noise(8, 8)]), 2.0)[None]
+    assert told.shape == (1, CONDITION_FEATURES)
+    views, coverage = torch.zeros(1, 6, 32, 32), torch.zeros(1, 1, 32, 32)
+    views[..., :16], coverage[..., :16] = 0.25, 1.0
+    seen = generator.summary(views, told, coverage).reshape(generator.config.attentions, -1)[:, -6:]
+    assert torch.allclose(seen, torch.full_like(seen, 0.25), atol=1e-5)
