@@ -26,6 +26,7 @@ from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.cli import ConsoleReporter, OneLineParser, exit_code
 from cvdgs.scripts.training.gan.training import WEIGHTS, Training, TrainingSettings
 from cvdgs.scripts.training.model_card import publish
+from cvdgs.scripts.training.report import write_report
 
 
 def main(arguments: list[str]) -> int:
@@ -55,6 +56,7 @@ def build_parser() -> argparse.ArgumentParser:
     add("--seed", type=int, default=usual.seed, metavar="N", help=f"of weights and scenes ({usual.seed})")
     add("--threads", type=int, default=1, metavar="N", help="of torch (1)")
     add("--publish", action="store_true", help="then ship the weights, with a model card")
+    add("--report", type=Path, metavar="FOLDER", help="then write the curve and samples there")
     add("--no-adversary", action="store_true", help="without L_GAN, for comparison")
     return parser
 
@@ -68,6 +70,8 @@ def train(options: argparse.Namespace) -> None:
     notes = {"settings": json.dumps(settings.to_dict()), "date": datetime.date.today().isoformat()}
     Training(options.out, settings).run(ConsoleReporter(sys.stderr), notes)
     print(f"wrote {options.out / WEIGHTS}")
+    if options.report:
+        write_report(options.out, options.report)
     if options.publish:
         print(f"wrote {publish(options.out / WEIGHTS)}")
 

@@ -173,8 +173,11 @@ class _Fit:
         self._observer, self._settings, self._reporter = observer, settings, reporter
         self._torch_generator = torch.Generator().manual_seed(seed)
         self._generator = np.random.default_rng(seed)
-        self._views = [self._view(*view) for view in chosen_views(images, alphas, settings.views)]
-        self._budget = default_budget(images, observer, alphas, settings) if budget is None else budget
+        chosen = chosen_views(images, alphas, settings.views)
+        self._views = [self._view(*view) for view in chosen]
+        if budget is None:
+            budget = default_budget([image for image, _ in chosen], observer, [alpha for _, alpha in chosen], settings)
+        self._budget = budget
         self._weight = settings.weight
         self._mean_change: float | None = None
         self._total = len(settings.shifts) * settings.start_steps + settings.table_steps + settings.steps
@@ -195,7 +198,8 @@ class _Fit:
         table = self._at_budget(alone, whole=False).table.detach()
         self._weight, self._mean_change = self._settings.weight, None
         self._optimise(network, list(network.parameters()), self._settings.steps, whole=True)
-        network = self._at_budget(network, whole=True)
+        # A short fit may end before the weight of naturalness has found the budget.
+        network = self._at_budget(network, whole=True, most=1.0 if start is None else _MOST_SCALE)
         self._reporter.progress(STAGE, 1.0)
         return FittedNetwork(network.requires_grad_(False), table, self._budget, self._change(network, whole=True))
 

@@ -56,7 +56,7 @@ STRENGTHS = (0.25, 0.5, 0.75, 1.0)
 _SHOWN = 3  # images of each set on its contact sheets
 _IMAGES_AT_A_TIME = 4  # enough that loading a network does not matter, few enough that processes finish together
 TRADE_OFFS = ["image_set", "image", "cvd", "severity", "method", "strength", "ccpr", "delta_e_76"]
-ALL_ENHANCERS = ("none", "gain", "fidaner", "lut", "cgan")
+ALL_ENHANCERS = ("none", "gain", "fidaner", "lut", "cgan", "scene")
 QUICK: dict[str, Any] = {
     "types": ("protan", "deutan"),
     "severities": (1.0,),

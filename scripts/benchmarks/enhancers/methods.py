@@ -18,6 +18,8 @@ from .scores import Enhanced
 
 NONE, LUT, NETWORK, PER_VIEW_LUT = IdentityEnhancer.name, LutEnhancer.name, CganEnhancer.name, PerViewLut.name
 GAIN = "gain"
+FIT_MARK = "@"
+"""Between a network's name and the steps by which its prediction is fitted."""
 
 MethodFactory = Callable[[str, float, str], Enhancer]
 """(cvd, severity, simulation) to an enhancer."""
@@ -30,13 +32,20 @@ _TIMED_REPETITIONS = 3
 
 
 def method_factory(name: str) -> MethodFactory:
-    """The factory for a name in `METHODS`, a name that `make_enhancer` takes, or a weight file."""
+    """The factory for a name in `METHODS`, a name that `make_enhancer` takes, or a weight file.
+
+    ``cgan@0`` and ``FILE@0`` take the network's prediction as it is; any other number is that of the steps of the fit.
+    """
+    plain, at, number = name.rpartition(FIT_MARK)
+    if at and number.isdecimal():
+        return lambda cvd, severity, simulation: make_enhancer(plain, cvd, severity, simulation, fit_steps=int(number))
     return METHODS.get(name) or (lambda cvd, severity, simulation: make_enhancer(name, cvd, severity, simulation))
 
 
 def method_label(name: str) -> str:
     """The name of a method in tables; a weight file's without folder and suffix."""
-    return name.replace("\\", "/").rsplit("/", 1)[-1].removesuffix(WEIGHTS_SUFFIX)
+    plain, at, number = name.replace("\\", "/").rsplit("/", 1)[-1].partition(FIT_MARK)
+    return plain.removesuffix(WEIGHTS_SUFFIX) + at + number
 
 
 def check_labels(names: Sequence[str]) -> None:
@@ -50,7 +59,8 @@ def check_labels(names: Sequence[str]) -> None:
 
 def is_network(name: str) -> bool:
     """Whether the method is a trained network."""
-    return name == NETWORK or name.endswith(WEIGHTS_SUFFIX)
+    plain = name.partition(FIT_MARK)[0]
+    return plain == NETWORK or plain.endswith(WEIGHTS_SUFFIX)
 
 
 def gain_references(names: Sequence[str]) -> list[str]:

@@ -68,7 +68,7 @@ class TrainingSettings:
         generator: the network's shape.
     """
 
-    steps: int = 3000
+    steps: int = 2200
     drawn: int = 3
     window: int = 256
     steps_a_pair: int = 60

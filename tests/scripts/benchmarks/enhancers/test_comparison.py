@@ -30,6 +30,7 @@ from cvdgs.scripts.benchmarks.enhancers.methods import (
     check_labels,
     gain_references,
     matched_gain,
+    method_factory,
     method_label,
 )
 from cvdgs.scripts.benchmarks.enhancers.report import (
@@ -183,6 +184,17 @@ def test_gain_is_matched_to_every_network_else_to_the_lut():
     with pytest.raises(InputError, match="needs a method to match"):
         gain_references(["none", "gain"])
     assert method_label("a/b.safetensors") == "b"
+    assert (method_label("cgan@0"), method_label("a/b.safetensors@3")) == ("cgan@0", "b@3")
+
+
+def test_a_prediction_can_be_named_without_and_with_its_fit():
+    image = np.random.default_rng(0).integers(0, 256, (24, 24, 3), np.uint8)
+    results = []
+    for name in ("cgan@0", "cgan@2"):
+        enhancer = method_factory(name)("deutan", 1.0, "machado")
+        enhancer.fit([image])
+        results.append(enhancer(image))
+    assert not np.array_equal(*results)
 
 
 def test_the_headline_compares_with_the_controls_on_the_same_images(scores):
