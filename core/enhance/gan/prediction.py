@@ -1,4 +1,4 @@
-"""Predicts a scene network: one for all views of a scene, scaled to the budget."""
+"""Predicts a scene network: one for all views of a scene."""
 
 from __future__ import annotations
 

@@ -80,6 +80,7 @@ _SCALINGS = 4  # at most, of a change to the budget; ΔE00 is not quite proporti
 _NEARLY = 0.98  # of the budget is near enough
 _LEAST_CHANGE = 1e-6  # mean ΔE00
 _LEAST_SCALE, _MOST_SCALE = 0.2, 3.0  # of a start's change
+_BUDGET_PARTS = (1.0, 0.85, 0.7, 0.55, 0.4)  # of the budget that are tried for a start, the largest first
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def fit_network(
         observer: who is to tell things apart, of a severity above 0.
         budget: mean ΔE00 by which colours may change; None to take it from how much contrast the observer loses.
         start: a network for the observer, such as a predicted one, to go on from once its change is scaled to the
-            budget; it is left as it is.
+            budget or to what part of it is enough; it is left as it is.
 
     Raises:
         InputError: no view has a covered pixel.
@@ -190,7 +191,7 @@ class _Fit:
             self._initialise(network)
             alone.table.data.copy_(self._best_start())
         else:
-            network = self._at_budget(start, whole=True, least=_LEAST_SCALE, most=_MOST_SCALE)
+            network = self._best_scaled(start)
             alone.table.data.copy_(network.table.data)
         self._optimise(alone, [alone.table], self._settings.table_steps, whole=False)
         if start is None:
@@ -198,8 +199,8 @@ class _Fit:
         table = self._at_budget(alone, whole=False).table.detach()
         self._weight, self._mean_change = self._settings.weight, None
         self._optimise(network, list(network.parameters()), self._settings.steps, whole=True)
-        # A short fit may end before the weight of naturalness has found the budget.
-        network = self._at_budget(network, whole=True, most=1.0 if start is None else _MOST_SCALE)
+        # A short fit ends before the weight of naturalness has found what the scene needs.
+        network = self._at_budget(network, whole=True) if start is None else self._best_scaled(network)
         self._reporter.progress(STAGE, 1.0)
         return FittedNetwork(network.requires_grad_(False), table, self._budget, self._change(network, whole=True))
 
@@ -275,6 +276,19 @@ class _Fit:
             copy.scale(wanted / factor)
             factor = wanted
         return copy
+
+    def _best_scaled(self, network: SceneNetwork) -> SceneNetwork:
+        """A copy whose change is scaled to the budget, or to a part of it where that is enough for the objective."""
+        whole = self._at_budget(network, whole=True, least=_LEAST_SCALE, most=_MOST_SCALE)
+        scaled = []
+        for part in _BUDGET_PARTS:
+            copy = SceneNetwork(self._observer)
+            copy.load_state_dict(whole.state_dict())
+            copy.scale(part)
+            with torch.no_grad():
+                shown = [(view.objective, view.shown(copy, whole=True)) for view in self._views]
+                scaled.append((sum(float(objective(one, _LAX_WEIGHT)) for objective, one in shown), copy))
+        return min(scaled, key=lambda pair: pair[0])[1]
 
     def _change(self, network: SceneNetwork, *, whole: bool) -> float:
         with torch.no_grad():

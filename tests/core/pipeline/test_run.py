@@ -135,7 +135,7 @@ def test_the_trained_network_enhances_a_run_too(tmp_path):
     path = next((tmp_path / "out" / "capture" / "images").glob("*.png"))
     enhanced = read_png(tmp_path / "out" / "enhanced" / "protan-1.0" / path.name)
     assert 0.5 < np.abs(read_png(path).astype(float) - enhanced).mean() < 40
-    assert list((tmp_path / "out").glob("*.cube"))  # the scene's LUT, which the network starts from
+    assert list((tmp_path / "out").glob("*.cube"))  # what a table alone can do
 
 
 def test_a_network_fitted_to_the_scene_is_kept_in_the_run_and_enhances_its_photographs_again(tmp_path):
