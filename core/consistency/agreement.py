@@ -7,8 +7,9 @@ because each was enhanced on its own, and their median is what a view should hav
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ from .correspondence import SceneCorrespondences, nearest_views, sample_bilinear
 
 Image = NDArray[np.uint8]
 Weights = NDArray[np.float32]
+
+_SMOOTHED_KEPT = 32  # neighbours in space are mostly neighbours in order
 
 
 @dataclass(frozen=True)
@@ -116,19 +119,20 @@ class SceneAgreement:
 
     def _weigh(self, photographs: Mapping[int, Image]) -> dict[int, Weights]:
         settings, stride = self._settings, self._correspondences.settings.stride
-        smooth = {
-            view: uniform_filter(image.astype(np.float32), (settings.blur, settings.blur, 0), mode="nearest")
-            for view, image in photographs.items()
-        }
-        differences = {view: self._variation(smooth, view) for view in self._neighbours}
-        known = [values[np.isfinite(values)] for values in differences.values()]
+        smooth = _Smoothed(photographs, settings.blur)
+        known, coarse = [], {}
+        for view in self._neighbours:
+            difference = self._variation(smooth, view)
+            known.append(difference[np.isfinite(difference)])
+            coarse[view] = difference[::stride, ::stride].copy()
         typical = float(np.median(np.concatenate(known))) if any(map(len, known)) else 0.0
         tolerance = max(settings.tolerance * typical, 255.0 * settings.least_tolerance)
         weights = {}
-        for view, difference in differences.items():
-            grid = np.nan_to_num(1.0 / (1.0 + (difference[::stride, ::stride] / tolerance) ** 2), nan=1.0)
+        for view, difference in coarse.items():
+            height, width = photographs[view].shape[:2]
+            grid = np.nan_to_num(1.0 / (1.0 + (difference / tolerance) ** 2), nan=1.0)
             whole = np.repeat(np.repeat(np.maximum(grid, settings.least_weight), stride, 0), stride, 1)
-            weights[view] = np.ascontiguousarray(whole[: difference.shape[0], : difference.shape[1]], np.float32)
+            weights[view] = np.ascontiguousarray(whole[:height, :width], np.float32)
         return weights
 
     def _variation(self, smooth: Mapping[int, NDArray[np.float32]], view: int) -> NDArray[np.float32]:
@@ -143,6 +147,28 @@ class SceneAgreement:
         down, right = np.gradient(smooth[view], axis=(0, 1))
         slope = np.hypot(down, right).mean(axis=2)
         return np.maximum(_median(apart).reshape(slope.shape) - slope, 0.0)
+
+
+class _Smoothed(Mapping[int, NDArray[np.float32]]):
+    """Photographs as means over boxes of `side` pixels; the last few are kept, because all would fill the memory."""
+
+    def __init__(self, photographs: Mapping[int, Image], side: int) -> None:
+        self._photographs = photographs
+        self._side = side
+        self._kept = lru_cache(_SMOOTHED_KEPT)(self._smooth)
+
+    def _smooth(self, view: int) -> NDArray[np.float32]:
+        side = (self._side, self._side, 0)
+        return uniform_filter(self._photographs[view].astype(np.float32), side, mode="nearest")
+
+    def __getitem__(self, view: int) -> NDArray[np.float32]:
+        return self._kept(view)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._photographs)
+
+    def __len__(self) -> int:
+        return len(self._photographs)
 
 
 def _mean_over(

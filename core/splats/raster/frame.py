@@ -87,10 +87,11 @@ class Mask:
 
     @classmethod
     def of(cls, weights: NDArray[np.float32] | NDArray[np.uint8], device: wp.Device | str = "cpu") -> Mask:
-        """The mask of (H, W) `weights`."""
+        """The mask of (H, W) `weights`, whose memory it shares where it can."""
         is_bytes = weights.dtype == np.uint8
         total = float(weights.sum(dtype=np.float64)) / (255.0 if is_bytes else 1.0)
-        return cls(wp.array(weights, dtype=wp.uint8 if is_bytes else wp.float32, device=device), total)
+        kind = wp.uint8 if is_bytes else wp.float32
+        return cls(wp.array(weights, dtype=kind, device=device, copy=False), total)
 
 
 @dataclass(frozen=True)

@@ -152,8 +152,9 @@ class MultiViewLoss:
     def __init__(self, consensus: Consensus, strength: float, device: wp.Device) -> None:
         total = float(consensus.weights.sum())
         self._scale = strength / (3.0 * total) if total > 0.0 else 0.0
-        self._colors = wp.array(consensus.colors, dtype=wp.uint8, device=device)
-        self._weights = wp.array(consensus.weights, dtype=wp.float32, device=device)
+        # Shared where that is possible: there are as many as views.
+        self._colors = wp.array(consensus.colors, dtype=wp.uint8, device=device, copy=False)
+        self._weights = wp.array(consensus.weights, dtype=wp.float32, device=device, copy=False)
 
     def add_gradient(self, frame: Frame) -> None:
         """Add strength · dL_mv/dcolor to `frame.grad_color`, which the photometric loss has filled."""
