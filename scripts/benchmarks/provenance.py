@@ -25,7 +25,7 @@ Facts = Callable[[], tuple[Any, ...]]
 
 UNRECORDED = "unrecorded"
 STALE = "the recipe has changed since: not comparable with what the code makes now"
-BY_HAND = ("README.md", "observers.md", "sweep.md", "timings.md", "training.md")
+BY_HAND = ("README.md", "observers.md", "timings.md", "training.md")
 """Pages that no single command makes: entries, a protocol, logs of trainings, and a table with a command a row."""
 _DIGITS = 12
 _LINE = re.compile(
@@ -64,10 +64,10 @@ class Provenance:
 
 def enhanced_product() -> tuple[Any, ...]:
     """The constants of enhancement."""
+    from ...core.enhance.lut_fit import LutSettings
     from ...core.enhance.scene.fit import FitSettings
-    from ...core.enhance.teacher import TeacherSettings
 
-    return FitSettings(), TeacherSettings(), _WEIGHTS.read_text(encoding="utf-8").split()[0]
+    return FitSettings(), LutSettings(), _WEIGHTS.read_text(encoding="utf-8").split()[0]
 
 
 def trained_product() -> tuple[Any, ...]:

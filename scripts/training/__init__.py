@@ -1,1 +1,1 @@
-"""Training the network: pictures drawn for it, and a spatial teacher. Not shipped with the extension."""
+"""Training the network that predicts scene networks, on pictures drawn for it. Not shipped with the extension."""
