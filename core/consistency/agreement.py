@@ -19,7 +19,7 @@ from ..runtime.protocol import Reporter
 from .correspondence import SceneCorrespondences, nearest_views, sample_bilinear
 
 Image = NDArray[np.uint8]
-Weights = NDArray[np.float32]
+Weights = NDArray[np.uint8]
 
 _SMOOTHED_KEPT = 32  # neighbours in space are mostly neighbours in order
 
@@ -54,7 +54,7 @@ class Consensus:
 
     Attributes:
         colors: (H, W, 3) uint8 sRGB; the view's own colours where no other view corresponds.
-        weights: (H, W) float32 in [0, 1]; 0 where no other view corresponds.
+        weights: (H, W) uint8, 255 = 1; 0 where no other view corresponds.
     """
 
     colors: Image
@@ -71,8 +71,8 @@ class SceneAgreement:
         reporter, stage: for the progress.
 
     Attributes:
-        weights: (H, W) float32 by index of the view: 1 where the photographs agree or nothing is known, down to
-            `least_weight` where they vary with the view.
+        weights: (H, W) uint8, 255 = 1, by index of the view: 1 where the photographs agree or nothing is known, down
+            to `least_weight` where they vary with the view.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class SceneAgreement:
             self._settings.drift_blur, drift.reshape(image.shape), known.reshape(image.shape[:2])
         )
         colors = np.clip(np.round(image + correction), 0, 255).astype(np.uint8)
-        return Consensus(colors, np.where(near, self.weights[view], 0.0).astype(np.float32))
+        return Consensus(colors, np.where(near, self.weights[view], 0).astype(np.uint8))
 
     def _seen_by(self, images: Mapping[int, NDArray], view: int, other: int) -> NDArray[np.float32]:
         """(H * W, 3) colours of the view's pixels in another view, NaN where it does not see them."""
@@ -122,17 +122,17 @@ class SceneAgreement:
         smooth = _Smoothed(photographs, settings.blur)
         known, coarse = [], {}
         for view in self._neighbours:
-            difference = self._variation(smooth, view)
-            known.append(difference[np.isfinite(difference)])
-            coarse[view] = difference[::stride, ::stride].copy()
+            coarse[view] = self._variation(smooth, view)[::stride, ::stride].copy()  # no other pixels are matched
+            known.append(coarse[view][np.isfinite(coarse[view])])
         typical = float(np.median(np.concatenate(known))) if any(map(len, known)) else 0.0
         tolerance = max(settings.tolerance * typical, 255.0 * settings.least_tolerance)
         weights = {}
         for view, difference in coarse.items():
             height, width = photographs[view].shape[:2]
             grid = np.nan_to_num(1.0 / (1.0 + (difference / tolerance) ** 2), nan=1.0)
-            whole = np.repeat(np.repeat(np.maximum(grid, settings.least_weight), stride, 0), stride, 1)
-            weights[view] = np.ascontiguousarray(whole[:height, :width], np.float32)
+            coverage = np.ceil(255.0 * np.maximum(grid, settings.least_weight)).astype(np.uint8)
+            whole = np.repeat(np.repeat(coverage, stride, 0), stride, 1)
+            weights[view] = np.ascontiguousarray(whole[:height, :width])
         return weights
 
     def _variation(self, smooth: Mapping[int, NDArray[np.float32]], view: int) -> NDArray[np.float32]:

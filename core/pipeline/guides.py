@@ -40,5 +40,5 @@ def view_guides(
     ]
 
 
-def _unmasked(weights: NDArray[np.float32], view: View) -> NDArray[np.float32]:
-    return weights if view.mask is None else weights * view.mask.astype(np.float32)
+def _unmasked(weights: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
+    return weights if view.mask is None else np.where(view.mask, weights, 0).astype(np.uint8)

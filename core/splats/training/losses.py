@@ -29,11 +29,11 @@ class ViewGuide:
     """What the other views say about a view that colours are fitted to.
 
     Attributes:
-        weights: (H, W) float32, weight of each pixel: lower where the photographs vary with the view.
+        weights: (H, W) uint8, weight of each pixel, 255 = 1: lower where the photographs vary with the view.
         consensus: colours that the views agree on; None leaves out the multi-view loss.
     """
 
-    weights: NDArray[np.float32]
+    weights: NDArray[np.uint8]
     consensus: Consensus | None = None
 
 
@@ -150,11 +150,11 @@ class MultiViewLoss:
     """
 
     def __init__(self, consensus: Consensus, strength: float, device: wp.Device) -> None:
-        total = float(consensus.weights.sum())
+        total = float(consensus.weights.sum(dtype=np.int64))
         self._scale = strength / (3.0 * total) if total > 0.0 else 0.0
         # Shared where that is possible: there are as many as views.
         self._colors = wp.array(consensus.colors, dtype=wp.uint8, device=device, copy=False)
-        self._weights = wp.array(consensus.weights, dtype=wp.float32, device=device, copy=False)
+        self._weights = wp.array(consensus.weights, dtype=wp.uint8, device=device, copy=False)
 
     def add_gradient(self, frame: Frame) -> None:
         """Add strength · dL_mv/dcolor to `frame.grad_color`, which the photometric loss has filled."""
@@ -167,13 +167,13 @@ class MultiViewLoss:
 def _add_pull(
     color: wp.array3d(dtype=wp.float32),
     consensus: wp.array3d(dtype=wp.uint8),
-    weights: wp.array2d(dtype=wp.float32),
+    weights: wp.array2d(dtype=wp.uint8),
     scale: wp.float32,
     softness: wp.float32,
     gradient: wp.array3d(dtype=wp.float32),
 ):
     row, column = wp.tid()
-    weight = weights[row, column] * scale
+    weight = wp.float32(weights[row, column]) * scale
     if weight > 0.0:
         for channel in range(3):
             apart = color[row, column, channel] - wp.float32(consensus[row, column, channel]) / 255.0

@@ -33,7 +33,7 @@ def training(views, held_out=(), steps=200, **plan) -> JointTraining:
 
 
 def without_consensus(views):
-    return [ViewGuide(np.ones(view.image.shape[:2], np.float32)) for view in views]
+    return [ViewGuide(np.full(view.image.shape[:2], 255, np.uint8)) for view in views]
 
 
 def test_shape_and_colours_are_recovered_from_the_views_alone(scene, views):

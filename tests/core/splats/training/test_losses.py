@@ -51,9 +51,9 @@ def psnr_in_band(scene, layer, views, index: int) -> float:
 
 
 def test_pixels_of_little_weight_hardly_count(scene, views):
-    weights = [np.ones(view.image.shape[:2], np.float32) for view in views]
+    weights = [np.full(view.image.shape[:2], 255, np.uint8) for view in views]
     for i in range(4):
-        weights[i][BAND] = 0.02
+        weights[i][BAND] = 5
     rasterizer, glare = Rasterizer("cpu", 1), highlighted(views)
     believed = fit_layer(rasterizer, scene, glare, PLAN, BLACK, seed=0)
     doubted = fit_layer(rasterizer, scene, glare, PLAN, BLACK, 0, guides=[ViewGuide(w) for w in weights])
@@ -61,9 +61,9 @@ def test_pixels_of_little_weight_hardly_count(scene, views):
 
 
 def test_the_consensus_pulls_the_colours_as_far_as_its_weight_says(scene, views):
-    grey = [Consensus(np.full_like(view.image, 128), np.ones(view.image.shape[:2], np.float32)) for view in views]
+    grey = [Consensus(np.full_like(view.image, 128), np.full(view.image.shape[:2], 255, np.uint8)) for view in views]
     guides = [
-        ViewGuide(np.ones(view.image.shape[:2], np.float32), said) for view, said in zip(views, grey, strict=True)
+        ViewGuide(np.full(view.image.shape[:2], 255, np.uint8), said) for view, said in zip(views, grey, strict=True)
     ]
     rasterizer = Rasterizer("cpu", 1)
     renderer = SceneRenderer(rasterizer, views, BLACK)
@@ -92,8 +92,8 @@ def frame():
 
 def consensus(seed: int = 1) -> Consensus:
     rng = np.random.default_rng(seed)
-    weights = rng.uniform(0, 1, (HEIGHT, WIDTH)).astype(np.float32)
-    weights[:8] = 0.0
+    weights = rng.integers(0, 256, (HEIGHT, WIDTH), np.uint8)
+    weights[:8] = 0
     return Consensus(rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8), weights)
 
 
@@ -101,7 +101,7 @@ def loss(color: np.ndarray, said: Consensus) -> float:
     """L_mv by its formula."""
     apart = color.astype(np.float64) - said.colors / 255.0
     penalty = np.sqrt(apart**2 + SOFTNESS**2).sum(axis=2)
-    return float((said.weights * penalty).sum() / (3.0 * said.weights.sum()))
+    return float((said.weights * penalty).sum() / (3.0 * said.weights.sum(dtype=np.float64)))
 
 
 def test_the_gradient_is_that_of_the_formula_and_is_added(frame):
