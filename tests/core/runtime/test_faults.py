@@ -202,10 +202,8 @@ def test_the_next_run_says_what_it_did_about_one_that_was_killed_while_it_put_it
 
 
 WALL_CLOCK = re.compile(r"\btime\.time(_ns)?\(|\bdatetime\.(now|utcnow)\(")
-TELLS_THE_DATE = {"scripts/training/gan/training.py"}  # a column of its log
 
 
 def test_no_duration_comes_from_a_clock_that_somebody_may_set():
     files = [path for folder in PACKAGE for path in sorted((ROOT / folder).rglob("*.py"))]
-    found = {path.relative_to(ROOT).as_posix() for path in files if WALL_CLOCK.search(path.read_text(encoding="utf-8"))}
-    assert found == TELLS_THE_DATE
+    assert not [path.name for path in files if WALL_CLOCK.search(path.read_text(encoding="utf-8"))]
