@@ -115,7 +115,10 @@ def prepare_targets(
     background: Background,
     reductions: Collection[int] = (),
 ) -> list[TrainingView]:
-    """`views` on the rasteriser's device, at full resolution and reduced by each factor of `reductions`."""
+    """`views` on the rasteriser's device, at full resolution and reduced by each factor of `reductions`.
+
+    On the CPU they share the photographs' memory, which nobody writes to.
+    """
     return [_prepare(rasterizer, view, frame, background, reductions) for view in views]
 
 
@@ -136,7 +139,7 @@ def _prepare(
             width, height, camera.fx / factor, camera.fy / factor, camera.cx / factor, camera.cy / factor, pose
         )
         pixels = image if factor == 1 else _block_mean(image, factor)
-        device_pixels = wp.array(np.ascontiguousarray(pixels), dtype=wp.uint8, device=rasterizer.device)
+        device_pixels = wp.array(np.ascontiguousarray(pixels), dtype=wp.uint8, device=rasterizer.device, copy=False)
         levels[factor] = (device_pixels, reduced)
         if view.mask is not None:
             masks[factor] = Mask.of(_block_all(view.mask, factor), rasterizer.device)
