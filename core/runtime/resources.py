@@ -81,9 +81,10 @@ def available_processors() -> int:
 def peak_memory_mb() -> int | None:
     """Largest resident size of this process so far, in MiB; None where the system does not say."""
     # What getrusage says on Linux includes the process that started this one: Blender, with its scene.
-    if _STATUS.exists():
-        (peak,) = (line for line in _STATUS.read_text(encoding="ascii").splitlines() if line.startswith("VmHWM:"))
-        return round(int(peak.split()[1]) / 1024)
+    lines = _STATUS.read_text(encoding="utf-8", errors="replace").splitlines() if _STATUS.exists() else []
+    for line in lines:  # some sandboxes have the file without the peak
+        if line.startswith("VmHWM:"):
+            return round(int(line.split()[1]) / 1024)
     try:
         import resource
     except ImportError:  # Windows

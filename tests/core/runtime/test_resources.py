@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+from cvdgs.core.runtime import resources
 from cvdgs.core.runtime.resources import peak_memory_mb
 
 CHILD = """
@@ -34,3 +36,10 @@ def test_the_peak_is_not_that_of_the_process_that_started_it() -> None:
     block[::4096] = bytes([1]) * len(block[::4096])
     assert (peak_memory_mb() or 0) > 600
     assert peak_of_child(0) < 200
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has this file")
+def test_a_sandbox_that_does_not_tell_the_peak_costs_no_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "status").write_text("Name:\tpython\nVmRSS:\t1024 kB\n")
+    monkeypatch.setattr(resources, "_STATUS", tmp_path / "status")
+    assert (peak_memory_mb() or 0) > 10
