@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -25,6 +26,8 @@ LONG_RANGE_STEP = 7
 """Between views, in file order, that test long-range consistency."""
 MOST_TRIED_PIXELS = 40_000
 """Per view: drift and gloss are smooth and more samples change no mean, but time and memory grow with their number."""
+
+_SURFACES_KEPT = 64  # pairs are mostly asked for in the order of their first view, beside which the second ones are
 
 Floats = NDArray[np.float64]
 DepthOfView = Callable[[int], tuple[NDArray, NDArray]]
@@ -89,7 +92,7 @@ class SceneCorrespondences:
 
     Args:
         views: the cameras.
-        depth: called at most once for each view.
+        depth: called when a view is needed; the surfaces of all would fill the memory, so only the last few are kept.
         settings: when a correspondence is accepted; None takes the defaults with a stride that tries at most
             `MOST_TRIED_PIXELS` of a view.
     """
@@ -99,8 +102,7 @@ class SceneCorrespondences:
     ) -> None:
         self.views = views
         self.settings = settings or CorrespondenceSettings(stride=_stride(views))
-        self._depth = depth
-        self._surfaces: dict[int, NDArray[np.float32]] = {}
+        self._surface = lru_cache(_SURFACES_KEPT)(lambda index: _trusted_surface(*depth(index), self.settings))
         self._found: dict[tuple[int, int], Correspondences] = {}
 
     def between(self, first: int, second: int) -> Correspondences:
@@ -119,11 +121,6 @@ class SceneCorrespondences:
             found.append(self.between(first, second))
             reporter.progress(stage, (number + 1) / len(pairs), "matching points between views")
         return found
-
-    def _surface(self, index: int) -> NDArray[np.float32]:
-        if index not in self._surfaces:
-            self._surfaces[index] = _trusted_surface(*self._depth(index), self.settings)
-        return self._surfaces[index]
 
     def _match(self, first: int, second: int) -> Correspondences:
         settings = self.settings
