@@ -61,7 +61,7 @@ class TrainingPlan:
     steps: int = 5000
     limit: int | None = None
     sh_degree: int | None = 0
-    ssim_weight: float = 0.2
+    ssim_weight: float = 0.4
     learning_rates: LearningRates = field(
         default_factory=lambda: LearningRates(
             means=6.4e-4, log_scales=2e-2, quaternions=4e-3, opacity_logits=1e-1, sh0=1e-2, sh_rest=5e-4
