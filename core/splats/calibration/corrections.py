@@ -1,12 +1,14 @@
 """Corrections of a run's views along with the scene: exposures and poses.
 
-Either is switched on only if a measurement shows that the photographs call for it (`ViewCorrections.decide`).
+Either is proposed where a measurement suggests that the photographs call for it (`ViewCorrections.decide`), and stays
+on if validation views gain by it in a trial (`ViewCorrections.settle`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 import warp as wp
@@ -20,6 +22,13 @@ from .poses import AlignedViews, PosePlan, PoseRefinement
 
 CORRECTED = "corrected"
 """First word of a report's decision on something that was corrected."""
+
+
+class Proposal(Enum):
+    """What seems to call for a correction."""
+
+    EXPOSURE = "exposure"
+    POSES = "poses"
 
 
 class Correction:
@@ -51,7 +60,7 @@ class ViewCorrections:
 
     Attributes:
         exposure, poses: the corrections.
-        poses_were_off: whether a check found that the poses need correcting.
+        poses_were_off: whether the poses are corrected, because a check found that they need it.
     """
 
     def __init__(
@@ -69,6 +78,7 @@ class ViewCorrections:
         # A gain would also change the background of cut-outs, which no photograph shows.
         self._exposure_plan = None if any(background.color) else exposure
         self._pose_plan = poses
+        self._steps = steps
         self._visits = steps / len(views)
         self._exposure_undecided = self._exposure_plan is not None
         self._pose_checks = list(poses.checks) if poses is not None and poses.can_tell(steps, len(views)) else []
@@ -102,30 +112,57 @@ class ViewCorrections:
         self.exposure.restore(saved.part("exposure"))
         self.poses.restore(saved.part("poses"))
 
-    def decide(self, progress: float, parameters: ParameterSet) -> bool:
-        """Make the decisions due at the fraction `progress` of the run, on the current scene; called before a step.
+    def decide(self, progress: float, parameters: ParameterSet) -> list[Proposal]:
+        """Make the checks due at the fraction `progress` of the run, on the current scene; called before a step.
 
         Returns:
-            Whether exposures, which seem to differ, are corrected from now on. That a rough scene differs from its
-            photographs may be the scene's fault: only a trial tells (`settle_exposure`).
+            What is corrected from now on because it seems to be off. That a rough scene differs from its photographs
+            may be the scene's fault: only a trial tells (`switch`, `settle`).
         """
         self._progress = progress
-        proposed = False
+        proposed = []
         if self._exposure_undecided and self._exposure_plan is not None and progress >= self._exposure_plan.decided_at:
             self._exposure_undecided = False
-            proposed = self._decide_exposure(self._exposure_plan, parameters)
+            if self._decide_exposure(self._exposure_plan, parameters):
+                proposed.append(Proposal.EXPOSURE)
         while self._pose_plan is not None and self._pose_checks and progress >= self._pose_checks[0][0]:
-            self._check_poses(self._pose_plan, self._pose_checks.pop(0)[1], parameters)
+            threshold = self._pose_checks.pop(0)[1]
+            if not self.poses_were_off and self._poses_seem_off(self._pose_plan, threshold, parameters):
+                self.poses_were_off = True
+                proposed.append(Proposal.POSES)
         return proposed
 
-    def settle_exposure(self, gain: float) -> bool:
-        """Correct exposures only if the validation views gained enough (dB) by it in a trial; returns whether."""
-        assert self._exposure_plan is not None, "only a plan proposes a correction"
-        self.exposure.active = gain >= self._exposure_plan.least_gain
-        decision = CORRECTED if self.exposure.active else "as photographed"
-        seemed = self._words["exposure"].partition(": ")[2]
-        self._words["exposure"] = f"{decision}: {seemed}, and correcting that gained {gain:.2f} dB in a trial"
-        return self.exposure.active
+    def switch(self, proposal: Proposal, corrected: bool) -> None:
+        """Correct, from the start, or leave what was proposed: a branch of a trial."""
+        if proposal is Proposal.EXPOSURE:
+            self.exposure.active = corrected
+        else:
+            self.poses = PoseRefinement([camera.world_to_camera for camera in self._cameras])
+            self.poses_were_off = corrected
+
+    def trial_steps(self, proposal: Proposal) -> int:
+        """Steps of each branch of a trial."""
+        plan = self._exposure_plan if proposal is Proposal.EXPOSURE else self._pose_plan
+        assert plan is not None, "only a plan proposes a correction"
+        return plan.trial_steps(self._steps)
+
+    def settle(self, proposal: Proposal, gain: float) -> bool:
+        """Correct only if the validation views gained enough (dB) by it in a trial; returns whether.
+
+        Called at the end of the branch that corrects. Poses that are left may be proposed by the next check again.
+        """
+        plan = self._exposure_plan if proposal is Proposal.EXPOSURE else self._pose_plan
+        assert plan is not None, "only a plan proposes a correction"
+        worthwhile = gain >= plan.least_gain
+        if not worthwhile:
+            self.switch(proposal, False)
+        trial = f"correcting that gained {gain:.2f} dB in a trial"
+        if proposal is Proposal.EXPOSURE:
+            seemed = self._words["exposure"].partition(": ")[2]
+            self._words["exposure"] = f"{CORRECTED if worthwhile else 'as photographed'}: {seemed}, and {trial}"
+        else:
+            self._words["poses"] += f", and {trial}"
+        return worthwhile
 
     def camera(self, view: int, camera: RasterCamera) -> RasterCamera:
         """The camera of `view`, at any resolution, in its current pose."""
@@ -151,7 +188,8 @@ class ViewCorrections:
         """The decisions, for the report."""
         words = dict(self._words)
         if self.poses_were_off:
-            words["poses"] = f"{CORRECTED}: they were off by about {self.pose_motion:.1f} pixels"
+            trial = "".join(words.get("poses", "").partition(", and ")[1:])
+            words["poses"] = f"{CORRECTED}: they were off by about {self.pose_motion:.1f} pixels{trial}"
         return words
 
     @property
@@ -164,7 +202,7 @@ class ViewCorrections:
         """(V, 4, 4) world-to-camera in frame units, or None if they are as given."""
         return self.poses.poses if self.poses_were_off else None
 
-    def _check_poses(self, plan: PosePlan, threshold: float, parameters: ParameterSet) -> None:
+    def _poses_seem_off(self, plan: PosePlan, threshold: float, parameters: ParameterSet) -> bool:
         count = len(self._views)
         probed = np.linspace(0, count - 1, min(count, plan.probed_views)).round().astype(int).tolist()
         coarsest = max(self._views[0].levels)
@@ -172,9 +210,7 @@ class ViewCorrections:
         aligned = AlignedViews(self._rasterizer, views, self._background, plan)
         motion = aligned.motion_to_match(parameters, coarsest)
         self._words["poses"] = f"as given: photographs match the scene within {motion:.2f} pixels"
-        if motion >= threshold:
-            self.poses_were_off = True
-            self._pose_checks.clear()
+        return motion >= threshold
 
     def _decide_exposure(self, plan: ExposurePlan, parameters: ParameterSet) -> bool:
         estimates = []

@@ -5,10 +5,11 @@ gradient with respect to a small motion of the camera is that of moving all Gaus
 of means and quaternions that the rasteriser computes anyway. (The rotation of view-dependent colours is neglected, a
 small term for SH degrees above 0.)
 
-Good poses are left as given. The first rough scene, fitted with the given poses, shows whether they are good
+Good poses are left as given. The first rough scene, fitted with the given poses, shows whether they may be off
 (`AlignedViews.motion_to_match`): if they contradict each other, the scene is a compromise, and single views match it
-better from elsewhere. Letting poses move and measuring how far they go tells less, because noise moves them too, in
-short runs farther than errors that matter.
+better from elsewhere. Whether that is so, and not the scene too rough, validation views tell in a trial. Letting poses
+move and measuring how far they go tells less, because noise moves them too, in short runs farther than errors that
+matter.
 """
 
 from __future__ import annotations
@@ -50,6 +51,8 @@ class PosePlan:
         lr_final_factor: factor of the learning rate at the end of the run, reached exponentially.
         align_steps: per view, to align views that are not fitted with the scene (`AlignedViews`).
         follow_steps: per view, each time the scene has changed since.
+        trial: share of the run's steps in each of the two branches of a trial, at least `fewest_trial_steps`.
+        least_gain: dB that validation views, aligned with the scene of each branch, have to gain in it.
     """
 
     checks: tuple[tuple[float, float], ...] = ((0.1, 0.8), (0.2, 0.4))
@@ -64,6 +67,13 @@ class PosePlan:
     lr_final_factor: float = 0.05
     align_steps: int = 60
     follow_steps: int = 4
+    trial: float = 0.08
+    fewest_trial_steps: int = 100
+    least_gain: float = 0.1
+
+    def trial_steps(self, steps: int) -> int:
+        """Steps of each branch of a trial in a run of `steps`."""
+        return max(round(self.trial * steps), self.fewest_trial_steps)
 
     def can_tell(self, steps: int, views: int) -> bool:
         """Whether a run of `steps` on `views` views can tell bad poses from good ones."""

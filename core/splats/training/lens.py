@@ -93,6 +93,7 @@ class LensPlan:
         least_steps: shortest run for which a check is worthwhile.
         pose_learning_rate: initially, an angle of view in radians.
         pose_lr_final_factor: factor of the poses' learning rate at the end, reached exponentially.
+        ssim_weight: of the loss of the searches' scenes.
         initial: how the Gaussians are initialised.
     """
 
@@ -108,6 +109,7 @@ class LensPlan:
     least_steps: int = 300
     pose_learning_rate: float = 3e-3
     pose_lr_final_factor: float = 0.05
+    ssim_weight: float = 0.2
     initial: InitialGaussians = field(default_factory=InitialGaussians)
 
 
@@ -218,7 +220,7 @@ class LensCheck:
         motion = compensating_motion(gaussians.means[sampled].astype(np.float64), cameras)
         if motion.residual < plan.min_residual:
             return None
-        fit = Fit(self.rasterizer, gaussians, self.background, training.ssim_weight)
+        fit = Fit(self.rasterizer, gaussians, self.background, plan.ssim_weight)
         poses = PoseRefinement([camera.world_to_camera for camera in cameras])
         lens, order = _MovingLens(search, plan, motion, poses), ViewOrder(len(targets), rng)
         for step in range(search.steps):

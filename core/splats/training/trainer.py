@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...capture.model import View
 from ...files.states import Restorable, SavedState, State, restore_random
 from ...runtime.protocol import Reporter
-from ..calibration.corrections import ViewCorrections
+from ..calibration.corrections import Proposal, ViewCorrections
 from ..calibration.poses import AlignedViews
 from ..gaussians import Gaussians
 from ..raster import ContrastPlan, LearningRates, Rasterizer
@@ -34,7 +34,7 @@ from .outcome import warn
 from .plan import TrainingPlan, TrainingResult
 from .schedule import TrainingSchedule
 from .start import StartChoice, StartTrial, choose_start, means_reach
-from .trials import choose_degree, exposure_gain
+from .trials import choose_degree, correction_gain
 from .validation import Curve, HeldOut, Validation
 
 __all__ = ["STAGE", "Trainer"]
@@ -180,9 +180,9 @@ class Trainer:
         """One optimisation step, on the next view."""
         strategy, schedule = self._strategy, self._schedule
         learning_rates, growing = schedule.learning_rates(step), schedule.growing(step)
-        proposed = self._corrections.decide(schedule.progress(step), self.fit.parameters)
-        if proposed and self._validation:
-            self._try_exposure(step)
+        for proposal in self._corrections.decide(schedule.progress(step), self.fit.parameters):
+            if self._validation:
+                self._try(proposal, step)
         if self._loss is None and self._plan.contrast is not None and schedule.contrast(step):
             self._keep_contrast(self._plan.contrast)
         gather = growing and _due(strategy.gradient_every, step)
@@ -269,20 +269,20 @@ class Trainer:
         """dB; with exposures compensated if these are corrected, since the scene is kept free of them."""
         return self.fit.psnr(self._validation.views, any_exposure=self._corrections.exposure.active)
 
-    def _try_exposure(self, step: int) -> None:
-        """Correct exposures only if the validation views gain by it: two branches from here, on the same views."""
-        plan, before = self._plan, self.fit.state
-        assert plan.exposure is not None, "only a plan proposes a correction"
-        steps = plan.exposure.trial_steps(plan.steps)
+    def _try(self, proposal: Proposal, step: int) -> None:
+        """Correct only if the validation views gain by it: two branches from here, on the same views."""
+        before, steps = self.fit.state, self._corrections.trial_steps(proposal)
 
         def branch(corrected: bool) -> float:
-            self._corrections.exposure.active = corrected
+            self._corrections.switch(proposal, corrected)
             order = ViewOrder(self._fitted_count, np.random.default_rng(step))
             for _ in range(steps):
                 self._fit_next(self._schedule.reduction(step), self._schedule.learning_rates(step), order=order)
-            return self.fit.psnr(self._validation.views, any_exposure=True)
+            poses = proposal is Proposal.POSES
+            views = self._validation.matched(self.fit.parameters) if poses else self._validation.views
+            return self.fit.psnr(views, any_exposure=True)
 
-        if not self._corrections.settle_exposure(exposure_gain(self.fit, branch)):
+        if not self._corrections.settle(proposal, correction_gain(self.fit, branch)):
             self.fit.state = before  # as if there had been no trial
 
     def _aligned(self, views: Sequence[TrainingView]) -> AlignedViews:

@@ -9,11 +9,11 @@ from .decisions import ShDegreeRule
 from .fitting import Fit
 
 
-def exposure_gain(fit: Fit, branch: Callable[[bool], float]) -> float:
-    """dB that correcting exposures gains; `fit` is left at the end of the branch that corrects.
+def correction_gain(fit: Fit, branch: Callable[[bool], float]) -> float:
+    """dB that a correction gains; `fit` is left at the end of the branch that corrects.
 
     Args:
-        branch: fits with or without correction for a while; returns the PSNR of the validation views.
+        branch: fits with or without the correction for a while; returns the PSNR of the validation views.
     """
     start = fit.parameters.to_gaussians()
     psnr = []

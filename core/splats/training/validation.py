@@ -50,6 +50,12 @@ class Validation:
         self._aligned.align(scene)
         self.views = self._aligned.views
 
+    def matched(self, scene: ParameterSet) -> list[TrainingView]:
+        """The views from where they match a scene best, for a trial: the poses of `views` stay."""
+        aligned = self._aligner(self.views)
+        aligned.align(scene)
+        return aligned.views
+
     def end(self) -> None:
         """Measure nothing from now on."""
         self.views = []

@@ -100,6 +100,27 @@ def test_a_run_with_good_poses_hands_none_back(scene, views):
     assert result.moved_poses == {}
 
 
+@pytest.mark.parametrize("size", [48, 96])
+def test_good_poses_stay_as_they_are_however_far_off_a_rough_scene_makes_them_look(scene, size):
+    training, held_out = parts(photographs(scene, count=30, size=size))
+    suspicious = PosePlan(checks=((0.1, 0.0), (0.2, 0.0)), least_steps=1)
+    tried, plain = (
+        train(scene, training, held_out, steps=150, stopping=StopRule(), exposure=None, poses=poses)
+        for poses in (suspicious, None)
+    )
+    assert tried.decision["poses"].startswith("as given")
+    assert "trial" in tried.decision["poses"]
+    assert tried.moved_poses == {}
+    np.testing.assert_array_equal(tried.gaussians.means, plain.gaussians.means)
+
+
+def test_poses_that_are_off_are_corrected_because_validation_views_gain_by_it(scene):
+    views = turned(photographs(scene, count=30, size=96), 0.5)
+    result = train(scene, *parts(views), exposure=None, poses=PosePlan(), stopping=StopRule())
+    assert result.decision["poses"].startswith("corrected")
+    assert "trial" in result.decision["poses"]
+
+
 def test_a_run_that_is_too_short_to_tell_leaves_poses_alone(scene, views):
     training, held_out = parts(views)
     result = train(scene, turned(training, 0.5), held_out, steps=120, exposure=None, poses=PosePlan())

@@ -17,7 +17,7 @@ from cvdgs.core.splats.calibration.exposure import ExposurePlan
 from cvdgs.core.splats.calibration.poses import PosePlan
 from cvdgs.core.splats.raster import Rasterizer
 from cvdgs.core.splats.training.checkpoints import Checkpoints
-from cvdgs.core.splats.training.decisions import GrowthRule, ShDegreeRule
+from cvdgs.core.splats.training.decisions import GrowthRule, ShDegreeRule, StopRule
 from cvdgs.core.splats.training.plan import TrainingPlan
 from cvdgs.core.splats.training.trainer import Trainer
 
@@ -29,9 +29,14 @@ PLAN = TrainingPlan(
     steps=STEPS,
     sh_degree=None,
     growth=GrowthRule(fewest=1200),
+    stopping=StopRule(patience=1.0),
     sh_degree_rule=ShDegreeRule(steps=0.05, fewest_steps=6, degree_gain=-9.0, highest=1),
     exposure=ExposurePlan(decided_at=0.3, trial=0.05, fewest_trial_steps=6, least_gain=-9.0),
-    poses=PosePlan(checks=((0.2, 0.0),), least_steps=1, probe_steps=2, align_steps=3, follow_steps=1),
+    poses=PosePlan(
+        checks=((0.2, 0.0),),
+        **{"least_steps": 1, "probe_steps": 2, "align_steps": 3, "follow_steps": 1},
+        **{"trial": 0.05, "fewest_trial_steps": 6, "least_gain": -9.0},
+    ),
 )
 PLACES = {"coarse": 10, "growth": 50, "corrected": 70, "thinned": 90, "contrast": 100, "all-fitted": 110}
 

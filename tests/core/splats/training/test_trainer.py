@@ -79,7 +79,8 @@ def views(scene):
 
 
 def test_training_recovers_a_known_scene_on_views_that_it_has_not_seen(scene, views):
-    result = train(views[:4] + views[5:], scene.means, TrainingPlan(steps=300, limit=1500), held_out=[views[4]])
+    plan = TrainingPlan(steps=300, limit=1500, stopping=None)
+    result = train(views[:4] + views[5:], scene.means, plan, held_out=[views[4]])
     assert result.curve[0]["psnr"] < 17
     assert result.curve[-1]["psnr"] > 24
     assert result.curve[-1]["step"] == 300
