@@ -9,7 +9,14 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core.enhance import CganEnhancer, Enhancer, IdentityEnhancer, LutEnhancer, make_enhancer
+from ....core.enhance import (
+    CganEnhancer,
+    Enhancer,
+    IdentityEnhancer,
+    LutEnhancer,
+    SceneNetworkEnhancer,
+    make_enhancer,
+)
 from ....core.errors import InputError
 from ....core.files.images import to_bytes
 from ....core.settings import WEIGHTS_SUFFIX
@@ -17,6 +24,7 @@ from ..baselines import ContrastGain, FidanerEnhancer, PerViewLut
 from .scores import Enhanced
 
 NONE, LUT, NETWORK, PER_VIEW_LUT = IdentityEnhancer.name, LutEnhancer.name, CganEnhancer.name, PerViewLut.name
+SCENE = SceneNetworkEnhancer.name
 GAIN = "gain"
 FIT_MARK = "@"
 """Between a network's name and the steps by which its prediction is fitted."""
@@ -58,9 +66,9 @@ def check_labels(names: Sequence[str]) -> None:
 
 
 def is_network(name: str) -> bool:
-    """Whether the method is a trained network."""
+    """Whether the method is a network, of the scene or predicted."""
     plain = name.partition(FIT_MARK)[0]
-    return plain == NETWORK or plain.endswith(WEIGHTS_SUFFIX)
+    return plain in (NETWORK, SCENE) or plain.endswith(WEIGHTS_SUFFIX)
 
 
 def gain_references(names: Sequence[str]) -> list[str]:
@@ -74,7 +82,7 @@ def gain_references(names: Sequence[str]) -> list[str]:
         return references
     others = [name for name in names if name not in (NONE, GAIN)]
     if not others:
-        raise InputError("contrast gain needs a method to match", where="--enhancers", remedy="add lut or cgan")
+        raise InputError("contrast gain needs a method to match", where="--enhancers", remedy="add lut, scene or cgan")
     return others[:1]
 
 

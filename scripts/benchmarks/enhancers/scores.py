@@ -14,6 +14,7 @@ from ....core.color.simulation import Observer
 from ....core.color.spaces import delta_e_76, image_to_tensor, srgb_to_lab
 from ....core.evaluate.scores import Scorer
 from ....core.settings import Layer
+from .experts import ExpertScorer
 from .image_sets import TestImage
 
 ENHANCED_FOR = "machado"
@@ -57,6 +58,7 @@ class Judge:
         self._scorer = self._scorer_under(ENHANCED_FOR)
         others = [model for model, types in OTHER_MODELS.items() if other_models and observer.cvd in types]
         self._others = {model: self._scorer_under(model) for model in others}
+        self._experts = ExpertScorer(image.pixels, Observer(observer.cvd, observer.severity, ENHANCED_FOR))
         self.ccpr_input = self._scorer.ccpr(image.pixels)
         """CCPR of the original: what makes it hard or easy."""
         self._plate_before = self._plate_difference(image.pixels)
@@ -77,7 +79,10 @@ class Judge:
             ``image_set``, ``image``, ``width``, ``height`` (pixels), ``cvd``, ``severity``, ``method``: what is scored.
             ``ccpr_input``: CCPR of the original.
             ``ccpr``, ``pairs``, ``ccpr_mean``, ``ccpr_global``, ``ccfr``, ``ssim_simulated``: see `Scorer.simulated`.
-            ``ccpr_vienot``, ``ccpr_brettel``: CCPR of the same enhanced image under the other models.
+            ``ccpr_vienot``, ``ccpr_brettel``: CCPR of the same enhanced image under the other models; ``ccpr_worst``:
+            the least of these and of ``ccpr``.
+            ``name_confusions``, ``cam_gap``, ``cam_change``, ``chromatic_difference``, ``ccpr_areas``: see
+            `ExpertScorer`.
             ``ssim``, ``psnr``, ``delta_e_76``, ``delta_e_2000``: see `Naturalness`.
             ``grey_pixels``, ``grey_delta_e`` and the same of ``white`` and ``skin``: see `Scorer.protected`.
             ``plate_before``, ``plate_after``: simulated ΔE76 between figure and ground of a plate, of the original and
@@ -86,6 +91,8 @@ class Judge:
         """
         pixels = enhanced.pixels
         height, width = pixels.shape[:2]
+        simulated = self._scorer.simulated(pixels)
+        others = {model: scorer.ccpr(pixels) for model, scorer in self._others.items()}
         return {
             "image_set": self._image_set,
             "image": self._image.name,
@@ -95,8 +102,10 @@ class Judge:
             "severity": self._observer.severity,
             "method": enhanced.method,
             "ccpr_input": self.ccpr_input,
-            **self._scorer.simulated(pixels),
-            **{f"ccpr_{m}": self._others[m].ccpr(pixels) if m in self._others else math.nan for m in OTHER_MODELS},
+            **simulated,
+            **{f"ccpr_{model}": others.get(model, math.nan) for model in OTHER_MODELS},
+            "ccpr_worst": min(simulated["ccpr"], *others.values()) if others else simulated["ccpr"],
+            **self._experts.score(pixels),
             **vars(self._scorer.naturalness(pixels)),
             **self._scorer.protected(pixels),
             "plate_before": self._plate_before,
