@@ -13,7 +13,13 @@ from typing import Any
 from ... import __version__
 from ..errors import InputError
 from ..files.untrusted import explained, is_file, read_json
-from ..runs.layout import CHECKPOINT_FOLDER, CHECKPOINT_RUN_FILE, CHECKPOINT_STATE_FILE, REPORT_FILE
+from ..runs.layout import (
+    CHECKPOINT_CAPTURE_FILE,
+    CHECKPOINT_FOLDER,
+    CHECKPOINT_RUN_FILE,
+    CHECKPOINT_STATE_FILE,
+    REPORT_FILE,
+)
 from ..settings import OPTIONS, Settings, flag, typed_value
 
 CHECKPOINT_SECONDS = 120.0
@@ -85,8 +91,9 @@ def resumption(asked: Settings) -> Resumption:
     to which ``--resume`` may just as well mean to add a layer.
     """
     folder = checkpoint_folder(asked.out)
-    there = all(is_file(folder / name) for name in (CHECKPOINT_RUN_FILE, CHECKPOINT_STATE_FILE))
-    if not asked.resume or not there:
+    described_there = is_file(folder / CHECKPOINT_RUN_FILE)
+    there = any(is_file(folder / name) for name in (CHECKPOINT_CAPTURE_FILE, CHECKPOINT_STATE_FILE))
+    if not asked.resume or not described_there or not there:
         return Resumption(asked)
     finished = (Path(asked.out) / REPORT_FILE).exists()
     try:

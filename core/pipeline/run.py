@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..capture.model import Capture
+from ..capture.model import Capture, CaptureWarning
 from ..capture.normalised import write_cameras, write_capture
 from ..capture.reader import read_capture
 from ..enhance import Enhancer, make_enhancer
@@ -26,6 +26,7 @@ from ..splats.training.trainer import TrainingResult
 from .cleaning import Cleaned
 from .continuation import CheckpointRequest, describe_run
 from .device import choose_warp_device, describe_device, versions
+from .kept_capture import digest_of, from_state, to_state
 from .resume import EarlierRun
 from .stages import Reconstruction, Stages
 
@@ -60,22 +61,20 @@ def run(
     earlier = EarlierRun.read(folder, settings.out) if settings.resume else None
     settings = earlier.complete(settings) if earlier else settings
     enhancers = _make_enhancers(settings)  # refuses what cannot be simulated before anything takes time
+    checkpoints = None if checkpoint is None else _checkpoints(checkpoint, settings, recorder)
     with clock.measure("capture"):
         if earlier:
             earlier.check_photographs(Path(settings.capture), recorder)
             capture = earlier.capture
         else:
             size = settings.max_size or AUTO_MAX_SIZE[device]
-            capture = read_capture(
-                Path(settings.capture), max_size=size, cameras=settings.cameras_from, reporter=recorder
-            )
+            capture = _capture_of(settings, size, checkpoints, recorder)
             capture = replace(capture, metres_per_unit=settings.metres_per_unit)
             write_capture(capture, folder / CAPTURE_FOLDER)
             if capture.estimate and capture.estimate.sheet is not None:
                 write_png(folder / CAPTURE_FOLDER / PLACED_FILE, capture.estimate.sheet)
     raster.load(device, recorder)
     split = _split(capture, settings.holdout, recorder)
-    checkpoints = None if checkpoint is None else _checkpoints(checkpoint, settings, recorder)
     context = (settings, folder, recorder, capture, split, raster.Rasterizer(device))
     stages = Stages.of(*context, previews=previews, checkpoints=checkpoints)
     lens = FocalLength()
@@ -145,6 +144,24 @@ def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
         reporter.warning("no-holdout", f"only {count} views, so none is held out: all figures are on training views")
         return Split.every(count, 0)
     return split
+
+
+def _capture_of(settings: Settings, size: int, checkpoints: Checkpoints | None, recorder: _Recorder) -> Capture:
+    """The capture that `settings` name; estimated cameras are kept, and come from there where a run goes on."""
+    path, cameras = Path(settings.capture), settings.cameras_from
+    kept = checkpoints.kept_capture(lambda: digest_of(path, cameras, size)) if checkpoints else None
+    if kept:
+        capture = from_state(kept, path)
+        recorder.status("capture", f"taking the {len(capture.views)} cameras that were estimated before")
+        for warning in capture.warnings:
+            recorder.warning(warning.name, warning.message)
+        return capture
+    before = len(recorder.warnings)
+    capture = read_capture(path, max_size=size, cameras=cameras, reporter=recorder)
+    if checkpoints and capture.estimate:
+        given = [CaptureWarning(**warning) for warning in recorder.warnings[before:]]
+        checkpoints.keep_capture(to_state(capture, given), digest_of(path, cameras, size))
+    return capture
 
 
 def _checkpoints(request: CheckpointRequest, settings: Settings, reporter: Reporter) -> Checkpoints:

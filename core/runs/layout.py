@@ -26,9 +26,11 @@ IMAGES_FOLDER = "images"
 MASKS_FOLDER = "masks"
 PLACED_FILE = "placed.png"  # which photographs have estimated cameras, where some have not
 
-# What a run that was broken off leaves, in a folder of its own: about the run, and the trainer's state.
+# What a run that was broken off leaves, in a folder of its own: about the run, and from then on either is enough to go
+# on from: the photographs with the cameras that were estimated for them, and the trainer's state.
 CHECKPOINT_FOLDER = ".checkpoint"
-CHECKPOINT_RUN_FILE, CHECKPOINT_STATE_FILE = "run.json", "state.safetensors"
+CHECKPOINT_RUN_FILE = "run.json"
+CHECKPOINT_CAPTURE_FILE, CHECKPOINT_STATE_FILE = "capture.safetensors", "state.safetensors"
 
 _LAYER_PREFIX, _LAYER_SUFFIX = "splats.", ".ply"
 LAYER_GAUSSIANS_PATTERN = f"{_LAYER_PREFIX}*{_LAYER_SUFFIX}"

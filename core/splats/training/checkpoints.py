@@ -22,7 +22,7 @@ from ...capture.model import View
 from ...errors import Cancelled
 from ...files.states import SavedState, State, read_state, write_state
 from ...files.untrusted import explained, replacing
-from ...runs.layout import CHECKPOINT_RUN_FILE, CHECKPOINT_STATE_FILE
+from ...runs.layout import CHECKPOINT_CAPTURE_FILE, CHECKPOINT_RUN_FILE, CHECKPOINT_STATE_FILE
 
 _WORTH_SECONDS = 30.0  # of training, from which a cancelled or finished one leaves a checkpoint
 _FORMAT = "cvdgs-checkpoint-1"  # another one whenever the trainer's state or its steps change
@@ -100,13 +100,35 @@ class Checkpoints:
 
     def save(self, state: State) -> None:
         """Replace the checkpoint; what cannot be written is said, and the run goes on without."""
+        self._write(CHECKPOINT_STATE_FILE, state, self._run)
+        self._latest = time.monotonic()
+
+    def kept_capture(self, made_of: Callable[[], str]) -> SavedState | None:
+        """What `keep_capture` has kept, to go on from; None where that is nothing, or was made of something else.
+
+        Args:
+            made_of: is called where something was kept.
+
+        Raises:
+            InputError: it is damaged.
+        """
+        path = self._folder / CHECKPOINT_CAPTURE_FILE
+        if not self._resume or not path.exists():
+            return None
+        metadata, state = read_state(path, "the kept capture", _REMEDY, most_bytes=_MOST_BYTES)
+        return state if metadata.get("run") == made_of() else None
+
+    def keep_capture(self, state: State, made_of: str) -> None:
+        """Keep what was long in the making before the training, and from what; errors as for `save`."""
+        self._write(CHECKPOINT_CAPTURE_FILE, state, made_of)
+
+    def _write(self, name: str, state: State, run: str) -> None:
         try:
             if not self._began:
                 self._begin()
-            write_state(self._folder / CHECKPOINT_STATE_FILE, state, {"run": self._run})
+            write_state(self._folder / name, state, {"run": run})
         except (OSError, SafetensorError) as error:
             self._warn(f"no checkpoint could be written{explained(error)}")
-        self._latest = time.monotonic()
 
     @contextlib.contextmanager
     def watching(self) -> Iterator[BetweenSteps]:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import threading
 from dataclasses import replace
@@ -9,6 +10,7 @@ from dataclasses import replace
 import pytest
 
 from cvdgs import __version__
+from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import Cancelled, InputError
 from cvdgs.core.pipeline.continuation import CheckpointRequest, continued, describe_run, resumption
 from cvdgs.core.pipeline.launch import run, stages_of
@@ -84,6 +86,33 @@ def test_a_cancelled_run_leaves_a_checkpoint_and_nothing_else(capture, uninterru
     assert [path.name for path in out.iterdir()] == [".checkpoint"]
     run(settings_for(capture, out, resume=True), lambda _: None)
     assert scenes(out) == scenes(uninterrupted)
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("without-cameras")
+    for path in sorted((SHOWROOM / "images").iterdir())[::4]:
+        shutil.copy(path, folder)
+    return folder
+
+
+@pytest.mark.timeout(600)
+def test_a_run_that_was_killed_before_it_trained_estimates_no_cameras_again(photographs, tmp_path):
+    def kill_after_capture(event):
+        if event.get("stage") == "enhance":
+            os.kill(worker_of(workers), signal.SIGKILL)
+
+    out, workers, asked = tmp_path / "out", Workers(), {"iterations": 30, "max_size": 96}
+    with pytest.raises(WorkerKilled):
+        run(settings_for(photographs, out, **asked), kill_after_capture, workers)
+    assert sorted(path.name for path in (out / ".checkpoint").iterdir()) == ["capture.safetensors", "run.json"]
+    heard = []
+    report = run(Settings(str(photographs), str(out), blend=False, enhancer="lut", resume=True), heard.append)
+    assert not any(event.get("stage", "").startswith("sfm") for event in heard)
+    assert report["settings"]["max_size"] == 96
+    assert report["capture"]["estimate"]["placed"] == 10
+    assert "cameras-estimated" in {warning["name"] for warning in report["warnings"]}
+    assert not (out / ".checkpoint").exists()
 
 
 @pytest.fixture
