@@ -8,6 +8,7 @@ import queue
 import sqlite3
 import subprocess
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from ..bootstrap import ROOT
 from ..errors import InputError
+from ..runtime.progress import format_seconds
 from ..runtime.protocol import Reporter
 from .colmap import add_model
 from .colmap_files import read_model
@@ -37,6 +39,9 @@ _MESSAGES = {
     "mapping": "estimating the cameras of {count} photographs",
 }
 _MORE = "more "  # before the name of a step that is done again with more effort
+# Of the time of an estimation on two cores, when what its steps begin with is enough.
+_SHARES = {"reading": 0.05, "features": 0.25, "matching": 0.5, "mapping": 0.2}
+_TELLING_SHARE = 0.1  # of it, from which the time left is told
 _TABLES = {"features": "keypoints", "matching": "two_view_geometries"}
 
 
@@ -162,6 +167,7 @@ class _Watch:
         self._totals = {"reading": count, "features": count, "matching": pairs, "mapping": count}
         self._reporter = reporter
         self._step, self._effort, self._done = "", 0, 0
+        self._started = time.monotonic()
         # None stands for the end of the output.
         self._messages: queue.Queue[str | int | dict[str, Any] | None] = queue.Queue()
         Thread(target=self._read, name="sfm-messages", daemon=True).start()
@@ -204,7 +210,19 @@ class _Watch:
         if self._step:
             total = self._totals[self._step]
             done = min(self._done, total)
-            self._reporter.progress(f"sfm-{self._step}", done / total, f"{done} of {total}")
+            # Mapping places photographs again and again, all at once or one by one.
+            said = f"{done / total:.0%}" if self._step == "mapping" else f"{done} of {total}"
+            self._reporter.progress(f"sfm-{self._step}", done / total, f"{said}{self._time_left()}")
+
+    def _time_left(self) -> str:
+        """Of the whole estimation, for the end of a message; empty where that cannot be told."""
+        steps = tuple(_SHARES)
+        before = sum(_SHARES[step] for step in steps[: steps.index(self._step)])
+        share = before + _SHARES[self._step] * min(self._done / self._totals[self._step], 1.0)
+        if self._effort or not _TELLING_SHARE <= share < 1.0:
+            return ""
+        elapsed = time.monotonic() - self._started
+        return f", {format_seconds(elapsed * (1.0 - share) / share)} left for the cameras"
 
     def _receive(self, message: str | int) -> None:
         if isinstance(message, int):

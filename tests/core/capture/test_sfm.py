@@ -129,6 +129,27 @@ def test_names_may_hold_spaces_and_lie_in_folders(tmp_path: Path) -> None:
     assert (capture.estimate.photographs, capture.estimate.placed, capture.estimate.sheet) == (10, 10, None)
 
 
+def test_progress_goes_on_while_photographs_are_placed_and_the_time_left_is_said(tmp_path: Path) -> None:
+    class Recorder(Reporter):
+        def __init__(self) -> None:
+            self.steps: dict[str, list[float]] = {}
+            self.messages: list[str] = []
+
+        def progress(self, stage: str, fraction: float, message: str = "") -> None:
+            self.steps.setdefault(stage, []).append(fraction)
+            self.messages.append(message)
+
+    for path in sorted((SHOWROOM / "images").iterdir())[::4]:
+        shutil.copy(path, tmp_path)
+    recorder = Recorder()
+    read_capture(tmp_path, max_size=160, cameras="estimate", reporter=recorder)
+    mapping = recorder.steps["sfm-mapping"]
+    assert mapping == sorted(mapping)
+    assert len({fraction for fraction in mapping if 0.0 < fraction < 1.0}) >= 3
+    assert mapping[-1] == 1.0
+    assert any("left for the cameras" in message for message in recorder.messages)
+
+
 def test_a_photograph_that_is_cut_is_named_and_refused(tmp_path: Path) -> None:
     save_noise(tmp_path, 3, 128)
     whole = (tmp_path / "1.png").read_bytes()
