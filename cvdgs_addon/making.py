@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import bpy
 from ..core.color.matrices import check_simulation
 from ..core.errors import InputError
 from ..core.pipeline import launch
+from ..core.pipeline.continuation import broken_off
 from ..core.runs.layout import CAPTURE_FOLDER
 from ..core.runtime.process import Workers
 from ..core.runtime.progress import STARTING
@@ -90,6 +92,12 @@ def run_settings(scene: bpy.types.Scene) -> Settings:
     return Settings(**settings)
 
 
+def broken_off_run(scene: bpy.types.Scene) -> Settings | None:
+    """What goes on with the run that was broken off in the output folder; None where there is none that can."""
+    out = output_folder(scene)
+    return broken_off(out) if out else None
+
+
 def estimated_seconds(scene: bpy.types.Scene, quality: Quality) -> float | None:
     """How long the button will take on this machine, or None while the capture is not known."""
     if not scene.cvdgs.capture.inspected:
@@ -97,33 +105,32 @@ def estimated_seconds(scene: bpy.types.Scene, quality: Quality) -> float | None:
     return sum(_here(_reference_seconds(scene, quality)).values())
 
 
-def start_run(scene: bpy.types.Scene) -> None:
-    """Make `scene` CVD-friendly in the background.
+def start_run(scene: bpy.types.Scene, *, goes_on: bool = False) -> None:
+    """Make `scene` CVD-friendly in the background; `goes_on`: with the run that was broken off.
 
     Raises:
         InputError: something is missing or does not fit.
     """
-    settings = run_settings(scene)
+    settings, adds = _asked(scene, goes_on)
     PICTURES.forget(PREVIEW)
     reference = _reference_seconds(scene, quality_called(scene.cvdgs.run.quality))
-    job = BackgroundJob(
-        "Make CVD-friendly", partial(_run, settings), make_workers(), launch.stages_of(settings), _here(reference)
-    )
-    known = reference if scene.cvdgs.capture.inspected else {}
-    take_over = partial(_take_over, scene.session_uid, settings, known)
+    stages = launch.stages_of(replace(settings, resume=adds))
+    job = BackgroundJob("Make CVD-friendly", partial(_run, settings), make_workers(), stages, _here(reference))
+    known = reference if scene.cvdgs.capture.inspected and not goes_on else {}
+    take_over = partial(_take_over, scene.session_uid, settings, known, not adds)
     ACTIVITY.start(JOB, job, take_over, on_change=_PreviewLoader(), ends_with_file=True)
 
 
-def run_now(scene: bpy.types.Scene) -> None:
-    """Make `scene` CVD-friendly and wait for it; for scripts.
+def run_now(scene: bpy.types.Scene, *, goes_on: bool = False) -> None:
+    """Make `scene` CVD-friendly and wait for it, for scripts; `goes_on`: with the run that was broken off.
 
     Raises:
         InputError: something is missing, does not fit, or was refused by the worker.
         WorkerDefect: the worker failed.
     """
-    settings = run_settings(scene)
+    settings, adds = _asked(scene, goes_on)
     _run(settings, make_workers(), lambda _: None)
-    show_run(settings.out, scene, anew=not settings.resume)
+    show_run(settings.out, scene, anew=not adds)
 
 
 def load_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
@@ -140,6 +147,21 @@ def load_run(folder: str, scene: bpy.types.Scene) -> bpy.types.Object:
         properties.run.out = folder
         properties.capture.folder = str(Path(folder, CAPTURE_FOLDER))
     return splats
+
+
+def _asked(scene: bpy.types.Scene, goes_on: bool) -> tuple[Settings, bool]:
+    """What to ask the worker for, and whether that adds a layer to a finished run.
+
+    Raises:
+        InputError: something is missing or does not fit, or there is no run to go on with.
+    """
+    if not goes_on:
+        settings = run_settings(scene)
+        return settings, settings.resume
+    found = broken_off_run(scene)
+    if found is None:
+        raise InputError("no run was broken off here", where=output_folder(scene), remedy="start a new one")
+    return replace(found, blend=scene.cvdgs.run.scene_file), False
 
 
 class _PreviewLoader:
@@ -187,7 +209,9 @@ def _learn(reference: Mapping[str, float], taken: Mapping[str, float | None]) ->
     get_preferences().stage_speeds = json.dumps(speeds)
 
 
-def _take_over(scene_uid: int, settings: Settings, reference: Mapping[str, float], job: BackgroundJob) -> None:
+def _take_over(
+    scene_uid: int, settings: Settings, reference: Mapping[str, float], anew: bool, job: BackgroundJob
+) -> None:
     PICTURES.forget(PREVIEW)
     if job.state is State.CANCELLED:
         _learn(reference, job.progress.stage_seconds())
@@ -206,7 +230,7 @@ def _take_over(scene_uid: int, settings: Settings, reference: Mapping[str, float
         show_information(job.title, f"The scene no longer exists; the result is in {settings.out}")
         return
     try:
-        show_run(settings.out, scene, anew=not settings.resume)
+        show_run(settings.out, scene, anew=anew)
     except InputError as error:
         show_problem(job.title, str(error))
         return

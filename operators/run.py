@@ -37,8 +37,27 @@ class CVDGS_OT_make_cvd_friendly(Action, bpy.types.Operator):
         making.start_run(context.scene)
 
 
+class CVDGS_OT_resume_run(Action, bpy.types.Operator):
+    """Go on with the run that was cancelled or broken off, from its latest checkpoint and with its settings"""
+
+    bl_idname = "cvdgs.resume_run"
+    bl_label = "Resume"
+
+    @classmethod
+    def missing(cls, context: bpy.types.Context) -> str:
+        if ACTIVITY.running(making.JOB):
+            return "A run is already in progress; wait for it or cancel it"
+        return "" if making.broken_off_run(context.scene) else "No run was broken off in the output folder"
+
+    def act(self, context: bpy.types.Context) -> None:
+        making.run_now(context.scene, goes_on=True)
+
+    def on_click(self, context: bpy.types.Context, _event: bpy.types.Event) -> None:
+        making.start_run(context.scene, goes_on=True)
+
+
 class CVDGS_OT_cancel_job(Action, bpy.types.Operator):
-    """Cancel this background job; nothing half-written is left behind"""
+    """Cancel this background job; nothing half-written is left behind, and Resume goes on with a run"""
 
     bl_idname = "cvdgs.cancel_job"
     bl_label = "Cancel"
@@ -89,4 +108,10 @@ class CVDGS_OT_open_report(NeedsRun, bpy.types.Operator):
         bpy.ops.wm.url_open(url=page.as_uri())
 
 
-CLASSES: tuple[type, ...] = (CVDGS_OT_make_cvd_friendly, CVDGS_OT_cancel_job, CVDGS_OT_load_run, CVDGS_OT_open_report)
+CLASSES: tuple[type, ...] = (
+    CVDGS_OT_make_cvd_friendly,
+    CVDGS_OT_resume_run,
+    CVDGS_OT_cancel_job,
+    CVDGS_OT_load_run,
+    CVDGS_OT_open_report,
+)

@@ -108,6 +108,28 @@ class CVDGS_OT_treat_selected(NeedsGaussians, bpy.types.Operator):
         self.report({"INFO"}, f"{count:,} Gaussians")
 
 
+class CVDGS_OT_remove_floaters(NeedsGaussians, bpy.types.Operator):
+    """Remove what is likely no part of the scene, by the scores of its run; Take All Back brings it back"""
+
+    bl_idname = "cvdgs.remove_floaters"
+    bl_label = "Remove Floaters"
+
+    amount: bpy.props.FloatProperty(
+        name="Amount",
+        description="0: none, 0.5: the clear cases, 1: every suspicion",
+        subtype="FACTOR",
+        min=0.0,
+        max=1.0,
+        default=0.5,
+    )
+
+    def act(self, context: bpy.types.Context) -> None:
+        splats = shown_splats(context)
+        with object_mode(splats):
+            count = masks.remove_floaters(splats, self.amount)
+        self.report({"INFO"}, f"{count:,} Gaussians removed; move the slider under Adjust Last Operation")
+
+
 class CVDGS_OT_take_all_back(NeedsGaussians, bpy.types.Operator):
     """Show all Gaussians again, in the layer's colours; those that were deleted in Edit Mode stay away"""
 
@@ -131,5 +153,6 @@ CLASSES: tuple[type, ...] = (
     CVDGS_OT_select_floaters,
     CVDGS_OT_select_box,
     CVDGS_OT_treat_selected,
+    CVDGS_OT_remove_floaters,
     CVDGS_OT_take_all_back,
 )

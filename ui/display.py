@@ -114,6 +114,8 @@ def _draw_clean_up(layout: bpy.types.UILayout) -> None:
     column = body.column(align=True)
     for treatment in Treatment:
         column.operator("cvdgs.treat_selected", text=_TREATMENTS[treatment]).treatment = treatment.value
+    column = body.column(align=True)
+    column.operator("cvdgs.remove_floaters", icon="BRUSH_DATA")
     column.operator("cvdgs.take_all_back", icon="LOOP_BACK")
 
 

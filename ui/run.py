@@ -88,11 +88,12 @@ def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         layout.operator("preferences.addon_show", text="Open Preferences", icon="PREFERENCES").module = PACKAGE
         return
     _draw_output(layout, context)
+    goes_on = _draw_resume(layout, context)
     if not making.adds_to_run(scene):
         column = layout.column(align=True)
         for quality in QUALITIES:
             column.prop_enum(properties, "quality", quality.name, text=f"{quality.label}{_time(scene, quality)}")
-        _draw_button(layout, "Make CVD-friendly")
+        _draw_button(layout, "Start Over" if goes_on else "Make CVD-friendly")
     elif making.has_layer(scene):
         say(layout, context, f"The run in the output folder already has {layer}: {_what_next(scene)}", "CHECKMARK")
     else:
@@ -100,14 +101,31 @@ def _draw_choices(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         _draw_button(layout, f"Add {layer}{_time(scene, QUALITIES[0])}")
     if is_finished_run(making.output_folder(scene)):
         layout.prop(properties, "start_over")
+    _draw_options(layout, scene)
+
+
+def _draw_options(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
     header, body = layout.panel("cvdgs_run_options", default_closed=True)
     header.label(text="Options")
     if body is not None:
         body = split_column(body)
-        body.prop(properties, "enhancer")
+        body.prop(scene.cvdgs.run, "enhancer")
         if not making.adds_to_run(scene):
-            body.prop(properties, "refine_poses")
-        body.prop(properties, "scene_file")
+            body.prop(scene.cvdgs.run, "refine_poses")
+        body.prop(scene.cvdgs.run, "scene_file")
+
+
+def _draw_resume(layout: bpy.types.UILayout, context: bpy.types.Context) -> bool:
+    """Offer to go on with a run that was broken off here; returns whether there is one."""
+    run = making.broken_off_run(context.scene)
+    if run is None:
+        return False
+    layers = ", ".join(layer.name for layer in run.layers)
+    say(layout, context, f"A run for {layers} was broken off here; it can go on where it was", "INFO")
+    row = layout.row()
+    row.scale_y = 1.5
+    row.operator("cvdgs.resume_run", icon="PLAY")
+    return True
 
 
 def _draw_output(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

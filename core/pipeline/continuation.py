@@ -90,15 +90,11 @@ def resumption(asked: Settings) -> Resumption:
     Options that were left at their default take the value that the broken-off run has, unless there is a finished run,
     to which ``--resume`` may just as well mean to add a layer.
     """
-    folder = checkpoint_folder(asked.out)
-    described_there = is_file(folder / CHECKPOINT_RUN_FILE)
-    there = any(is_file(folder / name) for name in (CHECKPOINT_CAPTURE_FILE, CHECKPOINT_STATE_FILE))
-    if not asked.resume or not described_there or not there:
+    if not asked.resume or not _has_checkpoint(asked.out):
         return Resumption(asked)
     finished = (Path(asked.out) / REPORT_FILE).exists()
     try:
-        described = read_json(folder / CHECKPOINT_RUN_FILE)
-        version, own = described["version"], Settings.from_dict({**described["settings"], "resume": False})
+        version, own = _described(asked.out)
     except (KeyError, TypeError, InputError) as error:
         difference = f"is damaged{explained(error)}"
     else:
@@ -112,10 +108,33 @@ def resumption(asked: Settings) -> Resumption:
     return Resumption(asked if finished else replace(asked, resume=False), note=note)
 
 
+def broken_off(out: str | Path) -> Settings | None:
+    """What to ask for to go on with the run that was broken off in `out`; None where there is none that can."""
+    if not _has_checkpoint(out):
+        return None
+    try:
+        version, own = _described(out)
+    except (KeyError, TypeError, InputError):
+        return None
+    return replace(own, out=str(out), resume=True) if version == __version__ else None
+
+
 def continued(asked: Settings) -> Settings:
     """`asked` with ``resume`` where that goes on with a run that was broken off."""
     resuming = replace(asked, resume=True)
     return resuming if resumption(resuming).continues else asked
+
+
+def _has_checkpoint(out: str | Path) -> bool:
+    folder = checkpoint_folder(out)
+    kept = any(is_file(folder / name) for name in (CHECKPOINT_CAPTURE_FILE, CHECKPOINT_STATE_FILE))
+    return kept and is_file(folder / CHECKPOINT_RUN_FILE)
+
+
+def _described(out: str | Path) -> tuple[str, Settings]:
+    """Version and settings of the run whose checkpoint is in `out`."""
+    described = read_json(checkpoint_folder(out) / CHECKPOINT_RUN_FILE)
+    return described["version"], Settings.from_dict({**described["settings"], "resume": False})
 
 
 def _difference(asked: Settings, own: Settings, *, exactly: bool) -> str:

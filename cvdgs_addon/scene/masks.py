@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError
 from ...core.runs.layout import ORIGINAL
+from ...core.splats.floaters import kept_after
 from .crop import in_box
 from .splat_attributes import (
     Attribute,
@@ -49,9 +50,7 @@ def by_floater_score(splats: bpy.types.Object, least: float) -> Mask:
     Raises:
         InputError: the run has no scores.
     """
-    if Attribute.FLOATER not in splats.data.attributes:
-        raise InputError("its run has no floater scores", where=splats.name, remedy="select by hand, colour or box")
-    return read_attribute(splats.data, Attribute.FLOATER) >= least
+    return _floater_scores(splats) >= least
 
 
 def by_box(splats: bpy.types.Object) -> Mask:
@@ -107,6 +106,21 @@ def treat_selected(splats: bpy.types.Object, treatment: Treatment) -> int:
     return int(chosen.sum())
 
 
+def remove_floaters(splats: bpy.types.Object, amount: float) -> int:
+    """Remove what ``run.py --clean`` removes for `amount`, 0 to 1; returns how many Gaussians those are.
+
+    Raises:
+        InputError: the run has no scores, or none would be left.
+    """
+    chosen = is_gaussian(splats.data) & ~kept_after(_floater_scores(splats), amount)
+    removed = _existing(splats, Attribute.REMOVED) | chosen
+    if not (is_gaussian(splats.data) & ~removed).any():
+        raise InputError("all its Gaussians would be removed", where=splats.name, remedy="choose a smaller amount")
+    if chosen.any():
+        _remove(splats, removed)
+    return int(chosen.sum())
+
+
 def take_all_back(splats: bpy.types.Object) -> None:
     """Show all Gaussians again, in the layer's colours; those that were deleted in Edit Mode stay away."""
     _remove(splats, np.zeros(len(splats.data.vertices), np.bool_))
@@ -154,6 +168,12 @@ def edit_points(splats: bpy.types.Object) -> None:
     context.view_layer.objects.active = splats
     bpy.ops.object.mode_set(mode="EDIT")
     context.tool_settings.mesh_select_mode = (True, False, False)
+
+
+def _floater_scores(splats: bpy.types.Object) -> NDArray[np.float32]:
+    if Attribute.FLOATER not in splats.data.attributes:
+        raise InputError("its run has no floater scores", where=splats.name, remedy="select by hand, colour or box")
+    return read_attribute(splats.data, Attribute.FLOATER)
 
 
 def _existing(splats: bpy.types.Object, name: str) -> Mask:

@@ -69,7 +69,7 @@ def capture(tmp_path: Path, addon):
 def worker(tmp_path: Path, monkeypatch):
     """Lets a program that does what it is given take the place of the worker's Python."""
 
-    def use(body: str) -> None:
-        monkeypatch.setenv("CVDGS_PYTHON", interpreter(tmp_path, body))
+    def use(*bodies: str) -> None:
+        monkeypatch.setenv("CVDGS_PYTHON", interpreter(tmp_path, *bodies))
 
     return use

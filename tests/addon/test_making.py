@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
+from cvdgs.core.pipeline.continuation import describe_run
+from cvdgs.core.settings import Settings
 from cvdgs.core.splats.io.ply import read_ply, write_ply
 from cvdgs.cvdgs_addon import making
 from cvdgs.cvdgs_addon.activity import ACTIVITY
@@ -21,6 +23,7 @@ from cvdgs.cvdgs_addon.background import State
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.splats import is_splats, layer_names
 from cvdgs.cvdgs_addon.shown import run_of
+from cvdgs.ui.run import CVDGS_PT_run
 
 from .interpreters import (
     CRASHING,
@@ -30,6 +33,7 @@ from .interpreters import (
     finishing,
     report_with,
 )
+from .layouts import drawn
 from .waiting import finished, until
 
 
@@ -166,6 +170,62 @@ def test_a_run_made_anew_replaces_what_the_scene_has_of_the_earlier_one(capture,
     colors = np.empty((len(shown.data.vertices), 4), np.float32)
     shown.data.attributes["color_deutan-1.0"].data.foreach_get("color", colors.reshape(-1))
     np.testing.assert_allclose(colors[: len(expected), :3], expected, atol=1e-6)
+
+
+def noting(path: Path) -> str:
+    """Body of a worker that keeps what a run was asked for."""
+    return f"""
+        if request["job"] == "run":
+            open({str(path)!r}, "w").write(json.dumps(request))
+        """
+
+
+@pytest.fixture
+def broken_off(capture):
+    """The settings of a draft that was broken off in the capture's output folder."""
+    capture.cvdgs.viewer.cvd, capture.cvdgs.run.quality = "protan", "DRAFT"
+    settings = making.run_settings(capture)
+    folder = Path(settings.out, ".checkpoint")
+    folder.mkdir(parents=True)
+    (folder / "run.json").write_text(json.dumps(describe_run(settings)))
+    (folder / "state.safetensors").write_bytes(b"")
+    capture.cvdgs.viewer.cvd, capture.cvdgs.run.quality = "deutan", "STANDARD"
+    return settings
+
+
+def test_a_run_that_was_broken_off_goes_on_with_its_own_settings(capture, worker, run_folder, broken_off, tmp_path):
+    panel = drawn(CVDGS_PT_run)
+    assert "A run for protan-1.0 was broken off here; it can" in " ".join(panel.texts)
+    assert "Start Over" in panel.texts
+    asked = tmp_path / "asked"
+    worker(noting(asked), finishing(run_folder))
+    making.start_run(capture, goes_on=True)
+    assert not bpy.ops.cvdgs.resume_run.poll()
+    assert finished(making.JOB).problem == ""
+    request = json.loads(asked.read_text())
+    assert request["checkpoint"]["resume"]
+    assert Settings.from_dict(request["settings"]) == broken_off
+    assert len(splats_in(capture)) == 1
+    assert not bpy.ops.cvdgs.resume_run.poll()
+    assert "cvdgs.resume_run" not in drawn(CVDGS_PT_run).operators
+
+
+def test_a_run_that_was_broken_off_is_replaced_by_one_that_starts_over(worker, run_folder, broken_off, tmp_path):
+    asked = tmp_path / "asked"
+    worker(noting(asked), finishing(run_folder))
+    press()
+    finished(making.JOB)
+    request = json.loads(asked.read_text())
+    assert not request["checkpoint"]["resume"]
+    assert [layer["cvd"] for layer in request["settings"]["layers"]] == ["deutan"]
+
+
+def test_a_script_goes_on_with_a_run_that_was_broken_off(capture, worker, run_folder, broken_off):
+    worker(finishing(run_folder))
+    assert bpy.ops.cvdgs.resume_run() == {"FINISHED"}
+    assert len(splats_in(capture)) == 1
+    with pytest.raises(RuntimeError, match="No run was broken off"):
+        bpy.ops.cvdgs.resume_run()
 
 
 def test_a_script_waits_for_the_result(capture, worker, run_folder):

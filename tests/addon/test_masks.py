@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
+from cvdgs.core.splats.floaters import kept_after
 from cvdgs.core.splats.io.ply import read_floaters, read_ply, write_ply
 from cvdgs.cvdgs_addon.export import read_gaussians
 from cvdgs.cvdgs_addon.results import show_run
@@ -134,7 +135,32 @@ def test_floaters_are_selected_by_the_scores_of_a_run_that_has_them(addon, run_f
     np.testing.assert_array_equal(masks.selected(shown)[:400], scores >= 0.75)
 
 
+def test_floaters_are_removed_as_the_command_line_does_and_a_script_says_how_many(addon, run_folder):
+    scores = np.linspace(0.0, 1.0, 400).astype(np.float32)
+    with_scores(run_folder, scores)
+    shown = show_run(str(run_folder), bpy.context.scene)
+    before = read_gaussians(shown, "original", 1.0).gaussians
+    bpy.ops.cvdgs.remove_floaters(amount=0.3)
+    kept = kept_after(scores, 0.3)
+    assert 0 < kept.sum() < 400
+    np.testing.assert_array_equal(read_gaussians(shown, "original", 1.0).gaussians.means, before.means[kept])
+    bpy.ops.cvdgs.remove_floaters(amount=0.0)
+    assert len(read_gaussians(shown, "original", 1.0).gaussians) == kept.sum(), "none is removed; none comes back"
+    bpy.ops.cvdgs.take_all_back()
+    assert len(read_gaussians(shown, "original", 1.0).gaussians) == 400
+
+
+def test_a_scene_of_floaters_alone_is_left_as_it_is(addon, run_folder):
+    with_scores(run_folder, np.ones(400, np.float32))
+    shown = show_run(str(run_folder), bpy.context.scene)
+    with pytest.raises(RuntimeError, match="all its Gaussians would be removed - choose a smaller amount"):
+        bpy.ops.cvdgs.remove_floaters(amount=0.5)
+    assert not masks.has_masks(shown)
+
+
 def test_without_scores_the_operator_says_so(shown):
+    with pytest.raises(RuntimeError, match="has no floater scores - select by hand, colour or box"):
+        bpy.ops.cvdgs.remove_floaters()
     with pytest.raises(RuntimeError, match="has no floater scores - select by hand, colour or box"):
         bpy.ops.cvdgs.select_floaters()
 
@@ -180,5 +206,7 @@ def test_a_removal_can_be_undone(shown, mode):
 
 def test_the_panel_offers_it(shown):
     panel = drawn(CVDGS_PT_display)
-    assert {"cvdgs.edit_points", "cvdgs.select_color", "cvdgs.select_floaters"} <= set(panel.operators)
+    assert {"cvdgs.edit_points", "cvdgs.select_color", "cvdgs.select_floaters", "cvdgs.remove_floaters"} <= set(
+        panel.operators
+    )
     assert {"Remove Selected", "Keep Original Colours", "Use Layer's Colours"} <= set(panel.texts)

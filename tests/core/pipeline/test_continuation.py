@@ -12,7 +12,7 @@ import pytest
 from cvdgs import __version__
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import Cancelled, InputError
-from cvdgs.core.pipeline.continuation import CheckpointRequest, continued, describe_run, resumption
+from cvdgs.core.pipeline.continuation import CheckpointRequest, broken_off, continued, describe_run, resumption
 from cvdgs.core.pipeline.launch import run, stages_of
 from cvdgs.core.runtime.process import Workers
 from cvdgs.core.runtime.supervisor import WorkerKilled
@@ -116,7 +116,7 @@ def test_a_run_that_was_killed_before_it_trained_estimates_no_cameras_again(phot
 
 
 @pytest.fixture
-def broken_off(tmp_path):
+def broken_off_run(tmp_path):
     """The folder of a run that was broken off, as `resumption` looks at it."""
 
     def make(out=tmp_path / "out", **others):
@@ -129,22 +129,22 @@ def broken_off(tmp_path):
     return make
 
 
-def test_without_resume_a_checkpoint_is_left_alone(broken_off):
-    settings = broken_off()
+def test_without_resume_a_checkpoint_is_left_alone(broken_off_run):
+    settings = broken_off_run()
     assert resumption(settings) == resumption(replace(settings, resume=False))
     assert not resumption(settings).continues
 
 
-def test_the_run_that_was_broken_off_has_the_options_that_are_not_given(broken_off):
-    settings = broken_off(iterations=700, layers=(Layer("protan", 0.5),))
+def test_the_run_that_was_broken_off_has_the_options_that_are_not_given(broken_off_run):
+    settings = broken_off_run(iterations=700, layers=(Layer("protan", 0.5),))
     found = resumption(Settings("photos", settings.out, resume=True, turntable=12))
     assert found.continues
     assert found.settings == replace(settings, turntable=12)
     assert "geometry" in stages_of(found.settings)
 
 
-def test_other_options_make_another_run_and_that_is_said(broken_off):
-    settings = broken_off(iterations=700)
+def test_other_options_make_another_run_and_that_is_said(broken_off_run):
+    settings = broken_off_run(iterations=700)
     found = resumption(replace(settings, iterations=800, resume=True))
     assert not found.continues
     assert found.settings == replace(settings, iterations=800)
@@ -153,29 +153,29 @@ def test_other_options_make_another_run_and_that_is_said(broken_off):
     )
 
 
-def test_other_layers_make_another_run(broken_off):
-    settings = broken_off(layers=(Layer("protan", 0.5),))
+def test_other_layers_make_another_run(broken_off_run):
+    settings = broken_off_run(layers=(Layer("protan", 0.5),))
     assert "another --cvd" in resumption(replace(settings, layers=(Layer("tritan", 1.0),), resume=True)).note
 
 
-def test_another_version_makes_another_run(broken_off, tmp_path):
-    settings = broken_off()
+def test_another_version_makes_another_run(broken_off_run, tmp_path):
+    settings = broken_off_run()
     described = describe_run(settings) | {"version": __version__ + "1"}
     (tmp_path / "out" / ".checkpoint" / "run.json").write_text(json.dumps(described))
     assert f"was made by version {__version__}1" in resumption(replace(settings, resume=True)).note
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"version": "1", "settings": {"capture": 3}}', '{"settings": null}'])
-def test_a_damaged_description_is_said_and_the_run_starts_anew(broken_off, tmp_path, text):
-    settings = broken_off()
+def test_a_damaged_description_is_said_and_the_run_starts_anew(broken_off_run, tmp_path, text):
+    settings = broken_off_run()
     (tmp_path / "out" / ".checkpoint" / "run.json").write_text(text)
     found = resumption(replace(settings, resume=True))
     assert "is damaged" in found.note
     assert found.settings == settings
 
 
-def test_beside_a_finished_run_layers_are_added_unless_the_very_same_was_asked_for(broken_off, tmp_path):
-    settings = broken_off(iterations=700)
+def test_beside_a_finished_run_layers_are_added_unless_the_very_same_was_asked_for(broken_off_run, tmp_path):
+    settings = broken_off_run(iterations=700)
     (tmp_path / "out" / "report.json").write_text("{}")
     found = resumption(Settings("photos", settings.out, resume=True))
     assert not found.continues
@@ -183,10 +183,27 @@ def test_beside_a_finished_run_layers_are_added_unless_the_very_same_was_asked_f
     assert resumption(replace(settings, resume=True)).continues
 
 
-def test_a_batch_goes_on_by_itself(broken_off):
-    settings = broken_off(iterations=700)
+def test_a_batch_goes_on_by_itself(broken_off_run):
+    settings = broken_off_run(iterations=700)
     assert continued(settings).resume
     assert not continued(replace(settings, iterations=800)).resume
+
+
+def test_a_folder_says_what_goes_on_with_its_run_whatever_it_was_made_with(broken_off_run, tmp_path):
+    assert broken_off(tmp_path / "out") is None
+    settings = broken_off_run(iterations=700, layers=(Layer("protan", 0.5),))
+    asked = broken_off(tmp_path / "out")
+    assert asked == replace(settings, resume=True)
+    assert resumption(asked).continues
+    (tmp_path / "out" / "report.json").write_text("{}")
+    assert resumption(broken_off(tmp_path / "out")).continues, "beside a finished run, too"
+
+
+@pytest.mark.parametrize("text", ["", "[]", json.dumps({"version": "0.0.0", "settings": {}})])
+def test_a_folder_whose_checkpoint_cannot_be_used_offers_nothing(broken_off_run, tmp_path, text):
+    broken_off_run()
+    (tmp_path / "out" / ".checkpoint" / "run.json").write_text(text)
+    assert broken_off(tmp_path / "out") is None
 
 
 @pytest.mark.parametrize("values", [{}, {"folder": 3}, {"folder": "a", "other": 1}, {"folder": "a", "resume": "yes"}])
