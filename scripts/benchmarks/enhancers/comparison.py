@@ -50,13 +50,14 @@ from .methods import (
 from .pictures import write_chart, write_contact_sheet
 from .report import image_class, write_comparison
 from .scores import ENHANCED_FOR, Enhanced, Judge
+from .summaries import JUDGES_PAGE, SEVERITIES_PAGE, write_summaries
 
 STAGE = "enhancers"
 STRENGTHS = (0.25, 0.5, 0.75, 1.0)
 _SHOWN = 3  # images of each set on its contact sheets
 _IMAGES_AT_A_TIME = 4  # enough that loading a network does not matter, few enough that processes finish together
 TRADE_OFFS = ["image_set", "image", "cvd", "severity", "method", "strength", "ccpr", "delta_e_76"]
-ALL_ENHANCERS = ("none", "gain", "fidaner", "lut", "cgan", "scene")
+ALL_ENHANCERS = ("none", "gain", "fidaner", "lut", "scene", "cgan")
 QUICK: dict[str, Any] = {
     "types": ("protan", "deutan"),
     "severities": (1.0,),
@@ -127,6 +128,7 @@ class EnhancerBenchmark:
         what = f"Images of at most {self.size} pixels: {counts}. Each method was fitted to each image alone."
         scores, trade_offs = pd.DataFrame(found.scores), pd.DataFrame(found.trade_offs, columns=TRADE_OFFS)
         text = write_comparison(folder, scores, trade_offs, found.seconds, image_sets, self._candidate(), what)
+        write_summaries(folder, scores, image_sets, what)
         points = trade_offs[trade_offs.image_set.isin(self.photographs)]
         if not points.empty:
             write_chart(folder, "enhancer", points, "CCPR of hard photographs against change")
@@ -304,7 +306,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _measure(options: argparse.Namespace) -> str:
-    """Compare enhancers; writes enhancer.csv, enhancer.md, the trade-off and contact sheets."""
+    """Compare enhancers; writes enhancer.csv, three pages, the trade-off and contact sheets."""
     asked = {name: getattr(options, name) for name in ("types", "severities", "size", "plates", "textiles")}
     chosen = (QUICK if options.quick else {}) | {name: value for name, value in asked.items() if value is not None}
     benchmark = EnhancerBenchmark(options.enhancers, dict(options.images), processes=options.processes, **chosen)
@@ -316,6 +318,6 @@ PART = Part(
     "enhancers compared on photographs, plates and textiles",
     _add_arguments,
     _measure,
-    pages=("enhancer.md",),
+    pages=("enhancer.md", JUDGES_PAGE, SEVERITIES_PAGE),
     shaped_by=lambda: (*enhanced_product(), EnhancerBenchmark(methods=()), STRENGTHS),
 )
