@@ -147,6 +147,19 @@ def test_of_a_thousand_views_a_few_are_looked_at() -> None:
     assert (looked_at[0], looked_at[-1]) == (0, 999)
 
 
+def test_observers_who_need_opposite_directions_each_get_theirs() -> None:
+    scene = textiles.tartan("protan", size=64)
+    redness, leanings = srgb_to_lab(image_to_tensor(scene))[1], []
+    for cvd in ("deutan", "protan"):
+        observer = Observer(cvd, 1.0)
+        result = apply(fit_network([scene], observer, settings=LEAN), scene)
+        lighter = srgb_to_lab(image_to_tensor(result))[0] - srgb_to_lab(image_to_tensor(scene))[0]
+        leanings.append(float(torch.corrcoef(torch.stack([redness.flatten(), lighter.flatten()]))[0, 1]))
+        assert seen_contrast(scene, result, observer) > 0.9
+    assert leanings[0] > 0.5  # what was red is lighter for one of them, and darker for the other
+    assert leanings[1] < -0.5
+
+
 def test_uncovered_pixels_do_not_steer() -> None:
     image, alpha = textiles.tartan(size=64), np.zeros((64, 64), np.uint8)
     alpha[:, :40] = 255
