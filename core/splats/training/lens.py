@@ -8,7 +8,9 @@ by the affine motion that best compensates the change in all views (`compensatin
 cannot be compensated.
 
 Cameras with slightly wrong rotations look like a longer lens, since a smaller scene contradicts itself by fewer pixels.
-What the quick first search finds is therefore searched for again, longer, while poses are refined as well.
+What the quick first search finds is therefore searched for again, longer, while poses are refined as well. The result
+is taken if views that are held back gain by it: one scene is fitted with the given lens and one with that, and each is
+seen through its own.
 
 Cut-outs are not checked: without surroundings, a longer lens and a camera farther away look alike.
 """
@@ -30,9 +32,10 @@ from ..calibration.adam import AdamMoments, decayed
 from ..calibration.corrections import CORRECTED, Correction
 from ..calibration.poses import PoseRefinement
 from ..calibration.zoom import AffineMotion, compensating_motion, zoom_slope
+from ..gaussians import Gaussians
 from ..raster import Gradients, ParameterSet, RasterCamera, Rasterizer
 from ..scene_frame import SceneFrame
-from ..targets import Background, ViewOrder, prepare_targets
+from ..targets import Background, TrainingView, ViewOrder, prepare_targets
 from .fitting import Fit
 from .initialise import InitialGaussians
 from .plan import TrainingPlan
@@ -45,6 +48,7 @@ STAGE, MESSAGE = "lens", "checking the focal length"
 _SAMPLED = 2000  # Gaussians by which a compensating motion is determined
 _PROGRESS_EVERY = 10  # steps
 _USUAL_SEARCHES = 3  # after the first one, if a lens is off
+_TRIAL = 0.75  # of the progress is done when they are, and the trial begins
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,8 @@ class LensPlan:
         good_poses: motion of poses, in pixels, up to which they are good: one more search without pose refinement
             then makes the result more exact. 0.1 to 0.4 if they are good, 0.7 and more for rotations of 0.25°. If they
             are not good, nothing is corrected.
+        judging: one view in so many judges a trial of the lens that was found, in scenes that the others give.
+        least_gain: dB that these views have to gain by it.
         min_residual: share of the change that has to be left after compensation; with less, views cannot tell lenses
             apart.
         fewest_views: with fewer, there is too little to contradict.
@@ -103,6 +109,8 @@ class LensPlan:
     least: float = 0.01
     rounds: int = 4
     good_poses: float = 0.5
+    judging: int = 6
+    least_gain: float = 0.1
     min_residual: float = 0.05
     fewest_views: int = 6
     most_views: int = 60
@@ -166,7 +174,8 @@ class LensCheck:
         if len(self.views) < plan.fewest_views or cut_out:
             return FocalLength()
         chosen = np.unique(np.linspace(0, len(self.views) - 1, plan.most_views).round().astype(int))
-        search = partial(self._search, [self.views[i] for i in chosen], points, colors)
+        given = [self.views[i] for i in chosen]
+        search = partial(self._search, given, points, colors)
         found = search(plan.first, 0.0, StageSpan(reporter, STAGE, 0.0, 1.0, MESSAGE))
         if found is None:
             return FocalLength(words="as given: these views cannot tell")
@@ -178,14 +187,41 @@ class LensCheck:
         if again.motion > plan.good_poses:
             return FocalLength(words="as given: it cannot be told from wrong camera poses")
         factor = math.exp(again.logarithm)
-        return FocalLength(factor, f"{CORRECTED}: it was {FocalLength(factor).error}")
+        seems = FocalLength(factor).error
+        gain = self._gain(given, points, colors, factor, StageSpan(reporter, STAGE, _TRIAL, 1.0, MESSAGE))
+        trial = f"and correcting that gained {gain:.2f} dB in a trial"
+        if gain < plan.least_gain:
+            return FocalLength(words=f"as given: it seems {seems}, {trial}")
+        return FocalLength(factor, f"{CORRECTED}: it was {seems}, {trial}")
+
+    def _gain(
+        self,
+        views: Sequence[View],
+        points: NDArray[np.float32],
+        colors: NDArray[np.uint8],
+        factor: float,
+        reporter: Reporter,
+    ) -> float:
+        """dB that views held back gain where all focal lengths are multiplied by `factor`."""
+        training, search, psnr = TrainingPlan(), self.plan.second, []
+        for number, lens in enumerate((1.0, factor)):
+            targets, gaussians = self._prepared(views, points, colors, search, lens, np.random.default_rng(self.seed))
+            judging, fitted = targets[:: self.plan.judging], [t for i, t in enumerate(targets) if i % self.plan.judging]
+            fit = Fit(self.rasterizer, gaussians, self.background, self.plan.ssim_weight)
+            order = ViewOrder(len(fitted), np.random.default_rng(self.seed))
+            for step in range(search.steps):
+                fit.step(fitted[order.next()], 1, training.learning_rates_at(step / search.steps))
+                if step % _PROGRESS_EVERY == 0:
+                    reporter.progress(STAGE, (number + step / search.steps) / 2.0)
+            psnr.append(fit.psnr(judging))
+        return psnr[1] - psnr[0]
 
     def _search_again(
         self, search: Callable[[LensSearch, float, Reporter], _Found | None], reporter: Reporter
     ) -> _Found:
         """The longer searches, each from the result of the one before; the last one leaves poses alone."""
         plan, found = self.plan, _Found(0.0, 0.0)
-        ends = [min(number / _USUAL_SEARCHES, 1.0) for number in range(plan.rounds + 2)]
+        ends = [_TRIAL * min(number / _USUAL_SEARCHES, 1.0) for number in range(plan.rounds + 2)]
         spans = [StageSpan(reporter, STAGE, start, end, MESSAGE) for start, end in pairwise(ends)]
         for span in spans[:-1]:
             found = search(plan.second, found.logarithm, span) or found
@@ -206,16 +242,10 @@ class LensCheck:
     ) -> _Found | None:
         """Search from the factor of this logarithm; None if the views cannot tell one lens from another."""
         plan, training, rng = self.plan, TrainingPlan(), np.random.default_rng(self.seed)
-        views = [replace(view, camera=view.camera.zoomed(math.exp(logarithm))) for view in views]
-        frame = SceneFrame.around(views, points)
-        longest = max(side for view in views for side in (view.camera.width, view.camera.height))
-        reduction = max(round(longest / search.side), 1)
-        prepared = prepare_targets(self.rasterizer, views, frame, self.background, {reduction})
-        targets = [view.reduced(reduction) for view in prepared]
-        cameras = [view.at(1)[1] for view in targets]
-        gaussians = plan.initial.make(views, points, colors, frame, rng, search.gaussians)
+        targets, gaussians = self._prepared(views, points, colors, search, math.exp(logarithm), rng)
         if not len(gaussians):
             return None
+        cameras = [view.at(1)[1] for view in targets]
         sampled = rng.permutation(len(gaussians))[:_SAMPLED]
         motion = compensating_motion(gaussians.means[sampled].astype(np.float64), cameras)
         if motion.residual < plan.min_residual:
@@ -230,6 +260,24 @@ class LensCheck:
             if step % _PROGRESS_EVERY == 0:
                 reporter.progress(STAGE, progress)
         return _Found(logarithm + lens.logarithm, lens.logarithm, poses.image_motion(cameras))
+
+    def _prepared(
+        self,
+        views: Sequence[View],
+        points: NDArray[np.float32],
+        colors: NDArray[np.uint8],
+        search: LensSearch,
+        factor: float,
+        rng: np.random.Generator,
+    ) -> tuple[list[TrainingView], Gaussians]:
+        """The views, reduced and through a lens longer by `factor`, and Gaussians to start from, in one frame."""
+        views = [replace(view, camera=view.camera.zoomed(factor)) for view in views]
+        frame = SceneFrame.around(views, points)
+        longest = max(side for view in views for side in (view.camera.width, view.camera.height))
+        reduction = max(round(longest / search.side), 1)
+        prepared = prepare_targets(self.rasterizer, views, frame, self.background, {reduction})
+        gaussians = self.plan.initial.make(views, points, colors, frame, rng, search.gaussians)
+        return [view.reduced(reduction) for view in prepared], gaussians
 
 
 @dataclass(frozen=True)

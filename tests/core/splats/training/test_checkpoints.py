@@ -34,8 +34,13 @@ PLAN = TrainingPlan(
     exposure=ExposurePlan(decided_at=0.3, trial=0.05, fewest_trial_steps=6, least_gain=-9.0),
     poses=PosePlan(
         checks=((0.2, 0.0),),
-        **{"least_steps": 1, "probe_steps": 2, "align_steps": 3, "follow_steps": 1},
-        **{"trial": 0.05, "fewest_trial_steps": 6, "least_gain": -9.0},
+        least_steps=1,
+        probe_steps=2,
+        align_steps=3,
+        follow_steps=1,
+        trial=0.05,
+        fewest_trial_steps=6,
+        least_gain=-9.0,
     ),
 )
 PLACES = {"coarse": 10, "growth": 50, "corrected": 70, "thinned": 90, "contrast": 100, "all-fitted": 110}

@@ -118,13 +118,25 @@ def test_a_focal_length_that_is_off_is_found(showroom, error):
     found = find(showroom.zoomed(error))
     assert found.factor * error == pytest.approx(1.0, abs=0.01)
     assert found.words.startswith("corrected: it was")
-    assert found.words.endswith("too long" if error > 1.0 else "too short")
+    assert ("too long" if error > 1.0 else "too short") in found.words
+    assert "dB in a trial" in found.words
 
 
 def test_a_good_one_stays_to_the_last_digit(showroom):
     found = find(showroom)
     assert not found.was_off
     assert found.words.startswith("as given")
+
+
+def test_a_lens_by_which_other_views_gain_nothing_is_left(showroom):
+    short = LensSearch(20, 500, 80, 0.1, 6e-3, refines_poses=True)
+    found = find(
+        showroom,
+        LensPlan(replace(short, refines_poses=False), 0.0, short, 0.0, good_poses=math.inf, least_gain=math.inf),
+    )
+    assert not found.was_off
+    assert found.words.startswith("as given: it seems")
+    assert "dB in a trial" in found.words
 
 
 @pytest.mark.slow
