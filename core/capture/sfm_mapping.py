@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
@@ -13,7 +13,8 @@ import pycolmap
 
 from .bundle import THREADS, adjust, extended_params
 from .sfm_images import PLAIN
-from .sfm_job import SfmSettings
+from .sfm_job import DATABASE, SfmSettings
+from .sfm_support import Matches, Support, read_matches, support_of
 
 LENSES = (0.3, 5.0)
 """Focal lengths of telephones and cameras, as multiples of the longer side: from the widest action camera, with its
@@ -21,6 +22,11 @@ distortion, to a long telephoto lens."""
 _DISTORTION = 1.0  # the largest number of it that an ordinary lens has
 _ATTEMPTS = 3  # at an incremental reconstruction
 _MOST = 0.5  # of the photographs, after which no further incremental one is made
+# Of a photograph's matches, the share that has to fit its place; neighbours on all sides give it .95 to 1. Below the
+# second a place is bent, and so may be others below the first; below the third it is wrong.
+_DOUBTFUL, _BENT, _WRONG = 0.95, 0.85, 0.5
+_GROUP = 2  # bent photographs, that hold each other and hang loosely on the rest; one alone has false matches
+_MOST_DOUBTFUL = 1 / 3  # of the photographs; where more are, matches are worse than places
 _LEAST_POINTS = 15  # that hold a photograph in its place; RANSAC finds fewer by chance
 _REPROJECTION = 4.0  # pixels, of the copies
 _ANGLE = 1.5  # degrees between rays, below which a point's depth is not known
@@ -37,23 +43,41 @@ class Mapped:
         model: of the largest piece.
         pieces: number of photographs in each piece, largest first.
         method: "global" or "incremental".
+        support: what the matches say of it.
     """
 
     model: pycolmap.Reconstruction
     pieces: list[int]
     method: str
+    support: Support
+
+    @property
+    def placed(self) -> int:
+        """Number of photographs with a place."""
+        return int(self.model.num_reg_images())
 
     @property
     def score(self) -> tuple[int, int]:
-        """To compare reconstructions by: photographs placed by lenses that exist, then points."""
-        return self.model.num_reg_images(), self.model.num_points3D()
+        """To compare reconstructions from different features by: photographs with a place, then points."""
+        return self.placed, self.model.num_points3D()
+
+    @property
+    def is_bent(self) -> bool:
+        """Whether several photographs have places that many of their matches contradict."""
+        return len(self.below(_BENT)) >= _GROUP
+
+    def below(self, share: float) -> list[int]:
+        """Numbers of the images with places that fewer of their matches fit."""
+        return [image for image, own in self.support.shares.items() if own < share]
 
 
 def map_photographs(database: Path, count: int, settings: SfmSettings, told: Callable[[int], None]) -> Mapped | None:
     """Place as many of the photographs as can be.
 
     Global mapping comes first: it sees all pairs at once, so that it neither depends on a first pair nor breaks where a
-    walk is held together by few matches. Where it leaves photographs out, incremental mapping is asked, too.
+    walk is held together by few matches. Where it leaves photographs out, incremental mapping is asked, too. What has
+    no place then, or a doubtful one, is placed anew by its matches with the rest. Of several reconstructions that one
+    is taken which explains the matches best that none was made from.
 
     Args:
         database: of matched features; not changed.
@@ -70,26 +94,33 @@ def map_photographs(database: Path, count: int, settings: SfmSettings, told: Cal
     calibrated = workspace / "calibrated.db"
     shutil.copy(database, calibrated)
     usable = _calibrate(calibrated, settings)
-    found = _checked(_map_globally(calibrated, images, count, settings, told), "global", settings)
+    matches = read_matches(calibrated)
+    found = _checked(_map_globally(calibrated, images, count, settings, told), "global", matches, settings)
     if found:
-        told(found.model.num_reg_images())
+        told(found.placed)
     for attempt in range(_ATTEMPTS):
-        if found and found.model.num_reg_images() >= (_MOST if attempt else settings.enough) * count:
+        if found and found.placed >= (_MOST if attempt else settings.enough) * count:
             break
         # A first pair can bend the lens until it fits itself alone, as when walking straight ahead; no third one fits
         # then. So lenses are taken as straight when it is tried again. Such attempts end in seconds.
-        models = _map_one_by_one(
-            calibrated if usable and attempt != 1 else database,
-            images,
-            workspace / f"incremental-{attempt}",
-            settings,
-            settings.seed + attempt,
-            attempt == 0,
-            told,
-        )
-        other = _checked(models, "incremental", settings)
-        found = max(filter(None, (found, other)), key=lambda mapped: mapped.score, default=None)
+        options = _options(settings, settings.seed + attempt)
+        options.ba_refine_extra_params = attempt == 0
+        source = calibrated if usable and attempt != 1 else database
+        models = _map_one_by_one(source, images, workspace / f"incremental-{attempt}", options, told)
+        found = _better(found, _checked(models, "incremental", matches, settings), settings.enough * count)
+    if found and (found.is_bent or found.placed < count):
+        again = _placed_anew(found, calibrated, images, workspace / "again", matches, settings)
+        found = _better(found, again, settings.enough * count)
     return found
+
+
+def _better(first: Mapped | None, second: Mapped | None, enough: float) -> Mapped | None:
+    """The one that the matches speak for, but never one that leaves out too many where the other does not."""
+    return max(
+        filter(None, (first, second)),
+        key=lambda mapped: (mapped.placed >= enough, -mapped.support.cost),
+        default=None,
+    )
 
 
 def _calibrate(database: Path, settings: SfmSettings) -> bool:
@@ -131,22 +162,24 @@ def _map_globally(
     return [found.get(index) for index in range(found.size())]
 
 
-def _map_one_by_one(
-    database: Path,
-    images: Path,
-    output: Path,
-    settings: SfmSettings,
-    seed: int,
-    distortion: bool,
-    told: Callable[[int], None],
-) -> list[pycolmap.Reconstruction]:
-    """One attempt, in the new folder `output`; without `distortion`, lenses are taken as straight."""
-    pycolmap.set_random_seed(seed)
+def _options(settings: SfmSettings, seed: int) -> pycolmap.IncrementalPipelineOptions:
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = THREADS
     options.random_seed = seed
     options.min_model_size = settings.min_model_size
-    options.ba_refine_extra_params = distortion
+    return options
+
+
+def _map_one_by_one(
+    database: Path,
+    images: Path,
+    output: Path,
+    options: pycolmap.IncrementalPipelineOptions,
+    told: Callable[[int], None],
+    start: Path | None = None,
+) -> list[pycolmap.Reconstruction]:
+    """One attempt, in the new folder `output`; it goes on from the reconstruction in `start`."""
+    pycolmap.set_random_seed(options.random_seed)
     output.mkdir()
     found = 0
 
@@ -155,11 +188,48 @@ def _map_one_by_one(
         found += 1
         told(found)
 
-    models = pycolmap.incremental_mapping(database, images, output, options, next_image_callback=count_camera)
+    models = pycolmap.incremental_mapping(
+        database, images, output, options, input_path=start or "", next_image_callback=count_camera
+    )
     return list(models.values())
 
 
-def _checked(models: list[pycolmap.Reconstruction], method: str, settings: SfmSettings) -> Mapped | None:
+def _placed_anew(
+    found: Mapped, database: Path, images: Path, workspace: Path, matches: Matches, settings: SfmSettings
+) -> Mapped | None:
+    """`found` without photographs of a doubtful place, and then with all that their matches with the rest place.
+
+    Points that a photograph shares with the rest may be too few to place it by; its matches are more, and hold it where
+    they agree on a relative pose ("structure-less" in COLMAP).
+    """
+    start = workspace / "start"
+    start.mkdir(parents=True)
+    model = pycolmap.Reconstruction(found.model)
+    doubtful = found.below(_DOUBTFUL) if found.is_bent else []
+    if len(doubtful) <= _MOST_DOUBTFUL * found.placed:
+        _take_out(model, doubtful)
+    if model.num_reg_images() < settings.min_model_size:
+        return None
+    adjust(model, robust=True)
+    _drop_unheld(model)
+    model.write_binary(str(start))
+    own = workspace / DATABASE
+    shutil.copy(database, own)
+    with pycolmap.Database.open(str(own)) as opened:
+        for camera in model.cameras.values():
+            opened.update_camera(camera)
+    options = _options(settings, settings.seed)
+    options.multiple_models = False
+    options.structure_less_registration_only = True
+    options.mapper.abs_pose_min_num_inliers = _LEAST_POINTS
+    models = _map_one_by_one(own, images, workspace / "models", options, lambda _: None, start)
+    again = _checked(models, found.method, matches, settings)
+    return again and replace(again, pieces=[again.placed, *found.pieces[1:]])
+
+
+def _checked(
+    models: list[pycolmap.Reconstruction], method: str, matches: Matches, settings: SfmSettings
+) -> Mapped | None:
     """The largest of `models` without what cannot be right; None where nothing is left."""
     models = sorted(models, key=lambda model: model.num_reg_images(), reverse=True)
     pieces = [model.num_reg_images() for model in models]
@@ -169,9 +239,20 @@ def _checked(models: list[pycolmap.Reconstruction], method: str, settings: SfmSe
         if model.num_reg_images() >= settings.min_model_size:
             adjust(model, robust=True)
             _drop_unheld(model)
+        support = support_of(model, matches)
+        wrong = [image for image, share in support.shares.items() if share < _WRONG]
+        if wrong:
+            _take_out(model, wrong)
+            support = support_of(model, matches)
         if model.num_reg_images() >= settings.min_model_size:
-            return Mapped(model, [model.num_reg_images(), *pieces[1:]], method)
+            return Mapped(model, [model.num_reg_images(), *pieces[1:]], method, support)
     return None
+
+
+def _take_out(model: pycolmap.Reconstruction, images: list[int]) -> None:
+    observations = pycolmap.ObservationManager(model)
+    for image in images:
+        observations.deregister_frame(model.image(image).frame_id)
 
 
 def _refine(model: pycolmap.Reconstruction, settings: SfmSettings) -> None:
