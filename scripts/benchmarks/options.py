@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from ...core.runtime.cli import ConsoleReporter
 from ...core.runtime.resources import available_processors
-from .provenance import Facts, stamp
+from .provenance import SECONDS_PER_MINUTE, Facts, stamp
 from .studies.captures import DEMO, SHOWROOMS, CaptureFolder, capture_sources
 
 QUICK: Mapping[str, Any] = {"captures": (DEMO,), "max_size": 120, "iterations": 200, "seeds": 1}
@@ -47,10 +50,12 @@ class Part:
             command: as texts show it; that of this process by default.
         """
         before = {page: _written(options.out / page) for page in self.pages}
+        started = time.monotonic()
         text = self.measure(options)
+        seconds = time.monotonic() - started
         for page in self.pages:
             if self.shaped_by is not None and _written(options.out / page) != before[page]:
-                stamp(options.out / page, command or shown_command(options), self.shaped_by)
+                stamp(options.out / page, command or shown_command(options), self.shaped_by, seconds)
         return text
 
 
@@ -145,17 +150,35 @@ def shown_command(options: argparse.Namespace, arguments: Sequence[str] | None =
     return " ".join(["python scripts/benchmark.py", *(shown or [options.part])])
 
 
-def made_by(options: argparse.Namespace, *, trained: bool = True, seeds: int | None = None) -> list[str]:
+def made_by(
+    options: argparse.Namespace,
+    trials: pd.DataFrame | None = None,
+    *,
+    trained: bool = True,
+    seeds: int | None = None,
+) -> list[str]:
     """The lines of a text that say how its figures were made; by which command says its provenance.
 
     Args:
+        trials: columns of `Trial`, to say how long they took, in this call or an earlier one.
         trained: whether scenes were trained.
         seeds: number of seeds, if it is not that of the options.
     """
     seeds = seeds or options.seeds
     count = f"{seeds} seeds" if seeds > 1 else "one seed"
     training = f", {options.iterations:,} steps, {count}" if trained else ""
-    return [f"Views of at most {options.max_size} pixels{training}."]
+    took = "" if trials is None else f" {trials_took(trials)}"
+    return [f"Views of at most {options.max_size} pixels{training}.{took}"]
+
+
+def trials_took(trials: pd.DataFrame) -> str:
+    """The number of trials and their minutes, in a sentence.
+
+    Args:
+        trials: columns of `Trial`.
+    """
+    minutes = trials.trial_seconds.sum() / SECONDS_PER_MINUTE
+    return f"{len(trials)} trials took {minutes:.0f} minutes, one after the other."
 
 
 def _option_and_value(word: str) -> list[str]:

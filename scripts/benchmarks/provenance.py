@@ -27,9 +27,12 @@ UNRECORDED = "unrecorded"
 STALE = "the recipe has changed since: not comparable with what the code makes now"
 BY_HAND = ("README.md", "observers.md", "timings.md", "training.md")
 """Pages that no single command makes: entries, a protocol, logs of trainings, and a table with a command a row."""
+SECONDS_PER_MINUTE = 60.0
 _DIGITS = 12
 _LINE = re.compile(
-    r"^> Made by `(?P<command>[^`]+)` at commit `(?P<commit>[^`]+)`, recipe `(?P<recipe>\w+)`(?P<stale>; .+)?\.$", re.M
+    r"^> Made by `(?P<command>[^`]+)` at commit `(?P<commit>[^`]+)`(?: in (?P<minutes>\d+) minutes)?, "
+    r"recipe `(?P<recipe>\w+)`(?P<stale>; .+)?\.$",
+    re.M,
 )
 _COMMAND = re.compile(r"(?:By )?`(python scripts/benchmark\.py [^`]+)`[.:]?\s?")
 _WEIGHTS = ROOT / "core" / "enhance" / "gan" / "weights" / "enhancer.safetensors.sha256"
@@ -44,16 +47,20 @@ class Provenance:
         commit: of the code, with a plus where it had changes that were not committed.
         recipe: fingerprint, or `UNRECORDED`.
         stale: whether the line says that the recipe has changed since.
+        minutes: that the command took, rounded; None where nobody wrote that down. Less than its trials took, if an
+            earlier call had made some of these.
     """
 
     command: str
     commit: str
     recipe: str
     stale: bool = False
+    minutes: int | None = None
 
     def __str__(self) -> str:
         ending = f"; {STALE}" if self.stale else ""
-        return f"> Made by `{self.command}` at commit `{self.commit}`, recipe `{self.recipe}`{ending}."
+        took = "" if self.minutes is None else f" in {self.minutes} minutes"
+        return f"> Made by `{self.command}` at commit `{self.commit}`{took}, recipe `{self.recipe}`{ending}."
 
     @property
     def part(self) -> str:
@@ -84,15 +91,25 @@ def fingerprint(command: str, facts: Facts) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
 
 
+def digest_of(file: Path) -> str:
+    """SHA-256 of a file, hexadecimal."""
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
 def provenance_of(text: str) -> Provenance | None:
     """What a page's line says; None without one."""
     found = _LINE.search(text)
-    return Provenance(found["command"], found["commit"], found["recipe"], bool(found["stale"])) if found else None
+    if found is None:
+        return None
+    minutes = None if found["minutes"] is None else int(found["minutes"])
+    return Provenance(found["command"], found["commit"], found["recipe"], bool(found["stale"]), minutes)
 
 
-def stamp(page: Path, command: str, facts: Facts) -> None:
-    """Give a page that was made just now its line, behind its title."""
-    _write(page, Provenance(command, commit_of_code(), fingerprint(command, facts)))
+def stamp(page: Path, command: str, facts: Facts, seconds: float | None = None) -> None:
+    """Give a page that was made just now its line, behind its title; `seconds` is what the command took."""
+    minutes = None if seconds is None else round(seconds / SECONDS_PER_MINUTE)
+    _write(page, Provenance(command, commit_of_code(), fingerprint(command, facts), minutes=minutes))
 
 
 def is_honest(page: Path, facts: Mapping[str, Facts]) -> bool:

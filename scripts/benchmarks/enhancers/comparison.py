@@ -1,7 +1,7 @@
 """Compares enhancers on image sets: every image, observer and method, and what partial strength costs and gains.
 
 Two controls are part of every comparison: the image as it is (`none`), and plain contrast gain that changes each image
-as much as the network does (`gain`). Each method is fitted to each image alone, as it would be to a scene.
+as much as the scene network does (`gain`). Each method is fitted to each image alone, as it would be to a scene.
 Command: ``benchmark.py enhancer``.
 """
 
@@ -37,6 +37,7 @@ from .methods import (
     GAIN,
     LUT,
     NONE,
+    SCENE,
     blend,
     check_labels,
     enhance,
@@ -149,9 +150,10 @@ class EnhancerBenchmark:
         return sets
 
     def _candidate(self) -> str:
-        """The method of the headline: the first network, else the LUT, else the last of all."""
+        """The method of the headline: the scene network, else a trained one, else the LUT, else the last of all."""
         compared = [name for name in self.methods if name not in (NONE, GAIN)] or [NONE]
-        ranked = [name for name in compared if is_network(name)] + [name for name in compared if name == LUT]
+        ranks = (lambda name: name == SCENE, is_network, lambda name: name == LUT)
+        ranked = [name for is_one in ranks for name in compared if is_one(name)]
         return method_label((ranked or compared[-1:])[0])
 
 

@@ -36,7 +36,7 @@ from ....core.splats.targets import Background
 from ....core.splats.training.plan import TrainingPlan
 from ....core.splats.training.trainer import Trainer
 from ..options import Part, names
-from ..provenance import enhanced_product
+from ..provenance import enhanced_product, fingerprint, trained_product
 from ..tables import Column, markdown_table, write_csv, write_text
 from .methods import check_labels, method_factory, method_label
 from .scores import ENHANCED_FOR
@@ -138,7 +138,7 @@ def reconstruct_matches(
 def cached_matches(
     folder: Path, capture: Capture, steps: int = RECONSTRUCTION_STEPS, reporter: Reporter | None = None
 ) -> SceneMatches:
-    """As `reconstruct_matches`, cached in `folder` for the same photographs, cameras and steps."""
+    """As `reconstruct_matches`, cached in `folder` for the same photographs, cameras, steps and trainer."""
     path = folder / f"matches-{capture.source.name}-{_fingerprint(capture)}-{steps}.npz"
     if path.is_file():
         return load_matches(path)
@@ -148,8 +148,8 @@ def cached_matches(
 
 
 def _fingerprint(capture: Capture) -> str:
-    """A hash of photographs and cameras, since captures may have the same name."""
-    digest = hashlib.sha256()
+    """A hash of photographs and cameras, since captures may have the same name, and of what reconstructs them."""
+    digest = hashlib.sha256(fingerprint("", trained_product).encode())
     for view in capture.views:
         digest.update(np.ascontiguousarray(view.image).tobytes())
         digest.update(repr((view.camera, view.world_to_camera.tolist())).encode())

@@ -72,12 +72,13 @@ def is_network(name: str) -> bool:
 
 
 def gain_references(names: Sequence[str]) -> list[str]:
-    """The methods that contrast gain is matched to: every network, or the LUT if there is none.
+    """The methods that contrast gain is matched to: the scene network and every trained one, else the LUT.
 
     Raises:
         InputError: there is no method to match.
     """
-    references = [name for name in names if is_network(name)] or [name for name in names if name == LUT]
+    references = [name for name in names if name == SCENE or is_network(name)]
+    references = references or [name for name in names if name == LUT]
     if references:
         return references
     others = [name for name in names if name not in (NONE, GAIN)]

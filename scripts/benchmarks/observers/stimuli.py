@@ -9,20 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.capture.scaling import downscale, fit_size
-from ....core.enhance import SceneNetworkEnhancer
 from ....core.errors import InputError
 from ....core.files.images import read_png, to_bytes
 from ....core.files.untrusted import is_folder
 from ....core.runs.layout import ORIGINAL, TURNTABLE_FOLDER, evenly_spread
 from ..baselines import ContrastGain, mean_delta_e_2000
 from ..embedding import jpeg_uri
-from ..enhancers.methods import GAIN, LUT, method_factory
+from ..enhancers.methods import GAIN, LUT, SCENE, method_factory
 from ..studies.captures import CaptureFolder
 from .study import STILL, TURNTABLE, Stimulus, Version
 
 Image = NDArray[np.uint8]
 
-SCENE = SceneNetworkEnhancer.name
 METHODS = (ORIGINAL, LUT, SCENE, GAIN)
 SEVERITY, SIMULATION = 1.0, "machado"
 _QUALITY = 92

@@ -14,7 +14,9 @@ from ....core.files.images import read_png
 from ....core.runs.layout import ENHANCED_FOLDER, RENDERS_FOLDER
 from ..charts import Theme, picture, plot_series, write_charts
 from ..embedding import jpeg_uri
-from ..tables import Column, markdown_table, write_csv, write_text
+from ..options import trials_took
+from ..studies.recipe import Trial
+from ..tables import Column, frame_of, markdown_table, write_csv, write_text
 from .axes import HARMLESS, Axis
 from .failure import MOST_LOST, MOST_RWE, UNTOUCHED, curve, standings
 from .heat_map import PICTURE_LINES, with_margins, write_heat_map
@@ -37,7 +39,7 @@ _METHODS = (
     "- **layers**: geometry from the photographs, colours fitted to the enhanced photographs (the default). "
     "**joint**: both together from the enhanced photographs. **post**: renderings enhanced one by one.",
     "- **plain**: as `layers`, with the settings of plain Gaussian splatting: Gaussians divided by their gradients, "
-    "every pixel and photograph taken as it is, no multi-view loss.",
+    "every pixel and photograph taken as it is, its photometric loss alone: no multi-view loss, no hinge on contrast.",
 )
 _UNTOUCHED: tuple[Column, ...] = (
     ("method", "method", ""),
@@ -98,20 +100,22 @@ def write_stress(folder: Path, plan: StressPlan, results: Sequence[StressResult]
     Raises:
         InputError: matplotlib is missing.
     """
-    items = standings(results)
+    items, trials = standings(results), frame_of(Trial, [result.trial for result in results])
     write_csv(folder / f"{NAME}.csv", items)
     write_stress_chart(folder, NAME, plan.axes, items)
     write_heat_map(folder, with_margins(items))
     (folder / f"{NAME}.html").write_text(_PAGE.render(sections=_sections(plan, results, items)), encoding="utf-8")
-    return write_text(folder / f"{NAME}.md", stress_lines(plan, items))
+    return write_text(folder / f"{NAME}.md", stress_lines(plan, items, trials_took(trials)))
 
 
-def stress_lines(plan: StressPlan, items: pd.DataFrame) -> list[str]:
-    """The lines of stress.md."""
+def stress_lines(plan: StressPlan, items: pd.DataFrame, took: str) -> list[str]:
+    """The lines of stress.md; `took` says how long its trials did."""
     untouched = items[items.axis == UNTOUCHED]
     verdicts = untouched.errors.where(untouched.errors != "", untouched.failed.ne("").map({True: "yes", False: "no"}))
     return [
         "# Where it fails",
+        "",
+        took,
         "",
         *_how(plan),
         "",

@@ -124,11 +124,7 @@ def _attempts(plan: StressPlan, scenes: dict[tuple[str, int], Path], seed: int) 
                 place = scenes[axis.name, level]
                 source = CaptureFolder(place.name, place, plan.base.max_size)
             for method in methods:
-                recipe = axis.recipe(method, level)
-                # On shared captures only the label tells the attempts apart.
-                is_shared = source is plan.base or level == HARMLESS
-                label = f"{method.label}-{axis.name}-{level}" if is_shared else method.label
-                yield Attempt(method.label, axis, level, seed, source, replace(recipe, label=label))
+                yield Attempt(method.label, axis, level, seed, source, axis.recipe(method, level))
 
 
 def _render_scenes(plan: StressPlan, folder: Path, reporter: Reporter) -> dict[tuple[str, int], Path]:

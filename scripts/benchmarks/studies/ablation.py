@@ -15,11 +15,13 @@ import pandas as pd
 
 from ....core.pipeline.stages import Plans
 from ....core.runtime.cli import ConsoleReporter
+from ....core.splats.raster import ContrastPlan
 from ....core.splats.strategy import MultiViewConsistent
 from ....core.splats.training.joint import JointPlan
 from ....core.splats.training.layers import LayerPlan
 from ....core.splats.training.plan import TrainingPlan
-from ..enhancers.methods import LUT, NETWORK
+from ....core.splats.training.start import StartRule
+from ..enhancers.methods import SCENE
 from ..options import Part, add_study_arguments, chosen_sources, made_by, named_path, with_quick_defaults, work_folder
 from ..provenance import trained_product
 from ..strategies import CloneSplitPrune
@@ -29,7 +31,7 @@ from .jobs import Job, run_jobs
 from .recipe import Recipe, Trial, failures, with_derived
 from .table import DRIFT
 
-SIZE, ITERATIONS = 240, 600
+SIZE, ITERATIONS, SEEDS = 240, 800, 3
 _DEFINITIONS = [
     "The first row has the default's own figures, the others the means of their differences to it, capture by capture "
     "and seed by seed; the second table has the standard deviations. Figures as in the main table. *Gaussians* and "
@@ -72,6 +74,11 @@ class Variant:
 DEFAULT = Variant("default", "the default (`layers`)")
 VARIANTS = (
     Variant("no-multi-view-loss", "without L_mv", plans=Plans(layer=LayerPlan(multi_view_weight=0.0))),
+    Variant(
+        "no-layer-hinge",
+        "no hinge on the layer's contrast",
+        plans=Plans(layer=LayerPlan(contrast=ContrastPlan(weight=0.0))),
+    ),
     Variant("plain-fit", "plain instead of robust fit, without L_mv", plans=Plans(guided=False)),
     Variant(
         "gradient-densify",
@@ -83,6 +90,18 @@ VARIANTS = (
         "no-pruning",
         "no pruning before the end",
         plans=Plans(training=TrainingPlan(strategy=MultiViewConsistent(prune=False))),
+        of_geometry=True,
+    ),
+    Variant(
+        "no-geometry-hinge",
+        "no hinge on the geometry's contrast",
+        plans=Plans(training=TrainingPlan(contrast=None)),
+        of_geometry=True,
+    ),
+    Variant(
+        "sparse-start",
+        "from sparse points alone, without dense stereo",
+        plans=Plans(training=TrainingPlan(start=StartRule(dense=None))),
         of_geometry=True,
     ),
     Variant("joint", "`joint` instead of `layers`", mode="joint"),
@@ -136,8 +155,8 @@ class Setting:
 
 
 SETTINGS = (
-    Setting("network", "The product's network", NETWORK),
-    Setting("drifting", f"The scene LUT, hues turned by {DRIFT:g}° from view to view", LUT, DRIFT, geometry=False),
+    Setting("scene", "The product's scene network", SCENE),
+    Setting("drifting", f"The same, hues turned by {DRIFT:g}° from view to view", SCENE, DRIFT, geometry=False),
 )
 
 
@@ -167,7 +186,7 @@ def write_ablation(
         lines += [f"## {setting.title}", "", *_tables(trials, titles), ""]
     if weights:
         titles = {setting.label(DEFAULT): setting.title for setting in _weight_settings(weights)}
-        titles = {SETTINGS[0].label(DEFAULT): "the product's network", **titles}
+        titles = {SETTINGS[0].label(DEFAULT): "the product's scene network", **titles}
         lines += ["## Other networks", "", *_tables(trials, titles, _ENHANCED), ""]
     return [*lines, *failures(trials)]
 
@@ -199,7 +218,7 @@ def _weight_settings(weights: Mapping[str, Path] | None) -> list[Setting]:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_study_arguments(parser, max_size=SIZE, iterations=ITERATIONS)
+    add_study_arguments(parser, max_size=SIZE, iterations=ITERATIONS, seeds=SEEDS)
     what = "a further network, with another norm for example; repeatable"
     parser.add_argument("--weights", type=named_path, action="append", metavar="NAME=FILE", help=what)
 
@@ -211,7 +230,8 @@ def _measure(options: argparse.Namespace) -> str:
     jobs = ablation_jobs(chosen_sources(options), options.iterations, options.seeds, weights)
     reporter = ConsoleReporter(sys.stderr)
     trials = run_jobs(jobs, work_folder(options), reporter, processes=options.processes, again=options.again)
-    lines = write_ablation(options.out, frame_of(Trial, trials), made_by(options), weights)
+    tried = frame_of(Trial, trials)
+    lines = write_ablation(options.out, tried, made_by(options, tried), weights)
     return write_text(options.out / "ablation.md", lines)
 
 

@@ -17,13 +17,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from ....core.errors import InputError
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ..charts import Theme, logarithmic, picture, plot_series, plot_stars, write_charts
 from ..options import Part, add_study_arguments, chosen_sources, made_by, with_quick_defaults, work_folder
 from ..provenance import trained_product
-from ..tables import Column, frame_of, markdown_table, write_csv, write_text
+from ..tables import (
+    Column,
+    frame_of,
+    markdown_table,
+    means_and_deviations,
+    tables_of_means,
+    write_csv,
+    write_text,
+)
 from ..timing.runs import at_quality
 from .captures import CaptureFolder
 from .jobs import Job, run_jobs
@@ -33,7 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 NAME = "budget"
-SIZE, ITERATIONS = 240, 1000
+SIZE, ITERATIONS, SEEDS = 240, 800, 3
 HALF_DOUBLINGS = (-4, -2, -1, 0, 1, 2, 4)
 """Fixed numbers of Gaussians, in half doublings of the automatic number: a quarter to four times; closer around the
 expected knee."""
@@ -46,8 +53,9 @@ ALLOWED = 1.3
 _PANEL_WIDTH, _HEIGHT = 4.0, 7.2  # inches
 _FIGURES = (("psnr", "PSNR of held-out views, dB"), ("rwe", "RWE (lower is better)"), ("ccpr", "CCPR"))
 _DEFINITIONS = f"""\
-Each capture is trained once with the number of Gaussians decided automatically, and then with fixed limits from a
-quarter to four times of what that took; everything else is the same. Defined beforehand:
+Each capture is trained with the number of Gaussians decided automatically, and then with fixed limits from a quarter to
+four times of what that took; everything else is the same, the seed too. A line of the first table has the means over
+the seeds, each judged by its own runs. Defined beforehand:
 
 - The *plateau* is the best PSNR of held-out views (every eighth) of all fixed limits.
 - The *knee* is the fewest Gaussians that come within {TOLERANCE:g} dB of the plateau, interpolated between runs in the
@@ -59,6 +67,7 @@ PSNR scatters between runs that differ in the number of Gaussians alone, and the
 runs: auto is held to a line that is a little too high."""
 _RUN_COLUMNS: tuple[Column, ...] = (
     ("capture", "capture", ""),
+    ("seed", "seed", "d"),
     ("limit", "limit", ".0f"),
     ("gaussians", "Gaussians", "d"),
     ("psnr", "PSNR", ".2f"),
@@ -72,7 +81,7 @@ _VERDICT_COLUMNS: tuple[Column, ...] = (
     ("capture", "capture", ""),
     ("plateau", "plateau, dB", ".2f"),
     ("knee", "knee", ".0f"),
-    ("gaussians", "auto", "d"),
+    ("gaussians", "auto", ".0f"),
     ("times_knee", "auto / knee", ".2f"),
     ("psnr", "auto, dB", ".2f"),
     ("behind", "behind, dB", ".2f"),
@@ -120,45 +129,47 @@ def measure_budgets(
     *,
     processes: int = 1,
     again: bool = False,
-    seed: int = 0,
+    seeds: int = 1,
 ) -> pd.DataFrame:
     """Train each capture automatically, and then with fixed numbers of Gaussians around that of the automatic run.
 
     Args:
-        half_doublings: of the automatic run's number of Gaussians.
+        half_doublings: of the automatic run's number of Gaussians with the same seed.
+        seeds: number of them.
 
     Returns:
         Columns of `Trial`, and ``limit``: most Gaussians that were asked for, 0 where they were decided automatically.
     """
-    auto = Recipe(f"auto, {iterations} steps", iterations=iterations, seed=seed)
-    jobs = [Job(source, (auto,)) for source in sources]
+    automatic = tuple(Recipe("auto", iterations=iterations, seed=seed) for seed in range(seeds))
+    jobs = [Job(source, automatic) for source in sources]
     decided = run_jobs(jobs, folder, reporter, processes=processes, again=again)
     jobs = []
-    for source, trial in zip(sources, decided, strict=True):
-        if not trial.error:
-            limits = [round(trial.gaussians * 2.0 ** (number / 2.0)) for number in half_doublings]
-            recipes = [replace(auto, label=f"{n} Gaussians, {iterations} steps", gaussians=n) for n in limits]
-            # Trainings have only the enhancer in common, so they may as well be spread over the processes.
-            chunks = [tuple(recipes[start::processes]) for start in range(processes)]
-            jobs += [Job(source, chunk) for chunk in chunks if chunk]
+    for number, source in enumerate(sources):
+        recipes: list[Recipe] = []
+        for auto, trial in zip(automatic, decided[number * seeds :][:seeds], strict=True):
+            limits = [round(trial.gaussians * 2.0 ** (halves / 2.0)) for halves in half_doublings if not trial.error]
+            recipes += [replace(auto, label=f"{limit} Gaussians", gaussians=limit) for limit in limits]
+        # Trainings have only the enhancer in common, so they may as well be spread over the processes.
+        chunks = [tuple(recipes[start::processes]) for start in range(processes)]
+        jobs += [Job(source, chunk) for chunk in chunks if chunk]
     trials = run_jobs(jobs, folder, reporter, processes=processes)
     limits = [0] * len(decided) + [recipe.gaussians or 0 for job in jobs for recipe in job.recipes]
     runs = frame_of(Trial, [*decided, *trials]).assign(limit=limits)
     order = {source.name: number for number, source in enumerate(sources)}
-    return runs.sort_values(["capture", "limit"], key=lambda key: key.map(order) if key.name == "capture" else key)
+    by = ["capture", "seed", "limit"]
+    return runs.sort_values(by, key=lambda key: key.map(order) if key.name == "capture" else key)
 
 
 def judge(runs: pd.DataFrame) -> pd.DataFrame:
-    """A verdict for each capture that was trained automatically and with fixed numbers of Gaussians.
+    """A verdict for each capture and seed that was trained automatically and with fixed numbers of Gaussians.
 
     Returns:
-        ``capture``; ``plateau`` and ``knee`` of the fixed runs, see `Knee`; ``gaussians``, ``psnr`` and ``decision`` of
-        the automatic run; ``half`` and ``twice``, the PSNR at half and twice its Gaussians; ``behind``, its distance to
-        the plateau in dB, and ``times_knee``, its Gaussians relative to the knee; ``on_plateau`` and ``is_lean``,
-        whether these are within `TOLERANCE` and `ALLOWED`.
+        ``capture``, ``seed``; ``plateau`` and ``knee`` of the fixed runs, see `Knee`; ``gaussians``, ``psnr`` and
+        ``decision`` of the automatic run; ``half`` and ``twice``, the PSNR at half and twice its Gaussians; ``behind``,
+        its distance to the plateau in dB, and ``times_knee``, its Gaussians relative to the knee.
     """
     verdicts: list[dict[str, Any]] = []
-    for capture, made in runs[runs.error == ""].groupby("capture", sort=False):
+    for (capture, seed), made in runs[runs.error == ""].groupby(["capture", "seed"], sort=False):
         fixed, automatic = made[made.limit > 0], made[made.limit == 0]
         if fixed.empty or automatic.empty:
             continue
@@ -167,6 +178,7 @@ def judge(runs: pd.DataFrame) -> pd.DataFrame:
         verdicts.append(
             {
                 "capture": capture,
+                "seed": seed,
                 "plateau": knee.plateau,
                 "knee": knee.gaussians,
                 **auto[["gaussians", "psnr", "decision"]],
@@ -174,8 +186,6 @@ def judge(runs: pd.DataFrame) -> pd.DataFrame:
                 "twice": quality_at(fixed, auto.gaussians * 2.0),
                 "behind": behind,
                 "times_knee": times_knee,
-                "on_plateau": behind <= TOLERANCE,
-                "is_lean": times_knee <= ALLOWED,
             }
         )
     return pd.DataFrame(verdicts)
@@ -194,11 +204,14 @@ def write_budget(folder: Path, runs: pd.DataFrame, heading: Sequence[str]) -> st
     verdicts = judge(runs)
     lines = ["# How many Gaussians a scene needs", "", *heading, "", _DEFINITIONS, ""]
     if not verdicts.empty:
-        size = (_PANEL_WIDTH * len(verdicts), _HEIGHT)
-        write_charts(folder, NAME, size, partial(_draw, runs=runs, verdicts=verdicts))
+        figures = _VERDICT_COLUMNS[1:]
+        means, deviations = means_and_deviations(verdicts, ["capture"], figures)
+        size = (_PANEL_WIDTH * len(means), _HEIGHT)
+        write_charts(folder, NAME, size, partial(_draw, runs=runs, verdicts=means))
         alternative = "PSNR, RWE and CCPR over the number of Gaussians; the tables below have the same figures"
-        table = markdown_table(verdicts, _VERDICT_COLUMNS)
-        lines += [picture(NAME, alternative), "", *table, "", *_in_words(verdicts), ""]
+        table = tables_of_means(means, deviations, _VERDICT_COLUMNS[:1], figures)
+        said = verdicts.groupby("capture", sort=False).decision.first()
+        lines += [picture(NAME, alternative), "", *table, "", *_in_words(means.assign(decision=said.to_numpy())), ""]
     shown = runs.assign(
         capture=runs.capture + runs.error.map(lambda error: f": {error}" if error else ""),
         limit=runs.limit.map(lambda limit: str(limit) if limit else "auto"),
@@ -218,7 +231,8 @@ def _draw(figure: Figure, theme: Theme, runs: pd.DataFrame, verdicts: pd.DataFra
             panel = axes[row, column]
             panel.set_title(title if row else f"{verdict.capture}: {title}")
             logarithmic(panel)
-            plot_series(panel, fixed.gaussians, fixed[name], theme.series[row], "fixed limits")
+            for seed, some in fixed.groupby("seed"):
+                plot_series(panel, some.gaussians, some[name], theme.series[row], "" if seed else "fixed limits")
             plot_stars(panel, auto.gaussians, auto[name], theme, "auto")
             panel.axvline(verdict.knee, color=theme.muted, linewidth=0.9, linestyle="dotted", label="knee")
             if name == "psnr":
@@ -234,22 +248,21 @@ def _in_words(verdicts: pd.DataFrame) -> list[str]:
     """Whether each capture reaches the target, and the reason that the automatic decision gave."""
     lines = []
     for v in verdicts.itertuples():
-        quality = "on the plateau" if v.on_plateau else f"{v.behind:.2f} dB below the plateau"
+        on_plateau, is_lean = v.behind <= TOLERANCE, v.times_knee <= ALLOWED
+        quality = "on the plateau" if on_plateau else f"{v.behind:.2f} dB below the plateau"
         size = f"{v.times_knee:.2f} times the knee's Gaussians"
-        reached = "reached" if v.on_plateau and v.is_lean else "missed"
+        reached = "reached" if on_plateau and is_lean else "missed"
         lines.append(f"- **{v.capture}**: target {reached}: auto is {quality} with {size}. It said: {v.decision}.")
     return lines
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_study_arguments(parser, max_size=SIZE, iterations=ITERATIONS)
+    add_study_arguments(parser, max_size=SIZE, iterations=ITERATIONS, seeds=SEEDS)
 
 
 def _measure(options: argparse.Namespace) -> str:
     """Train captures with automatic and fixed numbers of Gaussians; writes budget.csv, budget.md and a chart."""
     options = with_quick_defaults(options)
-    if options.seeds != 1:
-        raise InputError("budgets are compared within one seed", where="--seeds", remedy="leave it out")
     runs = measure_budgets(
         chosen_sources(options),
         options.iterations,
@@ -258,8 +271,9 @@ def _measure(options: argparse.Namespace) -> str:
         ConsoleReporter(sys.stderr),
         processes=options.processes,
         again=options.again,
+        seeds=options.seeds,
     )
-    return write_budget(options.out, runs, made_by(options))
+    return write_budget(options.out, runs, made_by(options, runs))
 
 
 PART = Part(

@@ -101,7 +101,8 @@ class CaptureFolder:
     def key(self) -> str:
         files = sorted(path for path in self.folder.rglob("*") if path.is_file())
         sizes = [(path.relative_to(self.folder).as_posix(), path.stat().st_size) for path in files]
-        return repr((self.name, self.max_size, self.fitted_size, sizes))
+        fitted = self.max_size if self.fitted_size is None else min(self.fitted_size, self.max_size)
+        return repr((self.name, self.max_size, fitted, sizes))
 
     def load(self) -> Subject:
         judged = Subject.of(read_capture(self.folder, max_size=self.max_size))

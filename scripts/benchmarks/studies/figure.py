@@ -21,9 +21,9 @@ from ....core.runs.layout import ORIGINAL
 from ....core.runtime.cli import ConsoleReporter
 from ....core.settings import Layer
 from ..charts import Theme, picture, write_charts
-from ..enhancers.methods import NETWORK, PER_VIEW_LUT, method_label
+from ..enhancers.methods import PER_VIEW_LUT, SCENE, method_label
 from ..options import Part, add_study_arguments, chosen_sources, made_by, names, with_quick_defaults, work_folder
-from ..provenance import trained_product
+from ..provenance import fingerprint, trained_product
 from ..tables import write_text
 from .captures import DEMO
 from .novel_views import (
@@ -46,7 +46,7 @@ SIZE, ITERATIONS, VIEWS = 320, 1000, 48
 QUICK_VIEWS = 6
 TITLES = {
     PER_VIEW_LUT: "A LUT of each view alone, which contradicts itself from view to view",
-    NETWORK: "The product's network",
+    SCENE: "The product's scene network",
 }
 _EXPLANATION = [
     "Every camera is between two held-out ones, so no photograph was taken there. Shown are the two neighbouring "
@@ -206,6 +206,11 @@ class _Page:
         figure.text(left / _WIDTH, 1.0 - top / self.height, words, va="top", **style)
 
 
+def _shaping(recipe: Recipe, views: int) -> tuple[Any, ...]:
+    """What shapes the pictures of a figure."""
+    return *trained_product(), recipe, views
+
+
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS)
     what = f"names or weight files, one picture each ({','.join(TITLES)})"
@@ -224,7 +229,8 @@ def _measure(options: argparse.Namespace) -> str:
         for enhancer in options.enhancers:
             recipe = Recipe("figure", enhancer=enhancer, iterations=options.iterations)
             name = f"{source.name}-{method_label(enhancer)}"
-            place = work_folder(options) / "figure" / f"{name}-{options.max_size}-{options.iterations}-{options.views}"
+            key = fingerprint(source.key, partial(_shaping, recipe, options.views))
+            place = work_folder(options) / "figure" / f"{name}-{key}"
             reporter = ConsoleReporter(sys.stderr)
             make = partial(novel_views, source.name, subject, recipe, options.views, place, reporter)
             views = cached_novel_views(place, make)

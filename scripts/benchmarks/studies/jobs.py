@@ -1,11 +1,12 @@
 """Runs trials in separate processes and stores their figures, so that a long comparison can be resumed.
 
-With a process for each job, peak memory can be measured and a crash does not affect other jobs.
+With a process for each job, peak memory can be measured and a crash does not affect other jobs. A trial is known by its
+subject, by what its recipe does and by the product's constants and weights: studies that store in one folder share
+trials, whatever they call them, and none is used again after something that shapes its figures has changed.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import multiprocessing
@@ -13,7 +14,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import count
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -25,8 +26,11 @@ from .... import __version__
 from ....core.errors import InputError
 from ....core.runtime.protocol import Reporter
 from ....core.runtime.resources import available_processors
+from ....core.settings import WEIGHTS_SUFFIX
 from ....core.splats import raster
 from ..enhancers.drift import cached_matches
+from ..enhancers.methods import FIT_MARK
+from ..provenance import Facts, digest_of, fingerprint, trained_product
 from .captures import SubjectSource
 from .recipe import Recipe, Trial
 from .trials import CaptureTrials, recipe_folder
@@ -43,8 +47,7 @@ class Job:
 
     Attributes:
         source: of the subject.
-        recipes: with distinct labels for each seed. Recipes that share enhanced views or a geometry should be in one
-            job, which makes these once.
+        recipes: those that share enhanced views or a geometry should be in one job, which makes these once.
     """
 
     source: SubjectSource
@@ -62,7 +65,7 @@ def run_jobs(
         again: repeat all of them.
     """
     store = TrialStore(folder / TRIALS_FILE, again=again)
-    missing = [Job(job.source, recipes) for job in jobs if (recipes := store.missing(job))]
+    missing = store.missing_of(jobs)
     threads = max(available_processors() // processes, 1)
     total, finished, lock = sum(len(job.recipes) for job in missing), count(1), threading.Lock()
     if missing:
@@ -93,10 +96,12 @@ class TrialStore:
     Args:
         path: of the file; need not exist.
         again: discard its contents.
+        product: what shapes the figures of every trial.
     """
 
-    def __init__(self, path: Path, *, again: bool = False) -> None:
+    def __init__(self, path: Path, *, again: bool = False, product: Facts = trained_product) -> None:
         self._path = path
+        self._product = fingerprint(__version__, product)
         self._trials: dict[str, Trial] = {}
         path.parent.mkdir(parents=True, exist_ok=True)
         if again:
@@ -106,24 +111,41 @@ class TrialStore:
             _end_with_a_line(path)
 
     def missing(self, job: Job) -> tuple[Recipe, ...]:
-        """The recipes of a job that have not been tried yet."""
-        return tuple(recipe for recipe in job.recipes if _key(job.source, recipe) not in self._trials)
+        """The recipes of a job that have not been tried yet, each once."""
+        first = {self._key(job.source, recipe): recipe for recipe in reversed(job.recipes)}
+        wanted = [recipe for key, recipe in first.items() if key not in self._trials]
+        return tuple(reversed(wanted))
+
+    def missing_of(self, jobs: Sequence[Job]) -> list[Job]:
+        """The jobs with the recipes that have not been tried yet, each in the first job that asks for it."""
+        found, known = [], set(self._trials)
+        for job in jobs:
+            recipes = tuple(r for r in self.missing(job) if self._key(job.source, r) not in known)
+            known |= {self._key(job.source, recipe) for recipe in recipes}
+            found += [Job(job.source, recipes)] if recipes else []
+        return found
 
     def trial(self, source: SubjectSource, recipe: Recipe) -> Trial:
-        """The trial of a recipe."""
-        return self._trials[_key(source, recipe)]
+        """The trial of a recipe, under its label and the subject's name."""
+        found = self._trials[self._key(source, recipe)]
+        return replace(found, capture=source.name, label=recipe.label)
 
     def add(self, source: SubjectSource, recipe: Recipe, trial: Trial) -> None:
         """Store a trial."""
-        key = _key(source, recipe)
+        key = self._key(source, recipe)
         values = {name: _to_json(value) for name, value in asdict(trial).items()}
         self._trials[key] = trial
         with open(self._path, "a", encoding="utf-8") as file:
             file.write(json.dumps({"key": key, **values}) + "\n")
 
+    def _key(self, source: SubjectSource, recipe: Recipe) -> str:
+        return fingerprint(source.key, lambda: (self._product, recipe.identity, _weights(recipe)))
 
-def _key(source: SubjectSource, recipe: Recipe) -> str:
-    return hashlib.sha256(repr((__version__, source.key, recipe)).encode()).hexdigest()[:20]
+
+def _weights(recipe: Recipe) -> str:
+    """The digest of a recipe's own weights; "" for enhancers of the product, whose weights are the product's."""
+    file = Path(recipe.enhancer.partition(FIT_MARK)[0])
+    return digest_of(file) if file.suffix == WEIGHTS_SUFFIX and file.is_file() else ""
 
 
 def _read(path: Path) -> Iterator[tuple[str, Trial]]:

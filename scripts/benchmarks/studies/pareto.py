@@ -21,8 +21,8 @@ from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ....core.settings import QUALITIES, Settings
 from ..charts import SeriesStyle, Theme, logarithmic, picture, plot_series, plot_stars, write_charts
-from ..enhancers.methods import GAIN, NETWORK, NONE, PER_VIEW_LUT
-from ..options import Part, add_study_arguments, chosen_sources, names, with_quick_defaults, work_folder
+from ..enhancers.methods import GAIN, LUT, NETWORK, NONE, PER_VIEW_LUT
+from ..options import Part, add_study_arguments, chosen_sources, names, trials_took, with_quick_defaults, work_folder
 from ..provenance import trained_product
 from ..tables import Column, frame_of, markdown_table, number, write_csv, write_text
 from .captures import DEMO, CaptureFolder
@@ -59,7 +59,7 @@ _SMALLER = {2 / 3: (1, 2), 1 / 2: (0.5, 1, 2), 1 / 3: (1,)}  # size of the photo
 _BASE_SIZE = 2 / 3
 _LIMITS = (2500, 5000, 10_000, 20_000)
 _DEGREES = (1, 3)
-_ENHANCERS = (NONE, GAIN, NETWORK, PER_VIEW_LUT)
+_ENHANCERS = (NONE, GAIN, LUT, NETWORK, PER_VIEW_LUT)
 _STEPS_ROUNDED_TO = 10
 
 _CHART_SIZE = (10.0, 7.6)  # inches
@@ -222,7 +222,8 @@ def write_pareto(folder: Path, points: pd.DataFrame, *, base: str, size: int) ->
         size: longer side in pixels of the photographs that results are judged by.
     """
     write_csv(folder / f"{NAME}.csv", points.fillna({"gaussians": 0, "peak_memory_mb": 0})[list(_SAVED)])
-    lines = ["# Speed against accuracy", "", _DEFINITIONS.format(base=base, size=size), ""]
+    took = trials_took(points[points.series != PEER])
+    lines = ["# Speed against accuracy", "", took, "", _DEFINITIONS.format(base=base, size=size), ""]
     lines += _of_peers(points)
     captures = points.groupby("capture", sort=False)
     for capture, mine in captures:

@@ -19,12 +19,13 @@ from ....core.errors import InputError
 from ....core.runtime.protocol import Reporter
 from ....core.settings import Layer
 from ..enhancers.frames import EASY, HARD, SelectionRule, likeness, measure_selection, select_frames
-from ..enhancers.methods import LUT, NETWORK, method_factory, method_label
+from ..enhancers.methods import LUT, SCENE, method_factory, method_label
 from ..enhancers.scores import ENHANCED_FOR
+from ..provenance import enhanced_product, fingerprint
 from ..tables import Column, markdown_table, write_csv
 from .captures import CaptureFolder, Subject
 
-ENHANCERS = (NETWORK, LUT)
+ENHANCERS = (SCENE, LUT)
 PAPERS_RULE = SelectionRule()
 SSIM_TARGET = 0.975
 """Of easy frames; Hu and Xiao report 0.962."""
@@ -91,7 +92,8 @@ def filter_frames(
     found = {}
     for name in enhancers:
         label = method_label(name)
-        path = folder / f"{source.name}-{source.max_size}-{observer.name}-{label}.csv"
+        key = fingerprint(f"{source.key} {name}", enhanced_product)
+        path = folder / f"{source.name}-{source.max_size}-{observer.name}-{label}-{key}.csv"
         if path.is_file():
             found[label] = pd.read_csv(path, dtype={"frame": str}, float_precision="round_trip")
             continue

@@ -2,32 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import pandas as pd
 
 from ....core.enhance import Enhancer
 from ....core.pipeline.stages import Plans
 from ....core.settings import Layer, Settings
+from ....core.splats.raster import ContrastPlan
 from ....core.splats.training.layers import LayerPlan
 from ....core.splats.training.plan import TrainingPlan
 from ....core.splats.training.start import StartRule
 from ..baselines import Drifting, MatchedGain
-from ..enhancers.methods import GAIN, LUT, method_factory, method_label
+from ..enhancers.methods import GAIN, SCENE, method_factory, method_label
 from ..strategies import CloneSplitPrune
 
 NOT_MEASURED = float("nan")
 DEUTAN = Layer("deutan", 1.0)
+_PLAIN_SSIM_WEIGHT = 0.2  # Kerbl et al. 2023, section 5.1
 PLAIN = Plans(
     lens=None,
     training=TrainingPlan(
-        strategy=CloneSplitPrune(), start=StartRule(dense=None), exposure=None, stopping=None, poses=None
+        ssim_weight=_PLAIN_SSIM_WEIGHT,
+        coarse=(),
+        start=StartRule(dense=None),
+        strategy=CloneSplitPrune(),
+        stopping=None,
+        exposure=None,
+        poses=None,
+        contrast=None,
     ),
-    layer=LayerPlan(multi_view_weight=0.0),
+    layer=LayerPlan(ssim_weight=_PLAIN_SSIM_WEIGHT, multi_view_weight=0.0, contrast=ContrastPlan(weight=0.0)),
     guided=False,
 )
-"""Plain Gaussian splatting: from sparse points, clone and split by gradients, no corrections of photographs or cameras,
-no L_mv."""
+"""Plain Gaussian splatting: from sparse points, clone and split by gradients, the photometric loss of Kerbl et al. 2023
+on whole photographs from the first step on; no corrections of photographs or cameras, no L_mv, no hinge on contrast.
+Learning rates are the product's, whose runs are shorter than theirs."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +47,7 @@ class Recipe:
     Attributes:
         label: its name in tables.
         mode: see `core.settings.MODES`.
-        enhancer: a name of `methods`, a weight file, or "gain", matched to the LUT.
+        enhancer: a name of `methods`, a weight file, or "gain", matched to the scene network.
         layer: the observer.
         simulation: model of the CVD simulation.
         iterations, gaussians, sh_degree: of the geometry, as in `Settings`.
@@ -50,7 +60,7 @@ class Recipe:
 
     label: str
     mode: str = "layers"
-    enhancer: str = "lut"
+    enhancer: str = SCENE
     layer: Layer = DEUTAN
     simulation: str = "machado"
     iterations: int = 1000
@@ -60,6 +70,11 @@ class Recipe:
     drift: float = 0.0
     plans: Plans = field(default_factory=Plans)
     advised: bool = False
+
+    @property
+    def identity(self) -> Recipe:
+        """Equal for recipes that give the same figures: all but the name."""
+        return replace(self, label="")
 
     @property
     def geometry_key(self) -> str:
@@ -103,6 +118,7 @@ class Trial:
         geometry_seconds, enhance_seconds, layer_seconds: wall time; work that recipes share is counted for each.
         processor_seconds: of all these together, of all threads.
         peak_memory_mb: of the process, which may have tried other recipes before.
+        trial_seconds: wall time of the trial with its measurement; work that recipes share is counted for the first.
         skipped_steps: training steps skipped for numbers that were not finite.
         warnings: names of the product's warnings, separated by spaces; see `Recipe.advised`.
         decision: the reason for the number of Gaussians.
@@ -145,6 +161,7 @@ class Trial:
     layer_seconds: float = NOT_MEASURED
     processor_seconds: float = NOT_MEASURED
     peak_memory_mb: int = 0
+    trial_seconds: float = NOT_MEASURED
     skipped_steps: int = 0
     warnings: str = ""
     decision: str = ""
@@ -177,7 +194,7 @@ def recipe_enhancer(recipe: Recipe) -> Enhancer:
         InputError: an enhancer or an observer that does not exist.
     """
     observer = (recipe.layer.cvd, recipe.layer.severity, recipe.simulation)
-    enhancer = method_factory(LUT if recipe.enhancer == GAIN else recipe.enhancer)(*observer)
+    enhancer = method_factory(SCENE if recipe.enhancer == GAIN else recipe.enhancer)(*observer)
     if recipe.enhancer == GAIN:
         enhancer = MatchedGain(enhancer)
     return Drifting(enhancer, recipe.drift) if recipe.drift else enhancer

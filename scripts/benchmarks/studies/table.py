@@ -16,10 +16,10 @@ import pandas as pd
 
 from ....core.runtime.cli import ConsoleReporter
 from ....core.settings import CVD_TYPES, MODES, Layer
-from ..enhancers.methods import GAIN, LUT, NETWORK, NONE, PER_VIEW_LUT
+from ..enhancers.methods import GAIN, LUT, NETWORK, NONE, PER_VIEW_LUT, SCENE
 from ..options import Part, add_study_arguments, chosen_sources, made_by, with_quick_defaults, work_folder
 from ..provenance import trained_product
-from ..tables import Column, frame_of, markdown_table, means_and_deviations, tables_of_means, write_csv, write_text
+from ..tables import Column, frame_of, means_and_deviations, tables_of_means, write_csv, write_text
 from .captures import SHOWROOMS, SubjectSource
 from .jobs import Job, run_jobs
 from .protocol import ENHANCERS, PAPERS_RULE, filter_frames, scenes_of, sequences_of, summarise, write_frames
@@ -67,12 +67,13 @@ class Row:
 ROWS = (
     Row("none", "none", NONE, ("layers",)),
     Row("gain", "contrast gain", GAIN, ("layers",)),
-    Row("lut", "scene LUT", LUT),
-    Row("network", "network", NETWORK),
-    Row("lut-per-view", "LUT of each view", PER_VIEW_LUT, contradicts=True),
-    Row("lut-drifting", "scene LUT, drifting", LUT, drift=DRIFT, contradicts=True, steady="lut"),
+    Row("lut", "scene LUT", LUT, ("layers",)),
+    Row("cgan", "predicted network", NETWORK, ("layers",)),
+    Row("scene", "scene network", SCENE),
+    Row("drifting", "scene network, drifting", SCENE, drift=DRIFT, contradicts=True, steady="scene"),
+    Row("lut-per-view", "LUT of each view", PER_VIEW_LUT, (BASELINE, "layers"), contradicts=True),
 )
-QUICK_ROWS = tuple(row for row in ROWS if row.name in ("none", "lut-drifting"))
+QUICK_ROWS = tuple(row for row in ROWS if row.name in ("none", "drifting"))
 _BY_LABEL = {row.label(mode): row for row in ROWS for mode in row.modes}
 
 assert {mode for row in ROWS for mode in row.modes} == set(MODES)
@@ -94,9 +95,9 @@ _DEFINITIONS = [
     "to enhanced views. **Seconds**: of geometry, enhancement and layer by the clock, with other trials at work on the "
     "same machine; **processor seconds**: the same, of all threads together. **MB**: the most "
     "that the process had, which made the other rows too.",
-    "- **contrast gain**: plain contrast with the mean ΔE76 of the scene LUT. **LUT of each view** and **drifting** "
-    f"contradict themselves from view to view: a LUT for each image alone, and hues turned by {DRIFT:g}° (standard "
-    "deviation) in each image.",
+    "- **contrast gain**: plain contrast with the mean ΔE76 of the scene network. **LUT of each view** and "
+    "**drifting** contradict themselves from view to view: a LUT for each image alone, and hues turned by "
+    f"{DRIFT:g}° (standard deviation) in each image.",
 ]
 _KEYS: tuple[Column, ...] = (("title", "enhancer", ""), ("mode", "mode", ""))
 _QUALITY: tuple[Column, ...] = (
@@ -153,10 +154,12 @@ def table_jobs(sources: Sequence[SubjectSource], iterations: int, seeds: int, ro
 
 
 def severity_jobs(
-    sources: Sequence[SubjectSource], iterations: int, observers: Sequence[Layer] = OBSERVERS
+    sources: Sequence[SubjectSource], iterations: int, seeds: int, observers: Sequence[Layer] = OBSERVERS
 ) -> list[Job]:
-    """One job per capture: the default settings with the network as enhancer, for every observer."""
-    recipes = tuple(Recipe(o.name, enhancer=NETWORK, layer=o, iterations=iterations) for o in observers)
+    """One job per capture: the default settings, for every observer."""
+    recipes = tuple(
+        Recipe(o.name, layer=o, iterations=iterations, seed=seed) for seed in range(seeds) for o in observers
+    )
     return [Job(source, recipes) for source in sources]
 
 
@@ -253,14 +256,16 @@ def write_severities(folder: Path, trials: pd.DataFrame, heading: Sequence[str])
     write_csv(folder / "severities.csv", trials)
     lines = ["# Types and severities", "", *heading, ""]
     lines += [
-        "Mode `layers` with the product's network; all observers of a capture have one geometry. Columns as in the "
-        "main table; *input* is what the observer keeps of the photograph's contrast without any enhancement, "
-        "*enhanced* what the enhanced photographs have, *layer* what the reconstructed scene has.",
+        "Mode `layers` with the product's scene network; all observers of a capture have one geometry a seed. Columns "
+        "as in the main table; *input* is what the observer keeps of the photograph's contrast without any "
+        "enhancement, *enhanced* what the enhanced photographs have, *layer* what the reconstructed scene has.",
         "",
     ]
     trials = with_derived(trials)
     for capture, mine in trials.groupby("capture", sort=False):
-        lines += [f"## {capture}", "", *markdown_table(mine, _SEVERITIES), ""]
+        keys, figures = _SEVERITIES[:2], _SEVERITIES[2:]
+        means, deviations = means_and_deviations(mine, [name for name, _, _ in keys], figures)
+        lines += [f"## {capture}", "", *tables_of_means(means, deviations, keys, figures), ""]
     return [*lines, *failures(trials)]
 
 
@@ -284,14 +289,14 @@ def _measure(options: argparse.Namespace) -> str:
     }
     sequences = [run for scene in scenes for run in sequences_of(scene, next(iter(frames[scene].values())))]
     compared = table_jobs([*sources, *sequences], options.iterations, options.seeds, rows)
-    observed = severity_jobs(synthetic or sources, options.iterations, observers)
+    observed = severity_jobs(synthetic or sources, options.iterations, options.seeds, observers)
     run_jobs([*compared, *observed], work, reporter, processes=options.processes, again=options.again)
     trials, seen = (
         frame_of(Trial, run_jobs(jobs, work, reporter, processes=options.processes)) for jobs in (compared, observed)
     )
     texts = {
-        "table": write_table(options.out, trials, [source.name for source in synthetic], made_by(options)),
-        "severities": write_severities(options.out, seen, made_by(options, seeds=1)),
+        "table": write_table(options.out, trials, [source.name for source in synthetic], made_by(options, trials)),
+        "severities": write_severities(options.out, seen, made_by(options, seen)),
     }
     summaries = [
         summarise(source.name, enhancer, found) for source in frames for enhancer, found in frames[source].items()

@@ -30,6 +30,7 @@ from ....core.splats.renderer import SceneRenderer
 from ....core.splats.targets import Background
 from ....core.splats.training.lens import FocalLength
 from ....core.splats.training.trainer import TrainingResult
+from ..provenance import fingerprint
 from .captures import Subject
 from .recipe import Recipe, Trial, described, recipe_enhancer
 
@@ -95,7 +96,7 @@ class CaptureTrials:
         name: of the subject in tables.
         subject: the capture.
         matches: between the views of the judged capture.
-        folder: for the recipes' files, under ``<seed>/<label>/``.
+        folder: for the recipes' files, under ``<seed>/<fingerprint>/``.
         threads: of the rasteriser; None for all cores.
     """
 
@@ -133,6 +134,7 @@ class CaptureTrials:
         Raises:
             InputError: the recipe or the capture cannot be used.
         """
+        whole = _Clock()
         enhanced = self._enhance(recipe)
         geometry = self._reconstruct(recipe, enhanced)
         folder = recipe_folder(self._folder, recipe)
@@ -160,6 +162,7 @@ class CaptureTrials:
             layer_seconds=layer_cost.wall,
             processor_seconds=geometry.cost.processor + enhanced.cost.processor + layer_cost.processor,
             peak_memory_mb=peak_memory_mb() or 0,
+            trial_seconds=whole.cost().wall,
             skipped_steps=geometry.result.skipped,
             warnings=" ".join(warnings),
             decision=str(geometry.result.decision.get("gaussians", "")),
@@ -249,8 +252,8 @@ class CaptureTrials:
 
 
 def recipe_folder(folder: Path, recipe: Recipe) -> Path:
-    """The folder of a recipe's files, under the folder of its subject."""
-    return folder / str(recipe.seed) / recipe.label
+    """The folder of a recipe's files, under the folder of its subject; the same under any label."""
+    return folder / str(recipe.seed) / fingerprint("", lambda: (recipe.identity,))
 
 
 class _Clock:

@@ -73,6 +73,13 @@ def test_a_page_has_its_line_behind_the_title(page: Path) -> None:
     assert is_honest(page, {"table": facts})
 
 
+def test_the_line_says_how_long_the_command_took(page: Path) -> None:
+    stamp(page, COMMAND, facts, seconds=200.0)
+    text = page.read_text(encoding="utf-8")
+    assert f"at commit `{commit_of_code()}` in 3 minutes, recipe" in text
+    assert provenance_of(text) == Provenance(COMMAND, commit_of_code(), fingerprint(COMMAND, facts), minutes=3)
+
+
 def test_a_page_that_is_made_again_has_one_line(page: Path) -> None:
     stamp(page, COMMAND, facts)
     stamp(page, COMMAND + " --seeds 2", facts)

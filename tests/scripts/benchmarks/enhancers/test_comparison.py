@@ -181,6 +181,7 @@ def test_trade_offs_are_of_hard_images_at_every_strength(comparison, scores):
 def test_gain_is_matched_to_every_network_else_to_the_lut():
     assert gain_references(["none", "lut", "gain", "cgan", "a/b.safetensors"]) == ["cgan", "a/b.safetensors"]
     assert gain_references(["lut", "scene"]) == ["scene"]
+    assert gain_references(["lut", "cgan", "scene"]) == ["cgan", "scene"]
     assert gain_references(["fidaner", "lut"]) == ["lut"]
     with pytest.raises(InputError, match="needs a method to match"):
         gain_references(["none", "gain"])

@@ -153,7 +153,7 @@ def test_chroma_is_multiplied_where_the_display_can_show_it(subject: Subject) ->
 def test_recipes_drift_and_grow_milder_as_the_level_says() -> None:
     drifting = [BY_NAME["drift"].recipe(Recipe("any"), level) for level in BROKEN]
     assert [recipe.drift for recipe in drifting] == [5.0, 15.0, 45.0, 0.0]
-    assert [recipe.enhancer for recipe in drifting] == ["lut", "lut", "lut", "lut-per-view"]
+    assert [recipe.enhancer for recipe in drifting] == ["scene", "scene", "scene", "lut-per-view"]
     severities = [BY_NAME["severity"].recipe(Recipe("any"), level).layer.severity for level in BROKEN]
     assert severities == [0.75, 0.5, 0.25, 0.0]
 

@@ -35,6 +35,38 @@ def test_a_trial_is_read_back_as_it_was(tmp_path):
     assert store.missing(Job(SOURCE, (FIRST, SECOND))) == (SECOND,)
 
 
+def test_a_trial_is_shared_by_studies_that_call_it_differently(tmp_path):
+    store = TrialStore(tmp_path / TRIALS_FILE)
+    store.add(SOURCE, FIRST, MEASURED)
+    again = replace(FIRST, label="the default")
+    assert store.missing(Job(SOURCE, (again, SECOND, replace(SECOND, label="third")))) == (SECOND,)
+    assert same(store.trial(SOURCE, again), replace(MEASURED, label="the default"))
+    assert pictures_of(tmp_path, SOURCE, again) == pictures_of(tmp_path, SOURCE, FIRST)
+
+
+def test_of_several_jobs_that_ask_for_one_trial_the_first_makes_it(tmp_path):
+    store = TrialStore(tmp_path / TRIALS_FILE)
+    jobs = [Job(SOURCE, (FIRST,)), Job(SOURCE, (replace(FIRST, label="again"), SECOND)), Job(SOURCE, (SECOND,))]
+    assert store.missing_of(jobs) == [Job(SOURCE, (FIRST,)), Job(SOURCE, (SECOND,))]
+
+
+def test_nothing_is_used_again_that_another_product_gave(tmp_path):
+    path = tmp_path / TRIALS_FILE
+    TrialStore(path, product=lambda: ("steps", 5)).add(SOURCE, FIRST, MEASURED)
+    assert TrialStore(path, product=lambda: ("steps", 5)).missing(Job(SOURCE, (FIRST,))) == ()
+    assert TrialStore(path, product=lambda: ("steps", 6)).missing(Job(SOURCE, (FIRST,))) == (FIRST,)
+
+
+def test_nothing_is_used_again_that_other_weights_gave(tmp_path):
+    weights = tmp_path / "mine.safetensors"
+    weights.write_bytes(b"first")
+    recipe, store = Recipe("mine", enhancer=f"{weights}@0"), TrialStore(tmp_path / TRIALS_FILE)
+    store.add(SOURCE, recipe, MEASURED)
+    assert store.missing(Job(SOURCE, (recipe,))) == ()
+    weights.write_bytes(b"other")
+    assert store.missing(Job(SOURCE, (recipe,))) == (recipe,)
+
+
 @pytest.mark.parametrize(
     "other",
     [replace(FIRST, iterations=7), replace(FIRST, seed=7), replace(FIRST, drift=7.0)],

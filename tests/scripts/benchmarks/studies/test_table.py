@@ -66,11 +66,11 @@ def test_a_mode_is_compared_with_the_baseline_seed_by_seed():
 
 def test_what_drift_adds_is_told_from_what_contrast_adds():
     post, layers = Recipe("post", "post"), Recipe("layers")
-    steady = frame_of(Trial, [trial(layers, rwe=0.8), trial(post, rwe=0.6)]).assign(name="lut")
-    drifting = frame_of(Trial, [trial(layers, rwe=0.9), trial(post, rwe=1.6)]).assign(name="lut-drifting")
+    steady = frame_of(Trial, [trial(layers, rwe=0.8), trial(post, rwe=0.6)]).assign(name="scene")
+    drifting = frame_of(Trial, [trial(layers, rwe=0.9), trial(post, rwe=1.6)]).assign(name="drifting")
     found = compare(pd.concat([drifting, steady], ignore_index=True)).set_index("name")
-    assert found.drift_ratio["lut-drifting"] == pytest.approx(0.1)
-    assert math.isnan(found.drift_ratio["lut"])
+    assert found.drift_ratio["drifting"] == pytest.approx(0.1)
+    assert math.isnan(found.drift_ratio["scene"])
     assert math.isnan(compare(drifting).drift_ratio.iloc[0])
 
 
@@ -105,11 +105,11 @@ def test_the_table_has_every_row_for_each_capture_and_says_what_is_reached(tmp_p
             assert cells(lines, row.title, mode, table=2)[2:4] == ["30.50", "900"]
             assert cells(lines, row.title, mode, table=3)[2:4] == ["0.71", "0"]
     assert cells(lines, "input (photographs)")[2] == "0.600"
-    assert cells(lines, "demo", "scene LUT, drifting", "layers")[3] == "0.200"
-    assert cells(lines, "demo", "network", "layers")[4:6] == ["0.800", "–"]
+    assert cells(lines, "demo", "scene network, drifting", "layers")[3] == "0.200"
+    assert cells(lines, "demo", "scene network", "layers")[4:6] == ["0.800", "–"]
     assert_one_number_in_a_cell(lines)
     reached = {line.split(":")[0]: line for line in lines if line.startswith("- demo")}
-    drifting, coin = reached["- demo, scene LUT, drifting"], reached["- demo, LUT of each view"]
+    drifting, coin = reached["- demo, scene network, drifting"], reached["- demo, LUT of each view"]
     assert "0.200 of `post`'s (reached)" in drifting
     assert "CCPR -0.100 (not reached)" in drifting
     assert "0.900 of `post`'s (not reached)" in coin
@@ -122,28 +122,30 @@ def test_a_trial_that_failed_is_named_and_leaves_dashes(tmp_path):
     (job,) = table_jobs([DEMO], 100, seeds=1)
     failed = frame_of(Trial, [Trial.failed("demo", recipe, "it broke") for recipe in job.recipes])
     lines = write_table(tmp_path, failed, ["demo"], HEADING)
-    assert "- demo, network-layers, seed 0: it broke" in lines
+    assert "- demo, scene-layers, seed 0: it broke" in lines
     for table in (0, 1):
-        assert set(cells(lines, "network", "layers", table=table)[2:]) == {"–"}
+        assert set(cells(lines, "scene network", "layers", table=table)[2:]) == {"–"}
 
 
 def test_every_observer_has_a_row(tmp_path):
-    (job,) = severity_jobs([DEMO], 100)
-    trials = frame_of(Trial, [trial(recipe, ccpr=0.5) for recipe in job.recipes])
+    (job,) = severity_jobs([DEMO], 100, seeds=2)
+    trials = frame_of(Trial, [trial(recipe, ccpr=0.5 + 0.1 * recipe.seed) for recipe in job.recipes])
     lines = write_severities(tmp_path, trials, HEADING)
     for observer in OBSERVERS:
-        assert cells(lines, observer.cvd, f"{observer.severity:g}")[4] == "0.500"
+        assert cells(lines, observer.cvd, f"{observer.severity:g}")[4] == "0.550"
+        assert cells(lines, observer.cvd, f"{observer.severity:g}", table=1)[4] == "0.071"
+    assert_one_number_in_a_cell(lines)
 
 
 def test_all_observers_of_a_capture_have_one_geometry():
-    (job,) = severity_jobs([DEMO], 100)
+    (job,) = severity_jobs([DEMO], 100, seeds=1)
     assert len({recipe.geometry_key for recipe in job.recipes}) == 1
 
 
 def test_an_ablation_differs_from_the_default_in_one_thing_and_is_reported_by_its_difference(tmp_path):
     weights = {"instance norm": Path("/home/me/instance.safetensors")}
     (job,) = ablation_jobs([DEMO], 100, seeds=2, weights=weights)
-    assert len({recipe.plans for recipe in job.recipes if recipe.mode == "layers"}) == 5
+    assert len({recipe.plans for recipe in job.recipes if recipe.mode == "layers"}) == 8
     trials = []
     for recipe in job.recipes:
         changed = recipe.label.startswith("no-pruning")
@@ -161,4 +163,4 @@ def test_an_ablation_differs_from_the_default_in_one_thing_and_is_reported_by_it
 
 def test_what_changes_the_geometry_alone_is_tried_with_one_enhancer():
     tried = [{variant.name for variant in setting.variants if variant.of_geometry} for setting in SETTINGS]
-    assert [len(names) for names in tried] == [2, 0]
+    assert [len(names) for names in tried] == [4, 0]
