@@ -70,19 +70,31 @@ class Provenance:
 
 
 def enhanced_product() -> tuple[Any, ...]:
-    """The constants of enhancement."""
-    from ...core.enhance.lut_fit import LutSettings
-    from ...core.enhance.scene.fit import FitSettings
+    """The constants of enhancement, and the digest of the weights."""
+    return *_fitted_product(), weights_of_product()
 
-    return FitSettings(), LutSettings(), _WEIGHTS.read_text(encoding="utf-8").split()[0]
+
+def weights_of_product() -> str:
+    """The digest of the weights that predict scene networks."""
+    return _WEIGHTS.read_text(encoding="utf-8").split()[0]
 
 
 def trained_product() -> tuple[Any, ...]:
-    """The constants of enhancement and reconstruction, and what a run does unless it is told otherwise."""
+    """The constants of the fits of enhancement and reconstruction, and what a run does unless it is told otherwise.
+
+    Without the weights, which only the predicted network needs.
+    """
     from ...core.pipeline.stages import Plans
     from ...core.settings import Settings
 
-    return *enhanced_product(), Plans(), {field.name: field.default for field in fields(Settings)}
+    return *_fitted_product(), Plans(), {field.name: field.default for field in fields(Settings)}
+
+
+def _fitted_product() -> tuple[Any, ...]:
+    from ...core.enhance.lut_fit import LutSettings
+    from ...core.enhance.scene.fit import FitSettings
+
+    return FitSettings(), LutSettings()
 
 
 def fingerprint(command: str, facts: Facts) -> str:

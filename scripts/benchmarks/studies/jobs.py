@@ -29,8 +29,8 @@ from ....core.runtime.resources import available_processors
 from ....core.settings import WEIGHTS_SUFFIX
 from ....core.splats import raster
 from ..enhancers.drift import cached_matches
-from ..enhancers.methods import FIT_MARK
-from ..provenance import Facts, digest_of, fingerprint, trained_product
+from ..enhancers.methods import FIT_MARK, NETWORK
+from ..provenance import Facts, digest_of, fingerprint, trained_product, weights_of_product
 from .captures import SubjectSource
 from .recipe import Recipe, Trial
 from .trials import CaptureTrials, recipe_folder
@@ -143,8 +143,11 @@ class TrialStore:
 
 
 def _weights(recipe: Recipe) -> str:
-    """The digest of a recipe's own weights; "" for enhancers of the product, whose weights are the product's."""
-    file = Path(recipe.enhancer.partition(FIT_MARK)[0])
+    """The digest of the weights that a recipe needs; "" for none."""
+    name = recipe.enhancer.partition(FIT_MARK)[0]
+    if name == NETWORK:
+        return weights_of_product()
+    file = Path(name)
     return digest_of(file) if file.suffix == WEIGHTS_SUFFIX and file.is_file() else ""
 
 
