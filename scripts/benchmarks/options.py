@@ -154,19 +154,17 @@ def made_by(
     options: argparse.Namespace,
     trials: pd.DataFrame | None = None,
     *,
-    trained: bool = True,
     seeds: int | None = None,
 ) -> list[str]:
     """The lines of a text that say how its figures were made; by which command says its provenance.
 
     Args:
         trials: columns of `Trial`, to say how long they took, in this call or an earlier one.
-        trained: whether scenes were trained.
         seeds: number of seeds, if it is not that of the options.
     """
     seeds = seeds or options.seeds
     count = f"{seeds} seeds" if seeds > 1 else "one seed"
-    training = f", {options.iterations:,} steps, {count}" if trained else ""
+    training = f", {options.iterations:,} steps, {count}"
     took = "" if trials is None else f" {trials_took(trials)}"
     return [f"Views of at most {options.max_size} pixels{training}.{took}"]
 

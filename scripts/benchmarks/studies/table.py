@@ -203,8 +203,7 @@ def write_table(folder: Path, trials: pd.DataFrame, synthetic: Sequence[str], he
         heading: lines that say how the trials were made.
     """
     write_csv(folder / "table.csv", trials)
-    rows = trials.label.map(_BY_LABEL)
-    trials = with_derived(trials).assign(name=[row.name for row in rows], title=[row.title for row in rows])
+    trials = _titled(trials)
     lines = ["# Modes and enhancers", "", *heading, "", *_DEFINITIONS, ""]
     for capture, mine in trials.groupby("capture", sort=False):
         means, deviations = means_and_deviations(mine, ["title", "mode"], (*_QUALITY, *_COST))
@@ -216,6 +215,12 @@ def write_table(folder: Path, trials: pd.DataFrame, synthetic: Sequence[str], he
     lines += [f"## Against `{BASELINE}`", "", *tables_of_means(means, deviations, keys, _AGAINST), ""]
     lines += _targets(means, synthetic)
     return [*lines, *failures(trials)]
+
+
+def _titled(trials: pd.DataFrame) -> pd.DataFrame:
+    """The trials with derived columns, and with ``name`` and ``title`` of their enhancers' rows."""
+    rows = trials.label.map(_BY_LABEL)
+    return with_derived(trials).assign(name=[row.name for row in rows], title=[row.title for row in rows])
 
 
 def _photographs(trials: pd.DataFrame) -> pd.DataFrame:
@@ -302,7 +307,7 @@ def _measure(options: argparse.Namespace) -> str:
         summarise(source.name, enhancer, found) for source in frames for enhancer, found in frames[source].items()
     ]
     if summaries:
-        texts["frames"] = write_frames(options.out, pd.DataFrame(summaries), made_by(options, trained=False))
+        texts["frames"] = write_frames(options.out, pd.DataFrame(summaries), _titled(trials), made_by(options))
     return "\n".join(write_text(options.out / f"{name}.md", lines) for name, lines in texts.items())
 
 

@@ -15,13 +15,17 @@ from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.core.settings import Layer
 from cvdgs.scripts.benchmarks.enhancers.frames import SelectionRule
 from cvdgs.scripts.benchmarks.studies.protocol import (
+    PAPER,
     FrameRun,
     filter_frames,
     scenes_of,
     sequences_of,
     summarise,
+    table_one,
     write_frames,
 )
+from cvdgs.scripts.benchmarks.studies.recipe import Recipe, Trial, described
+from cvdgs.scripts.benchmarks.tables import frame_of
 
 from ....core.capture.make_captures import Shot, pinhole, write_colmap
 
@@ -98,6 +102,33 @@ def test_frames_that_were_filtered_are_kept(scenes, frames, tmp_path):
     pd.testing.assert_frame_equal(second["none"].drop(columns="kind"), frames.drop(columns="kind"), check_exact=True)
 
 
+def tried(title: str, *modes: str) -> pd.DataFrame:
+    """Two seeds of an enhancer in each mode; RWE and CCPR differ by seed."""
+    figures = {"ccpr_input": 0.7, "ssim_input": 0.6, "ssim_simulated": 0.8, "rwe": 0.9}
+    trials = [
+        Trial(
+            **described("garden", Recipe(mode, mode, seed=seed)),
+            **figures,
+            ccpr=0.8 + 0.02 * seed,
+            rwe_absolute=0.04 + 0.02 * seed,
+        )
+        for mode in modes
+        for seed in (0, 1)
+    ]
+    return frame_of(Trial, trials).assign(title=title, seconds=30.0)
+
+
+def test_table_one_has_the_paper_s_rows_first_and_the_means_of_ours_behind_them():
+    found = table_one(pd.concat([tried("network", "post", "layers"), tried("gain", "layers")]))
+    theirs, ours = found[found.capture == PAPER], found[found.capture == "garden"]
+    assert theirs.ccpr.tolist() == [0.713, 0.842, 0.839]
+    assert ours.title.tolist() == ["photographs", "network", "network"]  # gain was not tried in mode post
+    assert ours["mode"].tolist() == ["", "post", "layers"]
+    assert ours.ccpr.tolist() == pytest.approx([0.7, 0.81, 0.81])
+    assert ours.rwe.tolist()[1:] == pytest.approx([0.05, 0.05])  # absolute, as theirs seem to be
+    assert math.isnan(ours.rwe.iloc[0])
+
+
 def test_easy_frames_are_measured_separately():
     frames = pd.DataFrame(
         [("easy", 0.98, 35.0), ("easy", 1.0, math.inf), ("between", 0.9, 25.0), ("hard", 0.1, 5.0)],
@@ -119,6 +150,7 @@ def test_both_figures_have_to_be_reached(tmp_path, easy, ssim, psnr, verdict):
     counts = {"frames": 9, "hard": 4, "longest_run": 4, "sequences": 0, "easy": easy}
     figures = {"easy_ssim": ssim, "easy_psnr": psnr, "others_ssim": ssim, "others_psnr": psnr}
     scene = pd.DataFrame([{"scene": "garden", "enhancer": "cgan", **counts, **figures}])
-    lines = write_frames(tmp_path, scene, ["By `a command`."])
-    assert f" {verdict} |" in lines[-1]
+    lines = write_frames(tmp_path, scene, tried("lut", "post"), ["By `a command`."])
+    (row,) = (line for line in lines if line.startswith("| garden | cgan"))
+    assert f" {verdict} |" in row
     assert "garden,cgan,9,4,4,0" in (tmp_path / "frames.csv").read_text()
