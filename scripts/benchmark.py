@@ -17,12 +17,12 @@ from cvdgs.scripts.benchmarks.enhancers import drift
 from cvdgs.scripts.benchmarks.enhancers import frames as select
 from cvdgs.scripts.benchmarks.observers import command as observers
 from cvdgs.scripts.benchmarks.stress import command as stress
-from cvdgs.scripts.benchmarks.studies import ablation, budget, figure, pareto, table
+from cvdgs.scripts.benchmarks.studies import ablation, budget, figure, pareto, race, table
 from cvdgs.scripts.benchmarks.timing import batch, files, step, trainer
 from cvdgs.scripts.benchmarks.timing import stills as display
 
 STUDIES = (everything, table, pareto, budget, ablation, figure, stress)
-MEASUREMENTS = (step, trainer, display, files, enhancer, drift, select, batch, observers, stale)
+MEASUREMENTS = (race, step, trainer, display, files, enhancer, drift, select, batch, observers, stale)
 PARTS = tuple(module.PART for module in (*STUDIES, *MEASUREMENTS))
 
 
