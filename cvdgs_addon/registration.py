@@ -12,6 +12,7 @@ from . import preferences_panel, properties
 from .activity import ACTIVITY
 from .inspection import catch_up
 from .pictures import PICTURES
+from .scene.apart import Followers
 from .scene.camera_view import has_graphics_card, leave_slow_views
 from .scene.display import Form, form_of
 from .scene.splats import is_splats
@@ -114,6 +115,7 @@ PARTS: tuple[_Part, ...] = (
     _SceneProperty(),
     ACTIVITY,
     _OpenedFiles(),
+    Followers(),
     WATCHER,
     *map(_Class, operators.CLASSES),
     *map(_Class, ui.CLASSES),

@@ -6,8 +6,10 @@ import bpy
 
 from ..cvdgs_addon.compositor.apply import simulation_lifted
 from ..cvdgs_addon.scene import crop, display, neighbours, preview
+from ..cvdgs_addon.scene.apart import follow, is_apart
 from ..cvdgs_addon.scene.bystanders import bystanders, hide
 from ..cvdgs_addon.scene.camera_view import has_graphics_card, leave_slow_views, view_in_color
+from ..cvdgs_addon.scene.catcher import add_catcher
 from ..cvdgs_addon.scene.estimated_light import add_estimated_light
 from ..cvdgs_addon.scene.native_splats import has_native_splats, why_not_native
 from ..cvdgs_addon.scene.render_settings import Display, Engine
@@ -138,6 +140,24 @@ class CVDGS_OT_add_light(NeedsGaussians, bpy.types.Operator):
         self.report({"INFO"}, f"Added {', '.join(lamp.name for lamp in lamps)}")
 
 
+class CVDGS_OT_add_catcher(NeedsGaussians, bpy.types.Operator):
+    """Add a floor that shows nothing but the shadows of your objects on the Gaussians, in renders"""
+
+    bl_idname = "cvdgs.add_catcher"
+    bl_label = "Shadow Catcher"
+
+    @classmethod
+    def missing(cls, context: bpy.types.Context) -> str:
+        reason = "" if is_apart(context.scene) else "Choose Cycles, With Lamps, and Set Up Render first"
+        return super().missing(context) or reason
+
+    def act(self, context: bpy.types.Context) -> None:
+        scene = context.scene
+        standing = [scene.objects[name] for name in bystanders(scene)]
+        add_catcher(scene, shown_splats(context), standing)
+        follow(scene)
+
+
 class CVDGS_OT_hide_bystanders(NeedsGaussians, bpy.types.Operator):
     """Hide what renders show beside the Gaussians; Show Hidden Objects in the menu Object brings it back to the view"""
 
@@ -212,6 +232,7 @@ CLASSES: tuple[type, ...] = (
     CVDGS_OT_view_in_color,
     CVDGS_OT_look_around,
     CVDGS_OT_add_light,
+    CVDGS_OT_add_catcher,
     CVDGS_OT_hide_bystanders,
     CVDGS_OT_hide_other_gaussians,
     CVDGS_OT_place_beside,

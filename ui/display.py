@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.scene import crop, display
+from ..cvdgs_addon.scene.apart import objects_scene
 from ..cvdgs_addon.scene.bystanders import bystanders
 from ..cvdgs_addon.scene.display import Form
 from ..cvdgs_addon.scene.masks import Treatment
@@ -126,8 +127,7 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     column.prop(chosen, "engine")
     column.prop(chosen, "colors")
     if chosen.colors == "SCENE_LINEAR":
-        say(box, context, "Lamps light your objects, not the Gaussians", "INFO")
-        box.operator("cvdgs.add_light", icon="LIGHT_SUN")
+        _draw_lamps(box, context)
     fog = fog_of(context.scene)
     if fog:
         say(box, context, fog, "ERROR")
@@ -136,6 +136,20 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
     row.operator("cvdgs.restore_render", text="Restore", icon="LOOP_BACK")
     say_unsuitable_view(box, context)
     draw_changes(layout, context, "cvdgs_render_changes", list(display.render_changes(context.scene)))
+
+
+def _draw_lamps(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """What an artist's own objects need to stand in the scene."""
+    say(layout, context, "Lamps light your objects, not the Gaussians", "INFO")
+    column = layout.column(align=True)
+    column.operator("cvdgs.add_light", icon="LIGHT_SUN")
+    column.operator("cvdgs.add_catcher", icon="MESH_PLANE")
+    objects = objects_scene(context.scene)
+    if objects is not None:
+        column = split_column(layout)
+        column.prop(objects.cycles, "samples", text="Samples, Objects")
+        column.prop(objects.cycles, "max_bounces", text="Bounces")
+        column.prop(objects.cycles, "use_denoising", text="Denoise Objects")
 
 
 def say_unsuitable_view(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

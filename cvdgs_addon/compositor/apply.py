@@ -11,6 +11,7 @@ import bpy
 
 from ..scene.remembered_settings import change_settings, changes, restore_settings
 from ..scene.render_settings import SIMULATION_VIEW
+from .apart import arrange
 from .display_nodes import Picture, add_display_nodes, picture_kind, raw_view
 from .scene_tree import ensure_tree, is_ours, output_socket, picture_source, remove_tree, scene_tree, viewers_of
 from .simulation_group import GROUP_NAME, Socket, choose, simulation_group
@@ -53,11 +54,15 @@ def apply_simulation(scene: bpy.types.Scene) -> None:
 
 @contextmanager
 def simulation_lifted(scene: bpy.types.Scene) -> Iterator[None]:
-    """For changes of the view transform: the simulation is away within the block, and back for the new one after."""
+    """For changes of the view transform: the simulation is away within the block, and back for the new one after.
+
+    What stands among the Gaussians is rendered apart from then on where the new settings are for lamps, and only there.
+    """
     remove_simulation(scene)
     try:
         yield
     finally:
+        arrange(scene)
         apply_simulation(scene)
 
 

@@ -10,6 +10,9 @@ _SOURCE, _VIEWER = "CompositorNodeRLayers", "CompositorNodeViewer"
 _TREE_NAME = "CVD Compositor"
 _OURS = "cvdgs_made"  # custom property of a tree that `ensure_tree` made
 
+APART_NODE = "CVD objects apart (add-on)"
+"""The node that brings what is rendered apart into the picture (see `apart`)."""
+
 
 def scene_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree | None:
     """The compositor tree in force, if there is one."""
@@ -37,8 +40,8 @@ def ensure_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
 
 
 def is_ours(tree: bpy.types.NodeTree) -> bool:
-    """Whether `ensure_tree` made the tree."""
-    return bool(tree.get(_OURS))
+    """Whether `ensure_tree` made the tree, and it brings nothing into the picture."""
+    return bool(tree.get(_OURS)) and APART_NODE not in tree.nodes
 
 
 def remove_tree(scene: bpy.types.Scene, tree: bpy.types.NodeTree) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.splats.gaussians import core_bounds
 from ..activity import scene_by_uid
+from .apart import follow
 from .bystanders import bystanders
 from .cameras import SENSOR_WIDTH, is_capture_camera
 from .display import match_display
@@ -135,6 +136,7 @@ def render_turntable(scene: bpy.types.Scene, turntable: Turntable, folder: Path,
     display = display_of(scene) if bystanders(scene) else Display.PHOTO  # Gaussians alone need one sample
     told = change_settings(scene, _RENDER, _turn_settings(camera, turntable, display, folder))
     match_display(scene)
+    follow(scene)
     if not wait:
         bpy.ops.render.render("INVOKE_DEFAULT", animation=True, scene=scene.name)
         _restore_when_rendered(scene)

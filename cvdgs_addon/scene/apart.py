@@ -1,0 +1,210 @@
+"""An artist's objects and the Gaussians, each in a scene of its own that follows the artist's: both get what they need.
+
+Objects need many samples, bounces, a denoiser and a soft pixel filter; Gaussians need one sample at the pixel's centre,
+and denoisers take their weave for noise. In the Gaussians' scene the objects are holes, so that what stands before them
+hides them. `compositor.apart` puts the pictures together. 3D views show the artist's own scene.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import threading
+from collections.abc import Iterable, Iterator
+
+import bpy
+
+from .bystanders import bystanders
+from .catcher import catchers_of, is_catcher_handle
+from .native_splats import native_splats_of
+from .render_settings import Engine, engine_settings
+from .sparse_points import is_sparse_points
+from .splats import is_splats
+
+OBJECTS_LAYER, COVERAGE_LAYER, GAUSSIANS_LAYER = "Objects", "Coverage", "Gaussians"
+"""View layers: lit objects with the shadows that they throw; where objects are, as alpha; Gaussians with holes."""
+
+_OBJECTS_SCENE, _GAUSSIANS_SCENE = "cvdgs_objects_scene", "cvdgs_gaussians_scene"
+_RENDERED_LAYERS = "cvdgs_rendered_layers"
+_EMPTY_LAYER = "CVD Rendered Apart"
+_THINGS, _LAMPS, _CATCHERS, _SPLATS = "CVD Objects", "CVD Lamps", "CVD Shadow Catchers", "CVD Gaussians"
+_FOLLOWED = (
+    *("camera", "world", "cycles.device", "render.resolution_x", "render.resolution_y", "render.resolution_percentage"),
+    *("render.pixel_aspect_x", "render.pixel_aspect_y", "render.use_motion_blur", "render.motion_blur_shutter"),
+    *("render.use_border", "render.use_crop_to_border"),
+    *(f"render.border_{end}_{axis}" for end in ("min", "max") for axis in "xy"),
+)
+_OF_OBJECTS = {
+    "render.engine": "CYCLES",
+    "render.film_transparent": True,
+    "cycles.samples": 64,
+    "cycles.use_adaptive_sampling": True,
+    "cycles.adaptive_threshold": 0.02,
+    "cycles.max_bounces": 4,
+    "cycles.transparent_max_bounces": 32,
+}
+_COVERAGE_SAMPLES = 16
+
+
+def objects_scene(scene: bpy.types.Scene) -> bpy.types.Scene | None:
+    """The scene that renders the objects of `scene`; None where they are rendered with the Gaussians."""
+    return scene.get(_OBJECTS_SCENE)
+
+
+def gaussians_scene(scene: bpy.types.Scene) -> bpy.types.Scene | None:
+    """The scene that renders the Gaussians of `scene` alone; None where there is none."""
+    return scene.get(_GAUSSIANS_SCENE)
+
+
+def is_apart(scene: bpy.types.Scene) -> bool:
+    """Whether the objects of `scene` are rendered apart from its Gaussians."""
+    return objects_scene(scene) is not None and gaussians_scene(scene) is not None
+
+
+def take_apart(scene: bpy.types.Scene) -> None:
+    """Let objects and Gaussians of `scene` be rendered in scenes of their own; nothing of them is copied."""
+    put_together(scene)
+    things, lamps, catchers, splats = map(bpy.data.collections.new, (_THINGS, _LAMPS, _CATCHERS, _SPLATS))
+    lit = _new_scene(f"{scene.name}, Objects", _OF_OBJECTS, things, lamps, catchers)
+    lit.view_layers[0].name = OBJECTS_LAYER
+    lit.view_layers[0].cycles.use_denoising = True
+    lit.cycles.use_denoising = _has_denoiser()
+    coverage = lit.view_layers.new(COVERAGE_LAYER)
+    coverage.samples = _COVERAGE_SAMPLES
+    coverage.cycles.use_denoising = False
+    for collection in (lamps, catchers):
+        coverage.layer_collection.children[collection.name].exclude = True
+    shown = _new_scene(f"{scene.name}, Gaussians", engine_settings(Engine.CYCLES), splats, things)
+    shown.view_layers[0].name = GAUSSIANS_LAYER
+    shown.view_layers[0].layer_collection.children[things.name].holdout = True
+    scene[_OBJECTS_SCENE], scene[_GAUSSIANS_SCENE] = lit, shown
+    scene[_RENDERED_LAYERS] = json.dumps([layer.name for layer in scene.view_layers if layer.use])
+    for layer in scene.view_layers:
+        layer.use = False
+    scene.view_layers.new(_EMPTY_LAYER)  # Blender renders no scene without any
+    follow(scene)
+
+
+def put_together(scene: bpy.types.Scene) -> None:
+    """Undo `take_apart`."""
+    for key in (_OBJECTS_SCENE, _GAUSSIANS_SCENE):
+        helper = scene.get(key)
+        if helper is not None:
+            for collection in list(helper.collection.children):
+                bpy.data.collections.remove(collection)
+            bpy.data.scenes.remove(helper)
+        scene.pop(key, None)
+    rendered = json.loads(scene.pop(_RENDERED_LAYERS, "[]"))
+    for layer in scene.view_layers:
+        layer.use = layer.use or layer.name in rendered
+    empty = scene.view_layers.get(_EMPTY_LAYER)
+    if empty is not None and len(scene.view_layers) > 1:
+        scene.view_layers.remove(empty)
+
+
+def follow(scene: bpy.types.Scene) -> None:
+    """Bring the scenes of `take_apart` up to date: objects, camera, world and size of `scene`."""
+    lit, shown = objects_scene(scene), gaussians_scene(scene)
+    if lit is None or shown is None:
+        return
+    for helper in (lit, shown):
+        for path in _FOLLOWED:
+            _copy(scene, helper, path)
+    things, lamps, catchers = lit.collection.children
+    splats = shown.collection.children[0]
+    changes = [
+        _fill(things, _things_of(scene)),
+        _fill(lamps, (found for found in scene.objects if found.type == "LIGHT")),
+        _fill(
+            catchers, (found for handle in filter(is_catcher_handle, scene.objects) for found in catchers_of(handle))
+        ),
+        _fill(splats, _splats_of(scene)),
+    ]
+    empty = scene.view_layers.get(_EMPTY_LAYER)
+    for child in empty.layer_collection.children if empty is not None else ():
+        if not child.exclude:
+            child.exclude = True
+    if any(changes):
+        bpy.context.view_layer.update()  # a render that has begun may find view layers as they were, and crash
+
+
+class Followers:
+    """Follows every change of scenes that are rendered apart; a part of the add-on."""
+
+    def __init__(self) -> None:
+        @bpy.app.handlers.persistent
+        def follow_all(*_: object) -> None:
+            # Renders that a window starts come here on a thread of theirs: what changed before was followed at once.
+            if threading.current_thread() is threading.main_thread():
+                for scene in filter(is_apart, list(bpy.data.scenes)):
+                    follow(scene)
+
+        self._follow = follow_all
+        self._events = ("depsgraph_update_post", "render_init", "load_post")
+
+    def register(self) -> None:
+        for event in self._events:
+            getattr(bpy.app.handlers, event).append(self._follow)
+
+    def unregister(self) -> None:
+        for event in self._events:
+            handlers = getattr(bpy.app.handlers, event)
+            if self._follow in handlers:
+                handlers.remove(self._follow)
+
+
+def _new_scene(name: str, settings: dict, *collections: bpy.types.Collection) -> bpy.types.Scene:
+    scene = bpy.data.scenes.new(name)
+    for path, value in settings.items():
+        _set(scene, path, value)
+    for collection in collections:
+        scene.collection.children.link(collection)
+    scene.view_layers[0].update()  # Blender 5.2 knows the collections of a new scene only then
+    return scene
+
+
+def _has_denoiser() -> bool:
+    """Whether this Blender was built with one that needs no graphics card: some distributions leave it out."""
+    return bool(getattr(importlib.import_module("_cycles"), "with_openimagedenoise", False))
+
+
+def _things_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
+    """What is lit, is seen, and hides Gaussians."""
+    reachable = {found.name for layer in scene.view_layers if layer.name != _EMPTY_LAYER for found in layer.objects}
+    for name in bystanders(scene):
+        if name in reachable:
+            yield scene.objects[name]
+    for found in scene.objects:
+        if found.type == "EMPTY" and found.instance_type == "COLLECTION" and found.name in reachable:
+            yield found
+
+
+def _splats_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
+    for found in scene.objects:
+        if is_splats(found) or is_sparse_points(found):
+            yield found
+            native = native_splats_of(found) if is_splats(found) else None
+            if native is not None:
+                yield native
+
+
+def _fill(collection: bpy.types.Collection, wanted: Iterable[bpy.types.Object]) -> bool:
+    """Let `collection` hold the `wanted` objects; returns whether it did not."""
+    wanted = set(wanted)
+    present = set(collection.objects)
+    for found in present - wanted:
+        collection.objects.unlink(found)
+    for found in wanted - present:
+        collection.objects.link(found)
+    return wanted != present
+
+
+def _copy(source: bpy.types.Scene, target: bpy.types.Scene, path: str) -> None:
+    value = source.path_resolve(path)
+    if target.path_resolve(path) != value:
+        _set(target, path, value)
+
+
+def _set(scene: bpy.types.Scene, path: str, value: object) -> None:
+    parent, _, name = path.rpartition(".")
+    setattr(scene.path_resolve(parent) if parent else scene, name, value)

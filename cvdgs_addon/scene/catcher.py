@@ -1,0 +1,55 @@
+"""Floors that show nothing but the shadows that an artist's objects throw on the Gaussians.
+
+The artist moves an Empty. The plane that catches is its child and only in the scene that renders the objects (see
+`apart`): beside Gaussians it would hide what lies below it.
+"""
+
+from __future__ import annotations
+
+import bpy
+import mathutils
+import numpy as np
+
+from ...core.splats.gaussians import core_bounds
+from .splat_attributes import point_positions
+
+NAME = "Shadow Catcher"
+
+_HANDLE = "cvdgs_shadow_catcher"
+_FLOOR = 5.0  # percentile of the Gaussians' heights, for a floor with nothing on it
+_RADII = 1.5  # half of its side, in radii of the Gaussians' core
+_CORNERS = ((-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0))
+
+
+def add_catcher(scene: bpy.types.Scene, splats: bpy.types.Object, standing: list[bpy.types.Object]) -> bpy.types.Object:
+    """Add a level floor under the objects `standing` on it, or under the Gaussians; returns the Empty that moves it."""
+    bpy.context.view_layer.update()
+    positions = point_positions(splats.data)
+    matrix = np.array(splats.matrix_world)
+    center, radius = core_bounds(positions)
+    center = matrix[:3, :3] @ center + matrix[:3, 3]
+    radius *= max(splats.matrix_world.to_scale())
+    heights = positions @ matrix[2, :3] + matrix[2, 3]
+    corners = [found.matrix_world @ mathutils.Vector(corner) for found in standing for corner in found.bound_box]
+    floor = min((corner.z for corner in corners), default=float(np.percentile(heights, _FLOOR)))
+    handle = bpy.data.objects.new(NAME, None)
+    handle[_HANDLE] = True
+    handle.empty_display_type, handle.empty_display_size = "CUBE", 1.0
+    handle.location = (float(center[0]), float(center[1]), floor)
+    handle.scale = (_RADII * float(radius), _RADII * float(radius), 1e-3 * float(radius))
+    scene.collection.objects.link(handle)
+    mesh = bpy.data.meshes.new(NAME)
+    mesh.from_pydata(_CORNERS, [], [(0, 1, 2, 3)])
+    plane = bpy.data.objects.new(f"{NAME} Plane", mesh)
+    plane.parent, plane.is_shadow_catcher = handle, True
+    return handle
+
+
+def is_catcher_handle(candidate: bpy.types.Object) -> bool:
+    """Whether `candidate` is an Empty of `add_catcher`."""
+    return bool(candidate.get(_HANDLE)) and candidate.type == "EMPTY"
+
+
+def catchers_of(handle: bpy.types.Object) -> list[bpy.types.Object]:
+    """The plane that catches shadows where `handle` stands; none where somebody deleted it."""
+    return [child for child in handle.children if child.type == "MESH" and child.is_shadow_catcher]

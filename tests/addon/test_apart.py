@@ -1,0 +1,216 @@
+"""With Lamps: an artist's objects are rendered apart from the Gaussians, and stand among them all the same."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+
+from cvdgs.cvdgs_addon.compositor.scene_tree import ensure_tree, output_socket, scene_tree
+from cvdgs.cvdgs_addon.scene import apart, display, splats
+from cvdgs.cvdgs_addon.scene.apart import gaussians_scene, is_apart, objects_scene
+from cvdgs.cvdgs_addon.scene.catcher import catchers_of, is_catcher_handle
+from cvdgs.cvdgs_addon.scene.render_settings import Display, Engine
+from cvdgs.cvdgs_addon.scene.turntable import Turntable, add_turntable, render_turntable
+from cvdgs.ui.display import CVDGS_PT_display
+
+from . import ewa
+from .layouts import drawn
+from .scenes import CAMERA, cloud, look_at, look_through, read_png, render_png, ring_view, take
+from .test_apply_simulation import structure
+
+EIGHT_BITS = 1.0 / 255.0
+
+
+@pytest.fixture
+def scene(addon):
+    scene = bpy.context.scene
+    look_through(scene, CAMERA, ring_view(0.4))
+    settings = scene.render.image_settings
+    if bpy.app.version >= (5, 0):
+        settings.media_type = "IMAGE"
+    settings.file_format, settings.color_mode = "PNG", "RGB"
+    collection = bpy.data.collections.new("run")
+    scene.collection.children.link(collection)
+    shown = splats.add_gaussians(cloud(200), {}, collection, "run Gaussians")
+    shown[display.BACKGROUND_PROPERTY] = (0.1, 0.1, 0.1)
+    scene.cvdgs.display.colors = "SCENE_LINEAR"
+    return scene
+
+
+def add_thing(scene: bpy.types.Scene, location, size: float = 0.6, light: tuple | None = None) -> bpy.types.Object:
+    """A cube; with `light` it shines evenly in that linear colour, so that a sample tells its colour."""
+    corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    mesh = bpy.data.meshes.new("Thing")
+    mesh.from_pydata([tuple(0.5 * size * end for end in corner) for corner in corners], [], faces)
+    thing = bpy.data.objects.new("Thing", mesh)
+    thing.location = location
+    if light is not None:
+        material = bpy.data.materials.new("Shining")
+        if bpy.app.version < (5, 0):
+            material.use_nodes = True
+        nodes = material.node_tree.nodes
+        nodes.clear()
+        emission, output = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
+        emission.inputs["Color"].default_value = (*light, 1.0)
+        material.node_tree.links.new(emission.outputs[0], output.inputs[0])
+        mesh.materials.append(material)
+    scene.collection.objects.link(thing)
+    return thing
+
+
+def add_lamp(scene: bpy.types.Scene) -> bpy.types.Object:
+    """A sun that shines straight down."""
+    data = bpy.data.lights.new("Lamp", "SUN")
+    data.energy = 3.0
+    lamp = bpy.data.objects.new("Lamp", data)
+    scene.collection.objects.link(lamp)
+    return lamp
+
+
+def test_gaussians_are_the_same_picture_apart_from_lamps(scene, tmp_path):
+    display.set_up_render(scene, Engine.CYCLES, Display.SCENE_LINEAR)
+    together = render_png(scene, tmp_path / "together.png")
+    bpy.ops.cvdgs.set_up_render()
+    assert is_apart(scene)
+    add_lamp(scene)
+    assert ewa.psnr(render_png(scene, tmp_path / "apart.png"), together) > 50.0
+
+
+def test_a_thing_among_gaussians_hides_those_behind_it_and_is_hidden_by_those_before(scene, tmp_path):
+    add_thing(scene, (0.2, 0.1, -0.1), light=(0.2, 0.6, 0.9))
+    display.set_up_render(scene, Engine.CYCLES, Display.SCENE_LINEAR, {"cycles.filter_width": 1.0})
+    scene.cycles.use_adaptive_sampling = False
+    together = render_png(scene, tmp_path / "together.png")  # Cycles traces both: the oracle
+    display.restore_render(scene)
+    bpy.ops.cvdgs.set_up_render()
+    seen = render_png(scene, tmp_path / "apart.png")
+    assert ewa.psnr(seen, together) > 30.0
+    scene.objects["Thing"].hide_render = True
+    without = render_png(scene, tmp_path / "without.png")
+    changed = np.abs(seen - without).max(axis=2) > 0.1
+    assert changed.mean() > 0.03
+    assert ewa.psnr(seen[changed], together[changed]) > 22.0
+
+
+def test_objects_get_samples_bounces_and_a_denoiser_and_gaussians_one_sample(scene):
+    bpy.ops.cvdgs.set_up_render()
+    lit, shown = objects_scene(scene), gaussians_scene(scene)
+    assert lit.cycles.samples >= 64
+    assert lit.cycles.max_bounces >= 2
+    assert lit.cycles.use_denoising
+    assert lit.cycles.filter_width > 1.0
+    assert (shown.cycles.samples, shown.cycles.use_denoising) == (1, False)
+    assert {"samples", "use_denoising"} <= set(drawn(CVDGS_PT_display).properties)
+
+
+def test_a_catcher_shows_the_shadow_and_nothing_else(scene, tmp_path):
+    assert not bpy.ops.cvdgs.add_catcher.poll()
+    bpy.data.objects.remove(next(found for found in scene.objects if splats.is_splats(found)))
+    floor = take(cloud(1), [0] * 64)
+    grid = np.linspace(-1.4, 1.4, 8)
+    floor.means[:] = np.stack([*np.meshgrid(grid, grid), np.zeros((8, 8))], axis=-1).reshape(-1, 3)
+    floor.log_scales[:], floor.opacity_logits[:] = np.log(0.25), 5.0
+    floor.sh[:] = 1.0
+    shown = splats.add_gaussians(floor, {}, scene.collection)
+    shown[display.BACKGROUND_PROPERTY] = (0.1, 0.1, 0.1)
+    look_through(scene, CAMERA, look_at((0.0, -0.5, 5.0)))
+    add_lamp(scene)
+    thing = add_thing(scene, (0.0, 0.0, 1.0))
+    bpy.ops.cvdgs.set_up_render()
+    bpy.ops.cvdgs.add_catcher()
+    (handle,) = filter(is_catcher_handle, scene.objects)
+    assert handle.location.z == pytest.approx(0.7)  # where the thing stands
+    handle.location.z = 0.3
+    thing.visible_camera = False
+    caught = render_png(scene, tmp_path / "caught.png")
+    thing.hide_render = True
+    bare = render_png(scene, tmp_path / "bare.png")
+    darker = bare.mean(axis=2) - caught.mean(axis=2)
+    assert (darker > 0.2).sum() > 10
+    assert abs(darker).mean() < 0.1, "the floor itself is not to be seen"
+    assert np.median(abs(darker)) < 2 * EIGHT_BITS
+    (plane,) = catchers_of(handle)
+    assert plane.name not in scene.objects
+
+
+def test_what_happens_in_the_scene_is_followed(scene):
+    bpy.ops.cvdgs.set_up_render()
+    lit, shown = objects_scene(scene), gaussians_scene(scene)
+    thing, lamp = add_thing(scene, (0.0, 0.0, 0.0)), add_lamp(scene)
+    scene.render.resolution_x = 99
+    camera = look_through(scene, CAMERA, ring_view(1.0))
+    bpy.context.view_layer.update()
+    things, lamps, _ = lit.collection.children
+    assert (set(things.objects), set(lamps.objects)) == ({thing}, {lamp})
+    assert (lit.camera, shown.camera) == (camera, camera)
+    assert shown.render.resolution_x == scene.render.resolution_x
+    thing.hide_render = True
+    bpy.context.view_layer.update()
+    assert not things.objects
+
+
+def test_a_script_that_renders_at_once_gets_what_it_changed(scene, tmp_path):
+    bpy.ops.cvdgs.set_up_render()
+    look_through(scene, CAMERA, ring_view(2.0))
+    add_thing(scene, (0.0, 0.0, 0.0), size=6.0, light=(0.0, 0.0, 1.0))
+    np.testing.assert_allclose(
+        np.median(render_png(scene, tmp_path / "blue.png"), axis=(0, 1)), [0.0, 0.0, 1.0], atol=0.05
+    )
+
+
+def test_restoring_leaves_no_trace(scene):
+    scene.view_layers.new("Mine").use = False
+    tree = ensure_tree(scene)
+    del tree["cvdgs_made"]  # as if an artist had
+    output = output_socket(tree)
+    layers, glare = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeBlur")
+    tree.links.new(layers.outputs["Image"], glare.inputs["Image"])
+    tree.links.new(glare.outputs["Image"], output)
+    before = structure(tree), {layer.name: layer.use for layer in scene.view_layers}
+    groups = len(bpy.data.node_groups)
+    bpy.ops.cvdgs.set_up_render()
+    bpy.ops.cvdgs.set_up_render()
+    assert is_apart(scene)
+    assert structure(tree) != before[0]
+    bpy.ops.cvdgs.restore_render()
+    assert not is_apart(scene)
+    assert list(bpy.data.scenes) == [scene]
+    assert (structure(tree), {layer.name: layer.use for layer in scene.view_layers}) == before
+    assert len(bpy.data.node_groups) <= groups + 2  # of the Gaussians, for light
+
+
+def test_a_simulation_is_of_the_whole_picture(scene, tmp_path):
+    add_thing(scene, (0.0, 0.0, 0.0), light=(0.0, 0.7, 0.0))
+    bpy.ops.cvdgs.set_up_render()
+    seen = render_png(scene, tmp_path / "seen.png")
+    scene.cvdgs.viewer.cvd = "achromat"
+    scene.cvdgs.simulate.in_renders = True
+    grey = render_png(scene, tmp_path / "grey.png")
+    assert np.ptp(seen, axis=2).max() > 0.5
+    assert np.ptp(grey, axis=2).max() < 2 * EIGHT_BITS
+    scene.cvdgs.simulate.in_renders = False
+    np.testing.assert_allclose(render_png(scene, tmp_path / "back.png"), seen, atol=2 * EIGHT_BITS)
+    assert scene_tree(scene) is not None
+
+
+@pytest.mark.parametrize(("engine", "colors"), [("EEVEE", "SCENE_LINEAR"), ("CYCLES", "PHOTO")])
+def test_only_cycles_with_lamps_renders_apart(scene, engine, colors):
+    bpy.ops.cvdgs.set_up_render()
+    assert is_apart(scene)
+    scene.cvdgs.display.engine, scene.cvdgs.display.colors = engine, colors
+    bpy.ops.cvdgs.set_up_render()
+    assert not is_apart(scene)
+
+
+def test_a_turntable_shows_things_from_its_own_camera(scene, tmp_path):
+    add_thing(scene, (0.0, 0.0, 0.0), size=6.0, light=(0.9, 0.0, 0.0))
+    bpy.ops.cvdgs.set_up_render()
+    target = next(found for found in scene.objects if splats.is_splats(found))
+    add_turntable(scene, target, Turntable(frames=2))
+    render_turntable(scene, Turntable(frames=2, width=32, height_pixels=24), tmp_path, wait=True)
+    picture = read_png(tmp_path / "0002.png")
+    assert picture.shape == (24, 32, 3)
+    assert np.median(picture[..., 0]) > 0.8
+    assert apart.is_apart(scene)
