@@ -80,8 +80,8 @@ def write_run(folder: Path, *, with_layers: bool = True, simulation: str = "mach
     picture = np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8)
     for name, gaussians in layers.items():
         write_ply(folder / ("splats.ply" if name == "original" else f"splats.{name}.ply"), gaussians)
-        for place in ("", "simulated", "simulated_input"):
-            write_png(folder / "renders" / name / place / "view1.png", picture)
+        for number, place in enumerate(("", "simulated", "simulated_input")):
+            write_png(folder / "renders" / name / place / "view1.png", picture + np.uint8(number))
     write_png(folder / "capture" / "images" / "view1.png", picture // 2)
     common = {
         "w": CAMERA.width,

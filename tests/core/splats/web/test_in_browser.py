@@ -247,6 +247,21 @@ def test_a_scene_without_layers_or_cameras_is_shown_too(running, tmp_path):
     page.close()
 
 
+def compared(line: Any) -> list[str]:
+    """Sources of the two pictures that the report compares."""
+    return [image.get_attribute("src") for image in line.locator("img").all()]
+
+
+def captioned(page: Any, *endings: str) -> list[str]:
+    """Sources of the first two pictures whose captions end so, in their order."""
+    images = page.locator(".compared").first.locator("figure").all()
+    return [
+        figure.locator("img").get_attribute("src")
+        for figure in images
+        if figure.locator("figcaption").inner_text().endswith(endings)
+    ][:2]
+
+
 def test_the_report_opens_the_scene_on_a_click_and_compares_pictures(running, tmp_path):
     write_viewer(write_run(tmp_path))
     write_report_page(tmp_path)
@@ -258,6 +273,9 @@ def test_the_report_opens_the_scene_on_a_click_and_compares_pictures(running, tm
     left = line.locator(".line").bounding_box()["x"]
     line.get_by_role("slider").fill("90")
     assert line.locator(".line").bounding_box()["x"] > left
+    assert compared(line) == captioned(page, "as deutan vision sees it"), "what this observer sees of both"
+    line.get_by_role("checkbox", name="both as deutan vision sees them").uncheck()
+    assert compared(line) == captioned(page, "photograph", "enhanced, rendered")
     (tmp_path / "viewer.html").unlink()  # the report needs no other file
     page.get_by_role("button", name="Open the scene").click()
     page.frame_locator("iframe").locator("html[data-ready]").wait_for()
