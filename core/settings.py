@@ -14,6 +14,7 @@ from typing import Any
 
 from .errors import InputError
 from .files.untrusted import explained
+from .scale_reference import metres_of_points, tag_side_of
 
 CVD_TYPES = ("protan", "deutan", "tritan", "achromat")
 SIMULATIONS = ("machado", "vienot", "brettel")
@@ -31,7 +32,6 @@ ESTIMATE, GIVEN = "estimate", "given"
 MIN_SIZE = 32  # pixels of the longer side; below that SSIM's 11-pixel window sees little else than its own border
 
 _UPDATE = "update the program that sends them"
-_SMALLEST_UNIT, _LARGEST_UNIT = 1e-6, 1e6  # metres
 _MOST_EXACT = 2**53  # of whole numbers as floating-point ones
 _TYPE_NAMES: Mapping[type, str] = {
     bool: "true or false",
@@ -201,7 +201,8 @@ class Settings:
     )
     scale: str = _option(
         "",
-        'two points of the capture\'s world and the metres between them, "x,y,z x,y,z 2.4"',
+        'two points of the capture\'s world and the metres between them, "x,y,z x,y,z 2.4"; or the side in metres '
+        "of printed tags that the photographs show, tag:0.15",
         metavar="REFERENCE",
         fixed=True,
     )
@@ -266,7 +267,7 @@ class Settings:
             "--holdout",
             "give 0 for none, or 2 and more",
         )
-        scale_of(self.scale)
+        metres_of_points(self.scale)
         _check(self.turntable != 1, "one picture is no turn", "--turntable", "give 2 or more, or 0 for none")
         _check(self.blend or not self.turntable, "Blender renders it", "--turntable", "leave out --no-blend")
 
@@ -277,8 +278,13 @@ class Settings:
 
     @property
     def metres_per_unit(self) -> float | None:
-        """How long a unit of the capture's world is; None where nobody has measured it."""
-        return scale_of(self.scale)
+        """How long a unit of the capture's world is; None where it is not known before the capture is read."""
+        return metres_of_points(self.scale)
+
+    @property
+    def tag_side(self) -> float | None:
+        """Of printed tags in the photographs, in metres; None where the scale does not come from any."""
+        return tag_side_of(self.scale)
 
     @property
     def corrects_poses(self) -> bool:
@@ -327,33 +333,6 @@ def typed_value(owner: type, name: str, value: Any) -> Any:
         remedy = f"give {' or '.join(_TYPE_NAMES[one] for one in allowed)}"
         raise InputError(f"{repr(value)[:40]} is unusable", where=flag(name), remedy=remedy)
     return value
-
-
-def scale_of(reference: str) -> float | None:
-    """Metres in a unit of the capture's world, from two of its points and the metres between them; None without.
-
-    Args:
-        reference: ``x,y,z x,y,z metres``.
-
-    Raises:
-        InputError: it is something else, the points are one, or the distance is not above 0.
-    """
-    if not reference:
-        return None
-    try:
-        first, second, metres = reference.split()
-        start, end = ([float(number) for number in point.split(",")] for point in (first, second))
-        distance, length = (math.dist(start, end) if len(start) == len(end) == 3 else math.nan), float(metres)
-        scale = length / distance
-    except (ValueError, ZeroDivisionError, OverflowError):
-        scale = math.nan
-    _check(
-        _SMALLEST_UNIT <= scale <= _LARGEST_UNIT,
-        f"{repr(reference)[:60]} is no reference",
-        "--scale",
-        'give two points and the metres between them, as in "0,0,0 0,1.5,0 2.4"',
-    )
-    return scale
 
 
 def is_enhancer(name: str) -> bool:

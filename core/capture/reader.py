@@ -29,12 +29,15 @@ from .model import MIN_VIEWS, Capture, CaptureSummary, CaptureWarning, View
 from .scaling import downscale_with_alpha, fit_size
 from .sfm import estimate_cameras
 from .source import MOST_VIEWS, SourceModel
+from .tag_scale import metres_per_unit
 from .transforms import find_transforms, read_transforms
 from .upright import DOWN_IS_Y, find_up, rotation_to
 from .views import STAGE, plan_views, read_views
 
 # Below this a reconstruction has to guess what lies between the views.
 _FEW_VIEWS = 10
+_TAG_SIZE = 1600  # pixels of the longer side, in which tags are looked for
+_AT_ONCE = 4  # photographs of that size
 
 
 def inspect_capture(folder: str | Path, *, cameras: str = AUTO, reporter: Reporter | None = None) -> CaptureSummary:
@@ -72,7 +75,12 @@ def _inspect(folder: Path, cameras: str, reporter: Reporter | None) -> CaptureSu
 
 
 def read_capture(
-    folder: str | Path, *, max_size: int | None, cameras: str = AUTO, reporter: Reporter | None = None
+    folder: str | Path,
+    *,
+    max_size: int | None,
+    cameras: str = AUTO,
+    reporter: Reporter | None = None,
+    tag_side: float | None = None,
 ) -> Capture:
     """Read a capture: photographs with a COLMAP model or a transforms.json, or photographs and videos alone.
 
@@ -83,9 +91,10 @@ def read_capture(
         cameras: `AUTO` takes those that are given and otherwise estimates some, `GIVEN` and `ESTIMATE` do one alone;
             anything else is the path of a COLMAP model's folder or a transforms.json.
         reporter: told of progress and of every warning.
+        tag_side: of printed tags that the photographs show, in metres; the capture then has its `metres_per_unit`.
 
     Raises:
-        InputError: nothing usable is there, or something in it is damaged.
+        InputError: nothing usable is there, or something in it is damaged; or no tag gives a scale.
     """
     folder, reporter = Path(folder), reporter or Reporter()
     if max_size is not None and max_size < MIN_SIDE:
@@ -95,6 +104,7 @@ def read_capture(
         plans = plan_views(model, max_size)
         reporter.status(STAGE, f"reading {len(plans)} photographs")
         views = usable_views(read_views(plans, reporter), model)
+        metres = None if tag_side is None else metres_per_unit(_large_views(model, reporter), tag_side, folder)
     _drop_unusable_points(model)
     _warn_about_cameras(model)
     _warn_about_alpha(model, views)
@@ -103,10 +113,18 @@ def read_capture(
     warnings = tuple(model.warnings)
     up = find_up([view.world_to_camera for view in views], model.points)
     capture = Capture(
-        folder, model.format, tuple(views), model.points, model.point_colors, warnings, model.estimate, up
+        folder, model.format, tuple(views), model.points, model.point_colors, warnings, model.estimate, up, metres
     )
     # Estimated cameras have a world that nobody has chosen yet.
     return capture.turned(rotation_to(up.direction, DOWN_IS_Y)) if model.estimate else capture
+
+
+def _large_views(model: SourceModel, reporter: Reporter) -> Iterator[View]:
+    """The views in a size in which tags can be read, a few at a time."""
+    plans = plan_views(replace(model, warnings=[]), _TAG_SIZE)
+    for start in range(0, len(plans), _AT_ONCE):
+        reporter.progress(STAGE, start / len(plans), "looking for tags")
+        yield from read_views(plans[start : start + _AT_ONCE], Reporter())
 
 
 @contextmanager

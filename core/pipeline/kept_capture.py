@@ -28,7 +28,7 @@ _MOST_BYTES = 1 << 42  # of a film; only a block of it is held at a time
 _BLOCK = 1 << 20
 
 
-def digest_of(path: Path, cameras: str, max_size: int) -> str:
+def digest_of(path: Path, cameras: str, max_size: int, tag_side: float | None) -> str:
     """What a kept capture has to agree on with a run: the version, how it was read, and every byte it was made of.
 
     Returns:
@@ -37,7 +37,7 @@ def digest_of(path: Path, cameras: str, max_size: int) -> str:
     Raises:
         InputError: there is nothing usable.
     """
-    digest = hashlib.sha256(f"{_FORMAT} {__version__} {max_size} {SfmSettings()!r}\n".encode())
+    digest = hashlib.sha256(f"{_FORMAT} {__version__} {max_size} {tag_side} {SfmSettings()!r}\n".encode())
     if is_archive(path) and is_file(path):
         files = {path.name: path}
     elif read_cameras(path, cameras=cameras) is not None:
@@ -88,6 +88,7 @@ def to_state(capture: Capture, warnings: Sequence[CaptureWarning]) -> State:
             **_there(sheet=estimate.sheet),
         },
         "up": {"direction": up.direction, "source": up.source},
+        **_there(metres_per_unit=capture.metres_per_unit),
     }
 
 
@@ -117,6 +118,7 @@ def from_state(state: SavedState, source: Path) -> Capture:
         tuple(warnings),
         _estimate(state.part("estimate")),
         UpDirection(up.array("direction", np.float64, 3), up.value("source", str)),
+        state.value("metres_per_unit", float) if "metres_per_unit" in state else None,
     )
 
 

@@ -69,7 +69,7 @@ def run(
         else:
             size = settings.max_size or AUTO_MAX_SIZE[device]
             capture = _capture_of(settings, size, checkpoints, recorder)
-            capture = replace(capture, metres_per_unit=settings.metres_per_unit)
+            capture = replace(capture, metres_per_unit=settings.metres_per_unit or capture.metres_per_unit)
             write_capture(capture, folder / CAPTURE_FOLDER)
             if capture.estimate and capture.estimate.sheet is not None:
                 write_png(folder / CAPTURE_FOLDER / PLACED_FILE, capture.estimate.sheet)
@@ -148,8 +148,8 @@ def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
 
 def _capture_of(settings: Settings, size: int, checkpoints: Checkpoints | None, recorder: _Recorder) -> Capture:
     """The capture that `settings` name; estimated cameras are kept, and come from there where a run goes on."""
-    path, cameras = Path(settings.capture), settings.cameras_from
-    kept = checkpoints.kept_capture(lambda: digest_of(path, cameras, size)) if checkpoints else None
+    path, cameras, side = Path(settings.capture), settings.cameras_from, settings.tag_side
+    kept = checkpoints.kept_capture(lambda: digest_of(path, cameras, size, side)) if checkpoints else None
     if kept:
         capture = from_state(kept, path)
         recorder.status("capture", f"taking the {len(capture.views)} cameras that were estimated before")
@@ -157,10 +157,10 @@ def _capture_of(settings: Settings, size: int, checkpoints: Checkpoints | None, 
             recorder.warning(warning.name, warning.message)
         return capture
     before = len(recorder.warnings)
-    capture = read_capture(path, max_size=size, cameras=cameras, reporter=recorder)
+    capture = read_capture(path, max_size=size, cameras=cameras, reporter=recorder, tag_side=side)
     if checkpoints and capture.estimate:
         given = [CaptureWarning(**warning) for warning in recorder.warnings[before:]]
-        checkpoints.keep_capture(to_state(capture, given), digest_of(path, cameras, size))
+        checkpoints.keep_capture(to_state(capture, given), digest_of(path, cameras, size, side))
     return capture
 
 

@@ -113,3 +113,13 @@ def test_two_points_and_the_metres_between_them_give_the_length_of_a_unit() -> N
     ):
         with pytest.raises(InputError, match="is no reference"):
             Settings("c", "o", scale=unusable)
+
+
+def test_a_printed_tag_of_known_side_takes_the_place_of_two_points() -> None:
+    settings = Settings("c", "o", scale="tag:0.15")
+    assert settings.tag_side == 0.15
+    assert settings.metres_per_unit is None
+    assert Settings("c", "o", scale="0,0,0 1,0,0 2").tag_side is None
+    for unusable in ("tag:", "tag:a", "tag:0", "tag:-1", "tag:nan", "tag:1e9"):
+        with pytest.raises(InputError, match="is no side of a tag"):
+            Settings("c", "o", scale=unusable)

@@ -44,6 +44,7 @@ def a_capture(keys: tuple[str, ...] = ("a", "b")) -> Capture:
         (CaptureWarning("video-cut", "it breaks off"),),
         Estimate(3, 2, (2,), (0.8123456789,), "global", generator.integers(0, 256, (4, 5, 3)).astype(np.uint8)),
         UpDirection(np.array([0.0, -1.0, 0.0]), "floor"),
+        0.123,
     )
 
 
@@ -103,18 +104,22 @@ def photographs(tmp_path):
 
 
 def test_another_pixel_another_mask_another_name_and_another_size_are_another_capture(photographs):
-    digests = [digest_of(photographs, "auto", 640), digest_of(photographs, "auto", 320)]
-    assert digest_of(photographs, "auto", 640) == digests[0]
+    digests = [
+        digest_of(photographs, "auto", 640, None),
+        digest_of(photographs, "auto", 320, None),
+        digest_of(photographs, "auto", 640, 0.15),
+    ]
+    assert digest_of(photographs, "auto", 640, None) == digests[0]
     write_png(photographs / "images" / "1.png", np.full((20, 20, 3), 9, np.uint8))
-    digests.append(digest_of(photographs, "auto", 640))
+    digests.append(digest_of(photographs, "auto", 640, None))
     write_png(photographs / "masks" / "0.png", np.full((20, 20, 3), 254, np.uint8))
-    digests.append(digest_of(photographs, "auto", 640))
+    digests.append(digest_of(photographs, "auto", 640, None))
     (photographs / "images" / "1.png").rename(photographs / "images" / "2.png")
-    digests.append(digest_of(photographs, "auto", 640))
+    digests.append(digest_of(photographs, "auto", 640, None))
     (photographs / "frames.json").write_text(json.dumps({"frames": []}))
-    digests.append(digest_of(photographs, "auto", 640))
+    digests.append(digest_of(photographs, "auto", 640, None))
     assert len(set(digests)) == len(digests)
 
 
 def test_where_cameras_are_given_nothing_was_kept(tmp_path):
-    assert digest_of(write_few_views(tmp_path, 2, 0.1), "auto", 640) == ""
+    assert digest_of(write_few_views(tmp_path, 2, 0.1), "auto", 640, None) == ""
