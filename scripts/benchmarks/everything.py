@@ -19,13 +19,13 @@ from ...core.splats.training.decisions import GrowthRule
 from .enhancers.methods import NONE
 from .options import QUICK, Part
 from .stress import command as stress
-from .studies import ablation, budget, figure, pareto, table
+from .studies import ablation, budget, cost, figure, pareto, table
 from .studies.captures import DEMO, CaptureFolder
 from .studies.jobs import Job, run_jobs
 from .studies.recipe import DEUTAN, Recipe, Trial
 from .tables import Column, frame_of, markdown_table, write_csv, write_text
 
-STUDIES = tuple(module.PART for module in (table, pareto, budget, stress, ablation, figure))
+STUDIES = tuple(module.PART for module in (table, pareto, budget, stress, ablation, figure, cost))
 DRIFT = 40.0
 """Degrees of hue by which an enhancer is inconsistent from picture to picture: nobody would miss it."""
 _ROUNDING = 1e-9  # of ΔE00 between equal images, which is not always 0

@@ -13,9 +13,11 @@ from .enhancers import comparison, drift
 from .options import Part
 from .provenance import BY_HAND, Facts, mark
 from .stress import command as stress
-from .studies import ablation, budget, figure, pareto, race, table
+from .studies import ablation, budget, cost, figure, pareto, race, table
 
-PARTS = tuple(module.PART for module in (table, pareto, budget, ablation, figure, race, stress, comparison, drift))
+PARTS = tuple(
+    module.PART for module in (table, pareto, budget, ablation, figure, cost, race, stress, comparison, drift)
+)
 
 
 def facts_of_parts() -> dict[str, Facts]:

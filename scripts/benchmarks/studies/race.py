@@ -54,14 +54,13 @@ _EQUAL: tuple[Column, ...] = (
     ("our_seconds", "our seconds", ".1f"),
     ("times", "times faster", ".1f"),
 )
-_DEFINITIONS = (
-    "All trainings of a capture in one call, one after the other on the same processor cores. Each program gets the "
-    "same training views (every eighth is held out) and sparse points, and its scene is rendered by our rasteriser for "
-    "the held-out views. Seconds are by the clock, ours without the measurements for the curve; a peer's include reading "
-    "the photographs. *Our seconds* is when a measured PSNR first reached that of the peer at its end; a dash: never. "
-    "OpenSplat's own number of steps, 30,000, takes hours on a processor: it is stopped earlier, at its own settings "
-    "otherwise."
-)
+_DEFINITIONS = """\
+All trainings of a capture in one call, one after the other on the same processor cores. Each program gets the same
+training views (every eighth is held out) and sparse points, and its scene is rendered by our rasteriser for the
+held-out views. Seconds are by the clock, ours without the measurements for the curve; a peer's include reading the
+photographs. *Our seconds* is when a measured PSNR first reached that of the peer at its end; a dash: never.
+OpenSplat's own number of steps, 30,000, takes hours on a processor: it is stopped earlier, at its own settings
+otherwise."""
 
 
 @dataclass(frozen=True)

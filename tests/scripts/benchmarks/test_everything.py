@@ -15,7 +15,7 @@ from cvdgs.scripts.benchmarks.studies.captures import DEMO, CaptureFolder
 from cvdgs.scripts.benchmarks.studies.recipe import Recipe, Trial, described
 
 SIZE, STEPS = 64, 60
-PARTS = ("table", "severities", "pareto", "budget", "stress", "ablation", "figure", "claims")
+PARTS = ("table", "severities", "pareto", "budget", "stress", "ablation", "figure", "cost", "claims")
 
 
 def trial(**figures) -> Trial:
