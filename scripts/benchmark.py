@@ -18,11 +18,11 @@ from cvdgs.scripts.benchmarks.enhancers import frames as select
 from cvdgs.scripts.benchmarks.observers import command as observers
 from cvdgs.scripts.benchmarks.stress import command as stress
 from cvdgs.scripts.benchmarks.studies import ablation, budget, cost, figure, pareto, race, table
-from cvdgs.scripts.benchmarks.timing import batch, files, step, trainer
+from cvdgs.scripts.benchmarks.timing import batch, files, step, throughput, trainer
 from cvdgs.scripts.benchmarks.timing import stills as display
 
 STUDIES = (everything, table, pareto, budget, ablation, figure, cost, stress)
-MEASUREMENTS = (race, step, trainer, display, files, enhancer, drift, select, batch, observers, stale)
+MEASUREMENTS = (race, step, trainer, display, files, enhancer, drift, select, batch, throughput, observers, stale)
 PARTS = tuple(module.PART for module in (*STUDIES, *MEASUREMENTS))
 
 

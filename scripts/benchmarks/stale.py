@@ -14,9 +14,11 @@ from .options import Part
 from .provenance import BY_HAND, Facts, mark
 from .stress import command as stress
 from .studies import ablation, budget, cost, figure, pareto, race, table
+from .timing import throughput
 
 PARTS = tuple(
-    module.PART for module in (table, pareto, budget, ablation, figure, cost, race, stress, comparison, drift)
+    module.PART
+    for module in (table, pareto, budget, ablation, figure, cost, race, throughput, stress, comparison, drift)
 )
 
 

@@ -112,8 +112,8 @@ class BatchBenchmark:
         """The speedup of two workers with a thread each over one, measured in turns."""
         one, two = [], []
         for turn in range(self.rounds):
-            one.append(self._run_locally(self._plan(f"one-{turn}"), cores=1).seconds)
-            two.append(self._run_locally(self._plan(f"two-{turn}"), cores=2).seconds)
+            one.append(self.run_locally(self.plan(f"one-{turn}"), cores=1).seconds)
+            two.append(self.run_locally(self.plan(f"two-{turn}"), cores=2).seconds)
         ratios = [alone / together for alone, together in zip(one, two, strict=True)]
         return [
             _figure("one worker", one, "s"),
@@ -123,7 +123,7 @@ class BatchBenchmark:
 
     def later_frames(self) -> list[Figure]:
         """The overhead of a chunk's frames after the first over rendering, without and with a simulated picture."""
-        plan = self._plan("frames")
+        plan = self.plan("frames")
         first = FramesArguments.from_dict(plan.tasks[0].arguments)
         plain = replace(first, last=min(self.frames, 2 * _CHUNK))
         observed = replace(plain, simulated={_OBSERVER: "observed"})
@@ -153,7 +153,7 @@ class BatchBenchmark:
         """Tasks that are repeated after a batch is killed in the middle and restarted."""
         lost, in_flight = [], []
         for turn in range(self.rounds):
-            plan = self._plan(f"kill-{turn}")
+            plan = self.plan(f"kill-{turn}")
             command = [sys.executable, str(SCRIPT), str(self._batch_file(plan)), "--out", str(plan.out), "--cores", "2"]
             batch = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             while batch.poll() is None and not _done(plan):
@@ -162,7 +162,7 @@ class BatchBenchmark:
             batch.wait()
             time.sleep(_SETTLE_SECONDS)
             in_flight.append(_attempts(plan) - _done(plan))
-            self._run_locally(plan, cores=2)
+            self.run_locally(plan, cores=2)
             lost.append(_attempts(plan) - len(plan.tasks))
         return [
             _figure("tasks in flight at a kill", in_flight, "tasks"),
@@ -209,15 +209,15 @@ class BatchBenchmark:
 
     def disagreement_of_engines(self, reporter: Reporter) -> list[Figure]:
         """Frames that differ between another engine and a local run."""
-        plan = self._plan("local")
-        self._run_locally(plan, cores=2)
+        plan = self.plan("local")
+        self.run_locally(plan, cores=2)
         expected = _pictures(plan)
         figures = []
-        for name, package, engine in (("Dask", "distributed", _run_on_dask), ("openjd", "openjd", _run_by_openjd)):
+        for name, package, engine in (("Dask", "distributed", run_on_dask), ("openjd", "openjd", _run_by_openjd)):
             if importlib.util.find_spec(package) is None:
                 reporter.warning("no-engine", f"{name} is not installed, so it is not compared")
                 continue
-            plan = self._plan(name.lower())
+            plan = self.plan(name.lower())
             engine(plan)
             made = _pictures(plan)
             differing = sum(made.get(path) != pixels for path, pixels in expected.items())
@@ -225,7 +225,7 @@ class BatchBenchmark:
             figures.append(_figure(name, [differing], "frames", "0"))
         return figures
 
-    def _plan(self, name: str) -> Plan:
+    def plan(self, name: str) -> Plan:
         """Write the plan of a batch of frames in its own folder."""
         width, height = self.size
         path = self.folder / f"{name}.toml"
@@ -246,7 +246,8 @@ class BatchBenchmark:
     def _batch_file(self, plan: Plan) -> Path:
         return self.folder / f"{plan.out.name}.toml"
 
-    def _run_locally(self, plan: Plan, cores: int) -> BatchOutcome:
+    def run_locally(self, plan: Plan, cores: int) -> BatchOutcome:
+        """Do the tasks of a plan on this machine, at most as many at once as `cores`."""
         outcome = run_locally(plan, Resources(cores, _MEMORY_MB, 0), lambda _: None)
         _require_success(outcome)
         return outcome
@@ -259,13 +260,17 @@ def write_batch_figures(folder: Path, figures: list[Figure]) -> str:
     return write_text(folder / "batch.md", markdown_table(table, _COLUMNS))
 
 
-def _run_on_dask(plan: Plan) -> None:
+def run_on_dask(plan: Plan, workers: int = 2) -> BatchOutcome:
+    """Do the tasks of a plan on a Dask cluster on this machine, of workers with one thread each."""
     import distributed
 
     from ....core.batch.dask import run_on_cluster
 
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
-        _require_success(run_on_cluster(plan, cluster.scheduler_address, lambda _: None))
+    local = {"threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with distributed.LocalCluster(n_workers=workers, **local) as cluster:
+        outcome = run_on_cluster(plan, cluster.scheduler_address, lambda _: None)
+    _require_success(outcome)
+    return outcome
 
 
 def _run_by_openjd(plan: Plan) -> None:

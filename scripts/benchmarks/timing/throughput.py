@@ -1,0 +1,198 @@
+"""How the frames of a batch scale with workers, and a model that says where more of them stop helping.
+
+Command: ``benchmark.py throughput``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import math
+import statistics
+import sys
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import nnls
+
+from ....core.batch.scheduler import BatchOutcome
+from ....core.batch.task import Plan
+from ....core.runtime.cli import ConsoleReporter
+from ....core.runtime.protocol import Reporter
+from ....core.runtime.resources import available_processors
+from ..options import Part
+from ..provenance import trained_product
+from ..tables import Column, frame_of, markdown_table, number, write_csv, write_text
+from .batch import BatchBenchmark, run_on_dask
+
+NAME = "throughput"
+WORKERS = (1, 2, 4)
+LOCAL, DASK = "local", "Dask"
+_COLUMNS: tuple[Column, ...] = (
+    ("engine", "engine", ""),
+    ("workers", "workers", "d"),
+    ("seconds", "seconds", ".1f"),
+    ("rate", "frames a second", ".2f"),
+    ("speedup", "times one worker", ".2f"),
+)
+_MODEL: tuple[Column, ...] = (
+    ("engine", "engine", ""),
+    ("serial", "contention σ", ".3f"),
+    ("crosstalk", "crosstalk κ", ".4f"),
+    ("best", "most frames a second with", ".0f"),
+    ("most", "times one worker, at most", ".1f"),
+)
+_DEFINITIONS = """\
+A turntable of {frames} frames of a finished run, in tasks of four, by workers with one thread each on one machine of
+{cores} processor cores; medians of {rounds}. The model is Gunther's universal scalability law, N workers do N / (1 +
+σ (N - 1) + κ N (N - 1)) times the work of one; with κ = 0 it is Amdahl's law, whose limit is 1/σ. It is fitted to
+the measurements with no more workers than there are cores, so with two cores it has one free parameter and says what
+these tasks share on one machine. Workers beyond the cores cannot help, whatever it says; workers on other machines
+share less, so its limit is for them a low one. A dash: more workers always help, by the model."""
+
+
+@dataclass(frozen=True)
+class Throughput:
+    """One engine with a number of workers.
+
+    Attributes:
+        engine: `LOCAL` or `DASK`.
+        workers: of one thread each.
+        seconds: of the batch, the median.
+        rate: frames a second.
+        speedup: relative to the same engine with its fewest workers.
+    """
+
+    engine: str
+    workers: int
+    seconds: float
+    rate: float
+    speedup: float
+
+
+@dataclass(frozen=True)
+class Scalability:
+    """The universal scalability law of Gunther, *Guerrilla Capacity Planning*, 2007, section 4.
+
+    Attributes:
+        engine: that it is fitted to.
+        serial: σ, the share of the work that workers wait for each other with.
+        crosstalk: κ, what each pair of workers costs.
+    """
+
+    engine: str
+    serial: float
+    crosstalk: float
+
+    @property
+    def best(self) -> float:
+        """The number of workers with the most work done; NaN where it always grows."""
+        return math.sqrt(max(1.0 - self.serial, 0.0) / self.crosstalk) if self.crosstalk > 0.0 else math.nan
+
+    @property
+    def most(self) -> float:
+        """The largest speedup; infinite where nothing is shared."""
+        if not math.isnan(self.best):
+            return self.speedup(max(self.best, 1.0))
+        return 1.0 / self.serial if self.serial > 0.0 else math.inf
+
+    def speedup(self, workers: float) -> float:
+        """Times the work of one worker."""
+        others = workers - 1.0
+        return workers / (1.0 + self.serial * others + self.crosstalk * workers * others)
+
+
+def fit_scalability(engine: str, speedups: Mapping[int, float]) -> Scalability:
+    """The law that fits speedups by numbers of workers best, both parameters at least 0.
+
+    N / speedup - 1 = σ (N - 1) + κ N (N - 1) is linear in them. Two numbers of workers determine σ alone.
+
+    Args:
+        speedups: relative to one worker, which may be among them.
+    """
+    several = np.array([count for count in speedups if count > 1], float)
+    if not several.size:
+        return Scalability(engine, math.nan, 0.0)
+    lost = several / np.array([speedups[int(count)] for count in several]) - 1.0
+    terms = np.stack([several - 1.0, several * (several - 1.0)], axis=1)[:, : len(several)]
+    found, _ = nnls(terms, lost)
+    return Scalability(engine, float(found[0]), float(found[1]) if len(found) > 1 else 0.0)
+
+
+def measure_throughput(
+    benchmark: BatchBenchmark, reporter: Reporter, workers: Sequence[int] = WORKERS
+) -> list[Throughput]:
+    """Each engine that is installed with each number of workers, `benchmark.rounds` times in turns."""
+    engines: dict[str, Callable[[Plan, int], BatchOutcome]] = {LOCAL: benchmark.run_locally}
+    if importlib.util.find_spec("distributed") is None:
+        reporter.warning("no-engine", "Dask is not installed, so it is not measured")
+    else:
+        engines[DASK] = run_on_dask
+    seconds: dict[tuple[str, int], list[float]] = {}
+    total = benchmark.rounds * len(engines) * len(workers)
+    for turn in range(benchmark.rounds):
+        for engine, run in engines.items():
+            for count in workers:
+                plan = benchmark.plan(f"{engine.lower()}-{count}-{turn}")
+                seconds.setdefault((engine, count), []).append(run(plan, count).seconds)
+                done = sum(map(len, seconds.values()))
+                reporter.progress(NAME, done / total, f"{engine}, {count} workers")
+    return throughputs(seconds, benchmark.frames)
+
+
+def throughputs(seconds: Mapping[tuple[str, int], Sequence[float]], frames: int) -> list[Throughput]:
+    """The figures of repeated batches by engine and number of workers."""
+    medians = {key: statistics.median(values) for key, values in seconds.items()}
+    found = []
+    for (engine, count), median in medians.items():
+        fewest = min(other for name, other in medians if name == engine)
+        found.append(Throughput(engine, count, median, frames / median, medians[engine, fewest] / median))
+    return found
+
+
+def write_throughput(folder: Path, found: Sequence[Throughput], *, frames: int, rounds: int, cores: int) -> str:
+    """Write ``throughput.csv`` and ``throughput.md``; returns the text of the latter."""
+    table = frame_of(Throughput, found)
+    write_csv(folder / f"{NAME}.csv", table)
+    within = table[table.workers <= cores]
+    laws = [
+        fit_scalability(str(engine), dict(zip(mine.workers, mine.speedup, strict=True)))
+        for engine, mine in within.groupby("engine", sort=False)
+    ]
+    models = frame_of(Scalability, laws).assign(best=[law.best for law in laws], most=[law.most for law in laws])
+    lines = ["# Batches over workers", "", _DEFINITIONS.format(frames=frames, rounds=rounds, cores=cores), ""]
+    lines += [*markdown_table(table, _COLUMNS), "", "## Where more workers stop helping", ""]
+    lines += [*markdown_table(models, _MODEL), ""]
+    for law in laws:
+        halves = ", ".join(f"{count} workers {number(law.speedup(count), '.1f')} times" for count in (4, 8, 16))
+        lines.append(f"- {law.engine}, by the model on as many cores: {halves} the work of one.")
+    return write_text(folder / f"{NAME}.md", lines)
+
+
+def _add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--run", type=Path, default=Path("out/demo"), help="a finished run (out/demo)")
+    add("--frames", type=int, default=32, metavar="N", help="frames of the turntable, in chunks of four (32)")
+    add("--rounds", type=int, default=3, metavar="N", help="repetitions; medians are reported (3)")
+
+
+def _measure(options: argparse.Namespace) -> str:
+    """Render a turntable with more and more workers; writes throughput.csv and throughput.md."""
+    with tempfile.TemporaryDirectory(prefix="cvdgs-batch-") as folder:
+        benchmark = BatchBenchmark(options.run, Path(folder), frames=options.frames, rounds=options.rounds)
+        found = measure_throughput(benchmark, ConsoleReporter(sys.stderr))
+    asked = {"frames": options.frames, "rounds": options.rounds}
+    return write_throughput(options.out, found, **asked, cores=available_processors())
+
+
+PART = Part(
+    NAME,
+    "frames of a batch over workers, and where more of them stop helping",
+    _add_arguments,
+    _measure,
+    pages=(f"{NAME}.md",),
+    shaped_by=lambda: (*trained_product(), WORKERS),
+)
