@@ -223,6 +223,12 @@ class DisplayProperties(bpy.types.PropertyGroup):
         ),
         default="PHOTO",
     )
+    partner: bpy.props.PointerProperty(
+        name="With",
+        description="The run that this one is aligned with; empty: the first other one that is visible",
+        type=bpy.types.Object,
+        poll=_is_target,
+    )
     automatic: bpy.props.BoolProperty(
         name="Automatic",
         description="Draw the preview in Solid shading and the Gaussians in Cycles. Without a graphics card, also "

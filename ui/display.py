@@ -10,7 +10,7 @@ from ..cvdgs_addon.scene.bystanders import bystanders
 from ..cvdgs_addon.scene.display import Form
 from ..cvdgs_addon.scene.masks import Treatment
 from ..cvdgs_addon.scene.native_splats import has_native_splats
-from ..cvdgs_addon.scene.neighbours import overlapping
+from ..cvdgs_addon.scene.neighbours import overlapping, partner_of
 from ..cvdgs_addon.scene.render_settings import fog_of, keeps_colors, view_transform_of
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
@@ -59,6 +59,24 @@ def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context, splats: 
         row = layout.row(align=True)
         row.operator("cvdgs.hide_other_gaussians", text="Hide Others", icon="HIDE_ON")
         row.operator("cvdgs.place_beside", icon="FORWARD")
+    _draw_alignment(layout, context, splats)
+
+
+def _draw_alignment(layout: bpy.types.UILayout, context: bpy.types.Context, splats: bpy.types.Object) -> None:
+    """Offered where there are two runs: how to bring them onto each other."""
+    chosen = context.scene.cvdgs.display
+    if partner_of(context.scene, splats, chosen.partner) is None:
+        return
+    header, body = layout.panel("cvdgs_alignment", default_closed=True)
+    header.label(text="Align Two Runs")
+    if body is None:
+        return
+    split_column(body).prop(chosen, "partner")
+    column = body.column(align=True)
+    column.operator("cvdgs.align_photographs", icon="OUTLINER_OB_CAMERA")
+    column.operator("cvdgs.add_marks", icon="EMPTY_AXIS")
+    column.operator("cvdgs.align_marks", icon="SNAP_ON")
+    say(body, context, "Move each pair of marks to the same place of both runs, then align", "INFO")
 
 
 def _listed(names: list[str]) -> str:

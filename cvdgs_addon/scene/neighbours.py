@@ -33,6 +33,14 @@ def overlapping(scene: bpy.types.Scene, splats: bpy.types.Object) -> list[bpy.ty
     return found
 
 
+def partner_of(
+    scene: bpy.types.Scene, splats: bpy.types.Object, chosen: bpy.types.Object | None
+) -> bpy.types.Object | None:
+    """The Gaussians that `splats` are brought together with: the chosen ones, else the first visible others."""
+    others = _others(scene, splats)
+    return chosen if chosen in others else next(iter(others), None)
+
+
 def hide_others(scene: bpy.types.Scene, splats: bpy.types.Object) -> list[str]:
     """Hide all other Gaussians, in 3D views as the key H does and in renders; returns their names."""
     others = _others(scene, splats)

@@ -170,6 +170,11 @@ def found_of(empty: bpy.types.Object) -> Found:
     return Found(up / length if is_direction else None, metres if 0.0 < metres < np.inf else None)
 
 
+def set_metres(empty: bpy.types.Object, metres_per_unit: float) -> None:
+    """Let `empty` remember how many metres a unit of its capture has."""
+    empty[_METRES] = metres_per_unit
+
+
 def is_capture(candidate: bpy.types.Object) -> bool:
     """Whether `candidate` is an Empty that `add_empty` made."""
     return candidate.type == "EMPTY" and _IS_CAPTURE in candidate

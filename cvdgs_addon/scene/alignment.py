@@ -1,0 +1,142 @@
+"""Brings one run onto another of the same place: by pairs of marks that an artist sets, or by photographs of both."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import bpy
+import mathutils
+import numpy as np
+
+from ...core.errors import InputError
+from ...core.splats.gaussians import core_bounds
+from ...core.splats.similarity import FEWEST, fit_similarity
+from .cameras import is_capture_camera
+from .placement import found_of, is_capture, set_metres
+from .splat_attributes import point_positions
+
+_MARK = "cvdgs_mark"  # custom property of an Empty: the number of its pair
+_SPREAD, _SIZE = 0.4, 0.04  # of new marks around the middle and of their spheres, in radii of the core
+_COPY_NUMBER = re.compile(r"\.\d{3,}$")  # that Blender adds to a name which is taken
+_MOST_ERROR = 0.05  # of cameras that should coincide, in shares of how far they are apart
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """How well two runs fit together.
+
+    Attributes:
+        pairs: points that were compared.
+        error: root of their mean squared distance then, in units of the scene.
+        scale: by which the moved run was resized.
+        is_metric: whether the scene's units are metres, as far as the runs know.
+    """
+
+    pairs: int
+    error: float
+    scale: float
+    is_metric: bool
+
+    @property
+    def in_words(self) -> str:
+        """E.g. "3 pairs, 0.012 m apart on average, scale 1.50"."""
+        unit = " m" if self.is_metric else ""
+        return f"{self.pairs} pairs, {self.error:.3g}{unit} apart on average, scale {self.scale:.3g}"
+
+
+def add_marks(splats: bpy.types.Object, other: bpy.types.Object) -> list[bpy.types.Object]:
+    """Add what is missing to three pairs of marks, else one more pair: an Empty of each run, to be moved to the same
+    place of both; returns the new ones.
+    """
+    numbers = set(_marks_of(splats)) & set(_marks_of(other))
+    wanted = range(1, max(FEWEST, len(numbers) + 1) + 1)
+    made = []
+    for owner in (splats, other):
+        present = _marks_of(owner)
+        made += [_add_mark(owner, number) for number in wanted if number not in present]
+    return made
+
+
+def align_by_marks(moved: bpy.types.Object, fixed: bpy.types.Object) -> Alignment:
+    """Move `moved`, with its capture, so that its marks come onto those of `fixed` of the same number.
+
+    Raises:
+        InputError: too few pairs, or all on one line.
+    """
+    return _align(moved, fixed, _marks_of(moved), _marks_of(fixed), "its marks")
+
+
+def align_by_photographs(moved: bpy.types.Object, fixed: bpy.types.Object) -> Alignment:
+    """Do the same by cameras of photographs that have the same names in both runs.
+
+    Raises:
+        InputError: too few of them, all on one line, or taken from other places.
+    """
+    return _align(moved, fixed, _cameras_of(moved), _cameras_of(fixed), "its cameras", most=_MOST_ERROR)
+
+
+def metric(splats: bpy.types.Object) -> bool:
+    """Whether somebody has measured the run of `splats`, so that the scene's units are metres."""
+    return bool(splats.parent and is_capture(splats.parent) and found_of(splats.parent).metres_per_unit)
+
+
+def _align(
+    moved: bpy.types.Object,
+    fixed: bpy.types.Object,
+    sources: dict[object, bpy.types.Object],
+    targets: dict[object, bpy.types.Object],
+    what: str,
+    most: float = np.inf,
+) -> Alignment:
+    bpy.context.view_layer.update()
+    common = [key for key in sources if key in targets]
+    source, target = _places(sources[key] for key in common), _places(targets[key] for key in common)
+    both = metric(moved) and metric(fixed)  # then sizes are known
+    found = fit_similarity(source, target, with_scale=not both, where=f"{moved.name}, {what}")
+    width = float(np.sqrt(np.mean(((target - target.mean(axis=0)) ** 2).sum(axis=1))))
+    if found.error > most * width:
+        raise InputError(
+            f"{len(common)} photographs have the same names, but not the same places",
+            where=moved.name,
+            remedy="mark points",
+        )
+    root = moved.parent or moved
+    root.matrix_world = mathutils.Matrix(found.matrix.tolist()) @ root.matrix_world
+    if metric(fixed) and is_capture(root):
+        set_metres(root, max(root.matrix_world.to_scale()))
+    bpy.context.view_layer.update()
+    return Alignment(len(common), found.error, found.scale, metric(fixed))
+
+
+def _places(objects: Iterable[bpy.types.Object]) -> np.ndarray:
+    return np.array([found.matrix_world.translation for found in objects], np.float64).reshape(-1, 3)
+
+
+def _family(splats: bpy.types.Object) -> Iterable[bpy.types.Object]:
+    return (splats.parent or splats).children
+
+
+def _marks_of(splats: bpy.types.Object) -> dict[object, bpy.types.Object]:
+    return {found[_MARK]: found for found in _family(splats) if _MARK in found and found.users_scene}
+
+
+def _cameras_of(splats: bpy.types.Object) -> dict[object, bpy.types.Object]:
+    return {_COPY_NUMBER.sub("", found.name): found for found in _family(splats) if is_capture_camera(found)}
+
+
+def _add_mark(splats: bpy.types.Object, number: int) -> bpy.types.Object:
+    """Around the middle, each in another direction, where it is seen."""
+    center, radius = core_bounds(point_positions(splats.data))
+    angle = 2.4 * number
+    mark = bpy.data.objects.new(f"Mark {number} of {splats.name}", None)
+    mark[_MARK] = number
+    mark.empty_display_type, mark.empty_display_size = "SPHERE", _SIZE * float(radius)
+    mark.show_name = mark.show_in_front = True
+    mark.parent = splats.parent or splats
+    offset = _SPREAD * radius * np.array([np.cos(angle), np.sin(angle), 0.0])
+    local = splats.matrix_local if splats.parent else mathutils.Matrix()
+    mark.location = local @ mathutils.Vector((center + offset).tolist())
+    splats.users_collection[0].objects.link(mark)
+    return mark

@@ -1,0 +1,74 @@
+"""Operators of the part "Align Two Runs" of the sub-panel "Display"."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..cvdgs_addon.scene.alignment import Alignment, add_marks, align_by_marks, align_by_photographs, metric
+from ..cvdgs_addon.scene.neighbours import partner_of
+from ..cvdgs_addon.shown import shown_splats
+from .base import NeedsGaussians
+
+
+class _OfTwoRuns(NeedsGaussians):
+    """An operator on the Gaussians that are shown and on those that they are aligned with."""
+
+    @classmethod
+    def missing(cls, context: bpy.types.Context) -> str:
+        reason = super().missing(context)
+        return reason or ("" if _partner(context) is not None else "Load another run of the same place first")
+
+
+class CVDGS_OT_add_marks(_OfTwoRuns, bpy.types.Operator):
+    """Add three pairs of marks, one of each pair to either run, or one pair more; move them to the same places"""
+
+    bl_idname = "cvdgs.add_marks"
+    bl_label = "Add Marks"
+
+    def act(self, context: bpy.types.Context) -> None:
+        marks = add_marks(shown_splats(context), _partner(context))
+        self.report({"INFO"}, f"Added {', '.join(mark.name for mark in marks)}")
+
+
+class _Aligns(_OfTwoRuns):
+    """An operator that moves one run onto the other: the shown one, unless it alone knows its size in metres."""
+
+    def fit(self, moved: bpy.types.Object, fixed: bpy.types.Object) -> Alignment:
+        """Each operator its own."""
+        raise AssertionError
+
+    def act(self, context: bpy.types.Context) -> None:
+        splats, partner = shown_splats(context), _partner(context)
+        assert splats is not None  # see `missing`
+        assert partner is not None
+        moved, fixed = (partner, splats) if metric(splats) and not metric(partner) else (splats, partner)
+        found = self.fit(moved, fixed)
+        self.report({"INFO"}, f"Moved {moved.name}: {found.in_words}")  # type: ignore[attr-defined]
+
+
+class CVDGS_OT_align_marks(_Aligns, bpy.types.Operator):
+    """Move one run so that its marks come onto those of the other; both keep their shape"""
+
+    bl_idname = "cvdgs.align_marks"
+    bl_label = "Align by Marks"
+
+    def fit(self, moved: bpy.types.Object, fixed: bpy.types.Object) -> Alignment:
+        return align_by_marks(moved, fixed)
+
+
+class CVDGS_OT_align_photographs(_Aligns, bpy.types.Operator):
+    """Move one run so that the cameras of photographs which both have, by name, come onto each other"""
+
+    bl_idname = "cvdgs.align_photographs"
+    bl_label = "Align by Photographs"
+
+    def fit(self, moved: bpy.types.Object, fixed: bpy.types.Object) -> Alignment:
+        return align_by_photographs(moved, fixed)
+
+
+def _partner(context: bpy.types.Context) -> bpy.types.Object | None:
+    return partner_of(context.scene, shown_splats(context), context.scene.cvdgs.display.partner)
+
+
+CLASSES: tuple[type, ...] = (CVDGS_OT_add_marks, CVDGS_OT_align_marks, CVDGS_OT_align_photographs)
+"""Reached from the panel and by search."""
