@@ -18,7 +18,7 @@ from .side_bar import CAPTURE, VIEWER, header, press_until, toggle
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3000), FOR_PICTURES]
 
 MAKE_HEADER, DISPLAY_HEADER, REPORT_HEADER = header(2), header(3), header(6)
-MAKE_BUTTON = (135, 170)  # while what is above is closed
+MAKE_BUTTON = (135, 241)  # below the output folder and the qualities, while what is above is closed
 MARGIN, WIDTH, HEIGHT = 7, 258, 620  # of a side bar in the picture, without its tabs
 GAP = 12
 RUN_SHARE = 0.45  # of the run that is shown as under way
