@@ -4,7 +4,7 @@ Two hulls, chosen by the input ``Camera Facing``:
 
 * **disc**: a disc through the centre, parallel to the image plane of the active camera. Its axes are those of the
   Gaussian's elliptical projection (EWA splatting, Zwicker et al. 2001, as in 3D Gaussian Splatting, Kerbl et al. 2023),
-  the low-pass `DILATION` included, and discs are met in the order of their centres' depths: exactly what the
+  the low-pass `LOW_PASS` included, and discs are met in the order of their centres' depths: exactly what the
   rasteriser draws. For renders through the active camera, whichever that is, on every frame, and with ``Camera View``
   for a viewport that looks through it. Many instances of one disc, or one mesh of all of them (see `drawing_nodes`).
 * **ellipsoid**: an icosphere around the Gaussian, evaluated along the ray by the material. Right for any ray
@@ -26,6 +26,7 @@ from typing import NamedTuple
 import bpy
 
 from ...core.runs.layout import ORIGINAL
+from ...core.splats.gaussians import LOW_PASS
 from .color_nodes import add_decoding_nodes, view_dependent_part
 from .compare_nodes import add_border_nodes, is_left, with_border
 from .drawing_nodes import MESH_LIMIT, as_points, disc_hull, few_enough, inside_box, one_mesh, within_budget
@@ -37,7 +38,6 @@ from .splat_attributes import Attribute, color_attribute
 
 GROUP_NAME = "CVD Gaussians"
 
-DILATION = 0.3  # px^2 that the rasteriser adds to the variance of every projection (Kerbl et al. 2023)
 
 # Circumscribed about the unit sphere, so that the hull cuts nothing off.
 ICOSPHERE_RADIUS = math.sqrt(15.0 / (5.0 + 2.0 * math.sqrt(5.0)))
@@ -181,7 +181,7 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
               "Convert the colours to scene-linear light, for a scene with lamps and a Standard view transform; "
               "off: photo colours, for the Raw view transform")  # fmt: skip
     add_input(tree, Input.DILATION, "NodeSocketFloat", "Low-pass of the rasteriser, in square pixels",
-              min_value=0.0, max_value=10.0, default_value=DILATION)  # fmt: skip
+              min_value=0.0, max_value=10.0, default_value=LOW_PASS)  # fmt: skip
     add_input(tree, Input.MESH_LIMIT, "NodeSocketInt",
               "The most discs to draw as one mesh, which Cycles renders faster but with more memory; a larger number "
               "is drawn as instances. 0: always instances",

@@ -1,10 +1,10 @@
 // World to screen for `LANES` Gaussians at a time, and back for their gradients (EWA splatting: Zwicker et al. 2001,
-// in the form and with the constants of Kerbl et al. 2023).
+// in the form of Kerbl et al. 2023).
 #pragma once
 
 namespace raster {
 
-#define RASTER_DILATION 0.3f  // square pixels added to the screen covariance: a Gaussian covers a pixel at least
+// RASTER_LOW_PASS, defined by state.py: square pixels added to the screen covariance.
 
 // As rasterizer.py packs it into `state.camera`.
 struct Camera {
@@ -201,9 +201,9 @@ RASTER_FN void project(State& s, int first, int count) {
     load_parameters(s, index, mean, log_scale, quaternion);
     Geometry g = geometry_of(c, mean, log_scale, quaternion);
     screen_factors(g, row0, row1);
-    Real a = row0[0] * row0[0] + row0[1] * row0[1] + row0[2] * row0[2] + RASTER_DILATION;
+    Real a = row0[0] * row0[0] + row0[1] * row0[1] + row0[2] * row0[2] + RASTER_LOW_PASS;
     Real b = row0[0] * row1[0] + row0[1] * row1[1] + row0[2] * row1[2];
-    Real d = row1[0] * row1[0] + row1[1] * row1[1] + row1[2] * row1[2] + RASTER_DILATION;
+    Real d = row1[0] * row1[0] + row1[1] * row1[1] + row1[2] * row1[2] + RASTER_LOW_PASS;
     Real determinant = a * d - b * b;
     Real inverse = 1.0f / determinant;
 

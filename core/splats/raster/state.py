@@ -6,6 +6,8 @@ from importlib import resources
 
 import warp as wp
 
+from ..gaussians import LOW_PASS
+
 # No `from __future__ import annotations`: Warp evaluates the annotations of a structure, which are not Python's.
 # mypy: disable-error-code="valid-type"
 
@@ -131,6 +133,7 @@ class State:
 
 def read_headers(names: tuple[str, ...]) -> str:
     """The headers concatenated: Warp takes a preamble, not files that include each other."""
+    constants = f"#define RASTER_LOW_PASS {LOW_PASS}f"
     folder = resources.files(__package__)
     texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in names)
-    return "\n".join(text.replace("#pragma once", "") for text in texts)
+    return "\n".join((constants, *(text.replace("#pragma once", "") for text in texts)))

@@ -25,7 +25,7 @@ out vec2 offset;                             // in standard deviations
 flat out vec3 left, right;
 flat out float opacity;
 
-const float DILATION = 0.3;                  // square pixels
+const float LOW_PASS = 0.1;                  // square pixels; as in gaussians.py
 const float ALPHA_MIN = 1.0 / 255.0;
 
 uint codeAt(usampler2D codes, int first, int i) {
@@ -88,7 +88,7 @@ void main() {
   vec3 row1 = f.y * (vec3(axes[0].y, axes[1].y, axes[2].y) - slope.y * vec3(axes[0].z, axes[1].z, axes[2].z));
   row0 *= deviations;
   row1 *= deviations;
-  float a = dot(row0, row0) + DILATION, b = dot(row0, row1), d = dot(row1, row1) + DILATION;
+  float a = dot(row0, row0) + LOW_PASS, b = dot(row0, row1), d = dot(row1, row1) + LOW_PASS;
   float middle = 0.5 * (a + d), spread = length(vec2(0.5 * (a - d), b));
   float major = middle + spread, minor = max((a * d - b * b) / major, 1e-6);
   vec2 axis = spread < 1e-6 * middle ? vec2(1.0, 0.0)

@@ -307,5 +307,9 @@ def test_of_many_gaussians_a_part_can_be_drawn(running, path):
     other.write_text(text, encoding="utf-8")
     open_viewer(page, other)
     page.get_by_role("slider", name="Detail").fill("25")
-    page.wait_for_function("cvdgs.count === 100 && cvdgs.renderer.drawn === 100")
+    for _ in range(100):  # the page's policy forbids to wait by an expression
+        if page.evaluate("cvdgs.renderer.drawn") == 100:
+            break
+        page.wait_for_timeout(100)
+    assert page.evaluate("[cvdgs.count, cvdgs.renderer.drawn]") == [100, 100]
     page.close()
