@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from ..errors import InputError
 
 SH_C0 = 0.28209479177387814  # Y_0^0 = 1 / (2 sqrt(pi))
-LOW_PASS = 0.1
-"""Square pixels that the rasteriser adds to the variance of every projection: what a pixel averages over. A square of
-one pixel has a variance of 1/12; the 0.3 of Kerbl et al. 2023 blur more than photographs are blurred."""
+LOW_PASS = 0.3
+"""Square pixels that the rasteriser adds to the variance of every projection, as Kerbl et al. 2023 and viewers do."""
 # Largest size of Gaussians read from a file: 76 million of SH degree 0, or 18 million of degree 3.
 MOST_BYTES = 4 << 30
 # Largest size of such a file. Double precision and normals make a PLY larger than its Gaussians.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from cvdgs.core.capture.model import PinholeCamera
 from cvdgs.core.splats.gaussians import Gaussians
 
-DILATION = 0.1
+DILATION = 0.3
 ALPHA_MIN = 1.0 / 255.0
 ALPHA_MAX = 0.999
 FIELD_MARGIN = 0.3

@@ -25,7 +25,7 @@ out vec2 offset;                             // in standard deviations
 flat out vec3 left, right;
 flat out float opacity;
 
-const float LOW_PASS = 0.1;                  // square pixels; as in gaussians.py
+const float LOW_PASS = 0.3;                  // square pixels; as in gaussians.py
 const float ALPHA_MIN = 1.0 / 255.0;
 
 uint codeAt(usampler2D codes, int first, int i) {

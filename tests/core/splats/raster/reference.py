@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.core.splats.raster import RasterCamera
 
-ALPHA_MIN, ALPHA_MAX, TRANSMITTANCE_MIN, DILATION = 1.0 / 255.0, 0.999, 1e-4, 0.1
+ALPHA_MIN, ALPHA_MAX, TRANSMITTANCE_MIN, DILATION = 1.0 / 255.0, 0.999, 1e-4, 0.3
 FIELDS = ("means", "log_scales", "quaternions", "opacity_logits", "sh")
 
 
