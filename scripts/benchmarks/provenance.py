@@ -86,9 +86,8 @@ def trained_product() -> tuple[Any, ...]:
     """
     from ...core.pipeline.stages import Plans
     from ...core.settings import Settings
-    from ...core.splats.gaussians import LOW_PASS
 
-    return *_fitted_product(), Plans(), LOW_PASS, {field.name: field.default for field in fields(Settings)}
+    return *_fitted_product(), Plans(), {field.name: field.default for field in fields(Settings)}
 
 
 def _fitted_product() -> tuple[Any, ...]:
