@@ -27,6 +27,7 @@ from ..runtime.protocol import Reporter
 from .colmap import IMAGE_FOLDERS
 from .files import FOREIGN_EXTENSIONS, FRAMES_FILE, SPLAT_EXTENSION, list_images, make_keys, quote_first, resolve_inside
 from .images import read_pixels
+from .masks import FoundMasks, find_masks
 from .model import MIN_VIEWS, CaptureWarning
 
 STAGE = "capture"
@@ -52,12 +53,14 @@ class Photographs:
         folder: where they lie.
         names: relative to it, in the order in which they were taken.
         times: seconds into the video, of the names that are frames.
+        originals: of each name, the photograph or the video that it was made of, as the material calls it.
         warnings: what should be said of them.
     """
 
     folder: Path
     names: list[str]
     times: dict[str, float] = field(default_factory=dict)
+    originals: dict[str, str] = field(default_factory=dict)
     warnings: list[CaptureWarning] = field(default_factory=list)
 
 
@@ -135,10 +138,12 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter) ->
     _refuse_videos(material, kinds)
     if not material.videos and not any(kind in _CONVERTED for kind in kinds.values()):
         folder, names = _common_folder(material)
-        return Photographs(folder, names)
+        return Photographs(folder, names, originals=dict(zip(names, material.photographs, strict=True)))
     made = Photographs(workspace, [])
     frames = _extract_frames(material, made, reporter)
     _convert_photographs(material, kinds, made, reporter)
+    made.originals.update(zip(made.names, material.photographs, strict=True))
+    made.originals.update((str(frame["name"]), str(frame["video"])) for frame in frames)
     made.names.extend(str(frame["name"]) for frame in frames)
     made.times.update((str(frame["name"]), float(frame["time"])) for frame in frames)
     if material.videos and len(made.names) < MIN_VIEWS:
@@ -147,6 +152,12 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter) ->
     text = json.dumps({"frames": frames}, indent=1, allow_nan=False)
     (workspace / FRAMES_FILE).write_text(text, encoding="utf-8")
     return made
+
+
+def masks_of(material: Material) -> FoundMasks:
+    """Masks of photographs, and of videos, all of whose frames have the video's; errors as for `find_masks`."""
+    names = (*material.photographs, *material.videos)
+    return find_masks(material.folder, {name: material.folder / name for name in names})
 
 
 def describe(material: Material) -> str:

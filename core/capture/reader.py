@@ -24,7 +24,7 @@ from .colmap import find_colmap, read_colmap
 from .foreign import find_foreign_cameras
 from .images import MIN_SIDE, read_header, read_pixels
 from .masks import find_masks, usable_views, warn_about_unused
-from .material import Material, describe, find_material, make_photographs, named_after, unpacked
+from .material import Material, describe, find_material, make_photographs, masks_of, named_after, unpacked
 from .model import MIN_VIEWS, Capture, CaptureSummary, CaptureWarning, View
 from .scaling import downscale_with_alpha, fit_size
 from .sfm import estimate_cameras
@@ -146,12 +146,12 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter) -> Iterator[So
         workspace.mkdir()
         extracted.mkdir()
         photographs = make_photographs(material, extracted, reporter)
-        found = find_masks(material.folder, {name: material.folder / name for name in material.photographs})
-        # What was made of photographs comes first, in their order.
-        made = zip(photographs.names, material.photographs, strict=False)
-        masks = {name: found.files[original] for name, original in made if original in found.files}
+        found = masks_of(material)
+        originals = photographs.originals.items()
+        masks = {name: found.files[original] for name, original in originals if original in found.files}
         model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter, masks=masks)
-        warn_about_unused(model, found.unused)
+        if is_folder(folder):  # what lies beside one video may belong to others
+            warn_about_unused(model, found.unused)
         model.views = [replace(view, time=photographs.times.get(view.name)) for view in model.views]
         told = (
             replace(warning, message=warning.message.replace(str(extracted), str(folder))) for warning in model.warnings

@@ -11,8 +11,7 @@ import numpy as np
 
 from ... import __version__
 from ..capture.files import FRAMES_FILE, make_keys
-from ..capture.masks import find_masks
-from ..capture.material import find_material
+from ..capture.material import find_material, masks_of
 from ..capture.model import MIN_VIEWS, Capture, CaptureWarning, Estimate, PinholeCamera, View
 from ..capture.reader import read_cameras
 from ..capture.sfm_job import SfmSettings
@@ -57,7 +56,7 @@ def _originals(path: Path) -> dict[str, Path]:
     """The files that cameras are estimated from, by name."""
     material = find_material(path)
     files = {name: material.folder / name for name in (*material.photographs, *material.videos)}
-    masks = find_masks(material.folder, {name: material.folder / name for name in material.photographs})
+    masks = masks_of(material)
     listed = {FRAMES_FILE: material.folder / FRAMES_FILE}
     files.update({f"mask of {name}": mask for name, mask in masks.files.items()})
     files.update({name: file for name, file in listed.items() if is_file(file)})

@@ -9,14 +9,14 @@ import numpy as np
 from PIL import Image
 
 from cvdgs.core.capture.images import read_header
-from cvdgs.core.capture.material import FRAMES_FILE, find_material, make_photographs
+from cvdgs.core.capture.material import FRAMES_FILE, find_material, make_photographs, masks_of
 from cvdgs.core.capture.model import Capture, PinholeCamera, View
 from cvdgs.core.capture.normalised import write_capture
 from cvdgs.core.capture.reader import read_capture
 from cvdgs.core.runtime.protocol import Reporter
 
 from .dng import write_dng
-from .films import RATE, wall, window, write_video
+from .films import HEIGHT, RATE, WIDTH, wall, window, write_video
 from .test_photographs import save
 
 WALL = wall()
@@ -55,6 +55,24 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
     assert times == sorted(times)
     assert 0.0 <= times[0] < times[-1] < 2.0
     assert made.times == {frame["name"]: frame["time"] for frame in frames}
+
+
+def test_all_frames_of_a_video_have_its_mask_and_photographs_their_own(tmp_path: Path) -> None:
+    for name in ("a.mp4", "b.mp4"):
+        write_video(tmp_path / name, [window(WALL, 50 + 6 * step) for step in range(RATE * 2)])
+    save(tmp_path / "one.jpg", WALL[100:164, :96])
+    (tmp_path / "masks").mkdir()
+    for name in ("a.mp4", "one", "other"):
+        save(tmp_path / "masks" / f"{name}.png", np.full((HEIGHT, WIDTH, 3), 255, np.uint8))
+    material = find_material(tmp_path)
+    found = masks_of(material)
+    assert {name: path.name for name, path in found.files.items()} == {"a.mp4": "a.mp4.png", "one.jpg": "one.png"}
+    assert found.unused == ["other.png"]
+    (tmp_path / "out").mkdir()
+    made = make_photographs(material, tmp_path / "out", Reporter())
+    assert list(made.originals) == made.names
+    assert made.originals["one.jpg"] == "one.jpg"
+    assert all(made.originals[name] == f"{name[0]}.mp4" for name in made.times)
 
 
 def test_a_written_capture_keeps_the_times_of_frames(tmp_path: Path) -> None:
