@@ -22,6 +22,7 @@ from ..core.runtime.process import follow_parent
 from ..core.runtime.protocol import EXIT_CANCELLED, JsonReporter, Reporter, claim_stdout, do_and_report
 
 _THREADS_OF_THIS_PROCESS = Path("/proc/self/task")
+_ENDING = threading.Lock()  # held from the first call that ends the process
 Request = TypeVar("Request")
 
 
@@ -97,8 +98,11 @@ def _clean_up_and_end(clean_up: Callable[[], None]) -> NoReturn:
 def _end(code: int, clean_up: Callable[[], None] = lambda: None) -> NoReturn:
     """End at once, because Blender 4.5 can hang in its own clean-up; what that would have removed is removed here.
 
-    `clean_up` comes last: until the process has ended, another thread may still write.
+    Until the process has ended, another thread may still write: `clean_up` comes last, and once more when nothing can
+    be opened any longer. Whoever asks first says with which code the process ends.
     """
+    if not _ENDING.acquire(blocking=False):
+        threading.Event().wait()
     bpy = sys.modules.get("bpy")
     if bpy is not None and getattr(bpy, "app", None) is not None:
         shutil.rmtree(bpy.app.tempdir, ignore_errors=True)
@@ -106,4 +110,16 @@ def _end(code: int, clean_up: Callable[[], None] = lambda: None) -> NoReturn:
         with contextlib.suppress(OSError, ValueError):
             stream.flush()
     clean_up()
+    _forbid_opening_files()
+    clean_up()
     os._exit(code)
+
+
+def _forbid_opening_files() -> None:
+    """Let no thread of this process open or make a file any more, where the system can say so (not Windows)."""
+    try:
+        import resource
+    except ImportError:
+        return
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, most))
