@@ -57,6 +57,15 @@ def worker_python() -> str:
         raise InputError("there is no worker yet", remedy=_SET_UP) from None
 
 
+def why_no_worker() -> str:
+    """Why no worker can be started, for somebody who sees the preferences; "" where one can be."""
+    try:
+        worker_python()
+    except InputError as error:
+        return f"{error.where} {error.what}" if error.where else "Choose Worker Python below, or Set Up Worker"
+    return ""
+
+
 def make_workers() -> Workers:
     """What starts workers with the interpreter of the preferences; refuses only when one is to be started."""
     variables = {"WARP_CACHE_PATH": str(get_cache().kernels)}

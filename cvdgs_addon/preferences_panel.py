@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bpy
 
-from ..core.errors import InputError
 from . import environment
 from .activity import ACTIVITY
 from .folders import PACKAGE
@@ -91,18 +90,19 @@ def _draw_worker(preferences: bpy.types.AddonPreferences, box: bpy.types.UILayou
             row.progress(factor=job.progress.fraction, text=f"{sentence} {job.progress.message}")
             row.operator("cvdgs.cancel_job", text="", icon="X").job = name
             return
-    try:
+    missing = environment.why_no_worker()
+    if not missing:
         _draw_found(box, environment.worker_python())
-    except InputError as error:
-        missing = "Choose Worker Python below, or Set Up Worker"
-        box.label(text=f"{error.where} {error.what}" if error.where else missing, icon="ERROR")
+    else:
+        box.label(text=missing, icon="ERROR")
         if not bpy.app.online_access:
             box.label(text="Set Up Worker needs online access: System > Network > Allow Online Access", icon="INFO")
     for name in (environment.MAKE_JOB, environment.CHECK_JOB):
         job = ACTIVITY.job(name)
         if job is not None and job.problem:
-            for line in lines_of(job.problem, _WIDTH):
-                box.label(text=line, icon="ERROR")
+            column = box.column(align=True)
+            for number, line in enumerate(lines_of(job.problem, _WIDTH)):
+                column.label(text=line, icon="BLANK1" if number else "ERROR")
     row = box.row(align=True)
     row.operator("cvdgs.make_environment", icon="IMPORT")
     row.operator("cvdgs.check_environment", icon="FILE_REFRESH")

@@ -35,7 +35,7 @@ class CVDGS_OT_make_environment(Action, bpy.types.Operator):
         folder = environment.environment_folder()
         message = f"{environment.DOWNLOAD_SIZE}, with pip from the Python package index, into {folder}"
         return context.window_manager.invoke_confirm(
-            self, event, title="Set Up Worker", message=message, confirm_text="Download", icon="INTERNET"
+            self, event, title="Set Up Worker", message=message, confirm_text="Download", icon="QUESTION"
         )
 
 
@@ -66,7 +66,9 @@ class CVDGS_OT_check_environment(Action, bpy.types.Operator):
 
     @classmethod
     def missing(cls, _context: bpy.types.Context) -> str:
-        return "The worker is already being checked" if ACTIVITY.running(environment.CHECK_JOB) else ""
+        if ACTIVITY.running(environment.CHECK_JOB):
+            return "The worker is already being checked"
+        return environment.why_no_worker()
 
     def act(self, _context: bpy.types.Context) -> None:
         environment.worker_python()
