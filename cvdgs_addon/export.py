@@ -18,7 +18,8 @@ from ..core.splats.web.finished_run import is_finished_run, surroundings_of
 from ..core.splats.web.page import Surroundings, write_web_page
 from .scene.color_nodes import coefficient_attribute, coefficient_count
 from .scene.crop import left_by_crop
-from .scene.splat_attributes import Attribute, Frame, color_attribute, read_attribute, vertex_positions
+from .scene.shapes import frame_map, rotation_matrices
+from .scene.splat_attributes import Attribute, color_attribute, read_attribute, vertex_positions
 from .scene.splat_nodes import Input
 from .scene.splats import get_input, layer_names
 from .shown import require_object_mode, run_of, shown_layer
@@ -69,7 +70,7 @@ def read_gaussians(
         kept &= within_budget(splats, read_attribute(mesh, Attribute.RANK))
     if not kept.any():
         raise InputError("no Gaussians are left", where=splats.name, remedy="undo their deletion, or move the crop box")
-    shape = _frame_map(positions, frame, read_attribute(mesh, Attribute.SCALE))
+    shape = frame_map(mesh)
     scales = read_attribute(mesh, Attribute.SCALE)[kept].astype(np.float64)
     quaternions = read_attribute(mesh, Attribute.ROTATION)[kept]
     means = positions[kept].astype(np.float64)
@@ -139,9 +140,7 @@ def export_web_page(path: str, splats: bpy.types.Object) -> int:
     layers = _all_layers(splats)
     run, surroundings = run_of(splats), Surroundings(title=_title(splats))
     mesh = splats.data
-    in_place = not _turns(
-        _frame_map(vertex_positions(mesh), read_attribute(mesh, Attribute.FRAME), read_attribute(mesh, Attribute.SCALE))
-    )
+    in_place = not _turns(frame_map(mesh))
     if run and in_place and is_finished_run(Path(run)):
         surroundings = surroundings_of(Path(run))
     write_web_page(path, layers, "" if in_place else _SCENES_UP, surroundings)
@@ -203,23 +202,11 @@ def _cannot_write(path: str, error: OSError) -> InputError:
     return InputError(f"cannot be written ({error.strerror or error})", where=path, remedy="choose another folder")
 
 
-def _frame_map(
-    positions: NDArray[np.float32], frame: NDArray[np.int32], scales: NDArray[np.float32]
-) -> NDArray[np.float64]:
-    """(3, 3) linear map that the mesh went through since it was made (see `splat_nodes.Frame`)."""
-    points = {number: positions[frame == number].mean(axis=0) for number in Frame if (frame == number).any()}
-    if len(points) < len(Frame):
-        return np.eye(3)
-    size = float(scales[frame == Frame.ORIGIN][0, 0])
-    edges = [(points[axis] - points[Frame.ORIGIN]) / size for axis in (Frame.X, Frame.Y, Frame.Z)]
-    return np.stack(edges, axis=1).astype(np.float64)
-
-
 def _deformed(
     scales: NDArray[np.float64], quaternions: NDArray, shape: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Scales and rotations of the ellipsoids after the linear map `shape`: again ellipsoids, by their axes."""
-    axes = shape @ (_rotation_matrices(quaternions.astype(np.float64)) * scales[:, None, :])
+    axes = shape @ (rotation_matrices(quaternions) * scales[:, None, :])
     directions, deviations, _ = np.linalg.svd(axes)
     directions[:, :, 2] *= np.sign(np.linalg.det(directions))[:, None]  # a rotation, not a reflection
     return deviations, _quaternions(directions)
@@ -269,19 +256,6 @@ def _degree(mesh: bpy.types.Mesh) -> int:
         degree
         for degree in (3, 2, 1, 0)
         if degree == 0 or coefficient_attribute(coefficient_count(degree)) in mesh.attributes
-    )
-
-
-def _rotation_matrices(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 3, 3) of (N, 4) wxyz."""
-    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    return np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], 1),
-            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], 1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], 1),
-        ],
-        axis=1,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import alignment, capture, display, environment, export, run, selection, turntable, viewer
+from . import alignment, capture, display, environment, export, relight, run, selection, turntable, viewer
 
-_MODULES = (capture, viewer, run, display, selection, alignment, turntable, export, environment)
+_MODULES = (capture, viewer, run, display, selection, alignment, relight, turntable, export, environment)
 CLASSES: tuple[type, ...] = tuple(cls for module in _MODULES for cls in module.CLASSES)

@@ -11,6 +11,7 @@ from ..cvdgs_addon.scene.display import Form
 from ..cvdgs_addon.scene.masks import Treatment
 from ..cvdgs_addon.scene.native_splats import has_native_splats
 from ..cvdgs_addon.scene.neighbours import overlapping, partner_of
+from ..cvdgs_addon.scene.relight import is_relit
 from ..cvdgs_addon.scene.render_settings import fog_of, keeps_colors, view_transform_of
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
@@ -43,6 +44,7 @@ class CVDGS_PT_display(GaussiansPanel, bpy.types.Panel):
         _draw_layers(layout, splats)
         _draw_selection(layout, splats)
         _draw_clean_up(layout)
+        _draw_relight(layout, context, splats)
         _draw_render(layout, context)
 
 
@@ -136,6 +138,21 @@ def _draw_clean_up(layout: bpy.types.UILayout) -> None:
     column = body.column(align=True)
     column.operator("cvdgs.remove_floaters", icon="BRUSH_DATA")
     column.operator("cvdgs.take_all_back", icon="LOOP_BACK")
+
+
+def _draw_relight(layout: bpy.types.UILayout, context: bpy.types.Context, splats: bpy.types.Object) -> None:
+    header, body = layout.panel("cvdgs_relight", default_closed=True)
+    header.label(text="Relight (a guess)")
+    if body is None:
+        return
+    row = body.row(align=True)
+    row.operator("cvdgs.relight", icon="LIGHT_SUN")
+    if not is_relit(splats):
+        return
+    row.operator("cvdgs.take_light_back", text="", icon="X")
+    _draw_input(body, splats, Input.RELIGHT, slider=True)
+    _draw_input(body, splats, Input.LAMP)
+    say(body, context, "Rotate the lamp. No shadows are thrown; those of the photographs stay", "INFO")
 
 
 def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -1,4 +1,4 @@
-"""Colour as geometry nodes: sRGB to scene-linear light, and spherical harmonics of degree 1 to 3."""
+"""Colour as geometry nodes: sRGB to scene-linear light and back, and spherical harmonics of degree 1 to 3."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import bpy
 
-from ...core.color.srgb import ENCODED_KNEE, EXPONENT, OFFSET, SLOPE
+from ...core.color.srgb import ENCODED_KNEE, EXPONENT, LINEAR_KNEE, OFFSET, SLOPE
 from .nodes import NodeWriter, Sockets, Value
 
 
@@ -22,6 +22,21 @@ def _decoded(write: NodeWriter, inputs: Sockets) -> Mapping[str, Value]:
         is_dark = write.compare("LESS_EQUAL", value, ENCODED_KNEE)
         channels.append(write.switch("FLOAT", is_dark, power, write.math("DIVIDE", value, SLOPE)))
     return {"light": write.combine(*channels)}
+
+
+def add_encoding_nodes(write: NodeWriter, light: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+    """sRGB values of scene-linear light, the inverse of `add_decoding_nodes`."""
+    return write.nested("CVD Light to sRGB", _encoded, {"light": light})["encoded"]
+
+
+def _encoded(write: NodeWriter, inputs: Sockets) -> Mapping[str, Value]:
+    channels = []
+    for value in write.separate(inputs["light"]):
+        root = write.math("POWER", value, 1.0 / EXPONENT)
+        bright = write.math("MULTIPLY_ADD", root, 1.0 + OFFSET, -OFFSET)
+        is_dark = write.compare("LESS_EQUAL", value, LINEAR_KNEE)
+        channels.append(write.switch("FLOAT", is_dark, bright, write.math("MULTIPLY", value, SLOPE)))
+    return {"encoded": write.combine(*channels)}
 
 
 def coefficient_attribute(index: int) -> str:

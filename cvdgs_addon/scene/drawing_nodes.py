@@ -20,7 +20,10 @@ DISC_CORNERS = 8  # fewer cost more in rays through transparent corners than the
 # as instances; the mesh took six per cent more memory at the peak. More were not measured.
 MESH_LIMIT = 300_000
 # Matches what the material does not read: attributes of instances would become those of every corner.
-_NOT_SHOWN = ("color_*", "sh_*", Attribute.SCALE, Attribute.ROTATION, Attribute.FRAME, Attribute.RANK)
+_NOT_SHOWN = (
+    *("color_*", "sh_*", Attribute.SCALE, Attribute.ROTATION),
+    *(Attribute.FRAME, Attribute.RANK, Attribute.NORMAL),
+)
 
 
 def within_budget(write: NodeWriter, rank: Value, budget: Value, is_limited: Value) -> bpy.types.NodeSocket:

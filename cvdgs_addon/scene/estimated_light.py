@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from ...core.color import srgb
 from ...core.errors import InputError
 from ...core.runs.layout import ORIGINAL
-from .cameras import is_capture_camera
-from .splat_attributes import Attribute, color_attribute, is_gaussian, point_positions, read_attribute
+from .shapes import rotation_matrices, towards_cameras
+from .splat_attributes import Attribute, color_attribute, is_gaussian, read_attribute
 
 LIGHT_NAME = "Light of the Photographs"
 
@@ -65,8 +65,8 @@ def estimate_light(splats: bpy.types.Object) -> EstimatedLight:
         raise InputError(
             "too few flat Gaussians to tell the light from", where=splats.name, remedy="place lamps by hand"
         )
-    normals = _axis(rotation, scales.argmin(axis=1))[usable]
-    outwards = (normals * _towards_cameras(splats, point_positions(mesh)[usable])).sum(axis=1)
+    normals = rotation_matrices(rotation)[np.arange(len(rotation)), :, scales.argmin(axis=1)][usable]
+    outwards = (normals * towards_cameras(splats)[usable]).sum(axis=1)
     normals *= np.where(outwards < 0.0, -1.0, 1.0)[:, None]
     weights = opacity[usable] * axes[usable, 1] * axes[usable, 2]
     weights = np.minimum(weights, np.percentile(weights, 95.0))  # a wall behind everything is no more than others
@@ -107,27 +107,3 @@ def add_estimated_light(splats: bpy.types.Object, scene: bpy.types.Scene) -> lis
         scene.collection.objects.link(lamp)
         lamps.append(lamp)
     return lamps
-
-
-def _axis(rotation: NDArray[np.float64], which: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(N, 3) the column `which` of each rotation matrix of (N, 4) unit quaternions, wxyz."""
-    w, x, y, z = rotation.T
-    columns = np.stack(
-        [
-            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1),
-            np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=1),
-            np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1),
-        ]
-    )
-    return columns[which, np.arange(len(rotation))]
-
-
-def _towards_cameras(splats: bpy.types.Object, positions: NDArray[np.float32]) -> NDArray[np.float64]:
-    """(N, 3) from each Gaussian to the middle of the photographs' cameras; outwards where there are none."""
-    cameras = [found for found in (splats.parent.children if splats.parent else ()) if is_capture_camera(found)]
-    if not cameras:
-        return positions - np.median(positions, axis=0)
-    into = np.array((splats.matrix_parent_inverse @ splats.matrix_basis).inverted_safe())
-    eyes = np.array([camera.matrix_basis.translation for camera in cameras], np.float64)
-    middle = eyes.mean(axis=0) @ into[:3, :3].T + into[:3, 3]
-    return middle - positions

@@ -37,6 +37,7 @@ class Attribute(StrEnum):
     REMOVED = "removed"  # BOOLEAN, not drawn and not exported; where it is missing, all are (see `masks`)
     KEPT_ORIGINAL = "kept_original"  # FLOAT, how far a layer's colour is left out; 0 where it is missing
     FLOATER = "floater"  # FLOAT, 0 to 1, how likely it is one; of runs that know
+    NORMAL = "surface_normal"  # FLOAT_VECTOR, which way the surface faces; only where somebody relights (see `normals`)
     DRAWN_COLOR = "drawn_color"  # FLOAT_COLOR, of what is drawn only: what the material shows
     PREVIEW_COLOR = "preview_color"  # FLOAT_COLOR, of the preview only: what Solid shading shows
     ORIGINAL_COLOR = "original_color"  # FLOAT_COLOR, of what is compared only: shown left of the border

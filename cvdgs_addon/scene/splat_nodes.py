@@ -33,6 +33,7 @@ from .drawing_nodes import MESH_LIMIT, as_points, disc_hull, few_enough, inside_
 from .nodes import NodeWriter, Sockets, Value, add_input, new_group
 from .preview_nodes import PREVIEW_COUNT, as_quads
 from .projection_nodes import ALPHA_MIN, Camera, Splat, add_camera_nodes, add_frame_nodes, add_hull_nodes
+from .relight_nodes import add_shade_nodes, shaded
 from .render_settings import FEWEST_BOUNCES, FOG, TRANSPARENT_BOUNCES
 from .splat_attributes import Attribute, color_attribute
 
@@ -50,6 +51,8 @@ class Input(StrEnum):
 
     ENHANCED = "Enhanced"
     LAYER = "Layer"
+    RELIGHT = "Relight"
+    LAMP = "Lamp"
     COMPARE = "Compare"
     BORDER = "Border"
     CAMERA_FACING = "Camera Facing"
@@ -165,6 +168,11 @@ def _declare_sockets(tree: bpy.types.NodeTree) -> None:
               subtype="FACTOR", min_value=0.0, max_value=1.0, default_value=1.0)  # fmt: skip
     add_input(tree, Input.LAYER, "NodeSocketString", "Colour attribute to blend to, for example color_deutan-1.0",
               default_value=color_attribute(ORIGINAL))  # fmt: skip
+    add_input(tree, Input.RELIGHT, "NodeSocketFloat",
+              "How far the lamp shades the Gaussians, which face where the Gaussians around them lead to guess. They "
+              "throw no shadows, the photographs' shadows and gloss stay, and figures of contrast no longer hold",
+              subtype="FACTOR", min_value=0.0, max_value=1.0)  # fmt: skip
+    add_input(tree, Input.LAMP, "NodeSocketObject", "The lamp that shades; where it points counts, not where it stands")
     add_input(tree, Input.COMPARE, "NodeSocketBool",
               "Show the original colours in the left part of the active camera's picture")  # fmt: skip
     add_input(tree, Input.BORDER, "NodeSocketFloat",
@@ -282,8 +290,11 @@ def _add_color_nodes(
     kept = write.attribute("FLOAT", Attribute.KEPT_ORIGINAL).outputs["Attribute"]
     share = write.math("MULTIPLY", inputs[Input.ENHANCED], write.math("SUBTRACT", 1.0, kept))
     encoded = write.mix("RGBA", share, original, enhanced)
+    is_relit = write.compare("GREATER_THAN", inputs[Input.RELIGHT], 0.0)
+    shade = add_shade_nodes(write, inputs[Input.LAMP], frame, inputs[Input.RELIGHT])
     pairs = []
     for color in (encoded, original):
+        color = shaded(write, color, shade, is_relit)
         light = add_decoding_nodes(write, color)
         pairs += [write.switch("RGBA", inputs[Input.SCENE_LINEAR], color, light), light]
     return _Colors(*pairs)
