@@ -32,6 +32,7 @@ class ViewWatcher:
 
     def __init__(self) -> None:
         self._seen: tuple = ()
+        self._counted: dict[int, tuple[int, bool]] = {}  # by scene: how many objects, and whether any are Gaussians
         self._awaited: tuple[int, float, tuple] | None = None  # scene, since when nothing happened, and what was seen
         self._timer = self.look
 
@@ -55,6 +56,9 @@ class ViewWatcher:
     def look(self) -> float:
         """One look at the views; for the timer."""
         views = tuple(_views())
+        for scene in {window.scene for window, _, _ in views}:
+            if self._has_first_gaussians(scene) and scene.cvdgs.display.automatic:
+                show_in_color(scene)
         state = tuple(
             (space.as_pointer(), space.shading.type, space.region_3d.view_perspective, window.scene.render.engine)
             for window, _, space in views
@@ -65,6 +69,16 @@ class ViewWatcher:
         if self._awaited is not None:
             self._look_closer(views)
         return _INTERVAL
+
+    def _has_first_gaussians(self, scene: bpy.types.Scene) -> bool:
+        """Whether Gaussians came into a scene that had none at the last look: linked or appended by hand."""
+        count = len(scene.objects)
+        before = self._counted.get(scene.session_uid)
+        if before is not None and before[0] == count:
+            return False
+        has_any = any(map(is_splats, scene.objects))
+        self._counted[scene.session_uid] = (count, has_any)
+        return before is not None and has_any and not before[1]
 
     def _follow(self, views: tuple) -> None:
         for scene in {window.scene for window, _, _ in views}:

@@ -53,7 +53,8 @@ def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context, splats: 
     shading = context.space_data.shading if context.space_data is not None else None
     is_preview = display.form_of(splats) is Form.PREVIEW
     if shading is not None and shading.type == "SOLID" and not (is_preview and shading.color_type == "VERTEX"):
-        say(layout, context, "Solid shading shows the colours of the Preview only", "INFO")
+        press = "Press Preview to see its colours in Solid shading"
+        say(layout, context, press if is_preview else "Solid shading shows the colours of the Preview only", "INFO")
     say_bystanders(layout, context, "The view also shows")
     others = [other.name for other in overlapping(context.scene, splats)]
     if others:
