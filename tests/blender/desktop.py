@@ -41,6 +41,7 @@ _WATCH = Path(__file__).with_name("watch.py")
 _START_SECONDS = 120.0
 _ANSWER_SECONDS = 120.0  # software OpenGL compiles the shaders of a view that it has not drawn yet
 _SETTLE = 1.5  # seconds for a window to answer a click and move its panels
+_STEPS = 10  # of a drag
 _PACE = 0.4  # seconds within which a window that draws nothing looks at itself many times
 
 
@@ -55,6 +56,7 @@ class Desktop:
         self.share = Path(ROOT, "share")
         self._pictures = pictures
         self._blender: subprocess.Popen | None = None
+        self._log, self._said_before = pictures / "blender.log", 0
 
     def command(self, *arguments: str) -> str:
         """Run Blender without a window, to its end; returns what it says."""
@@ -71,8 +73,10 @@ class Desktop:
         """
         shutil.copy(_WATCH, self.share / "watch.py")
         (self.share / "options.json").write_text(json.dumps({**options, "scale": SCALE}))
-        (self.share / "state.json").unlink(missing_ok=True)
-        log = open(self._pictures / "blender.log", "a")  # noqa: SIM115 - Blender writes to it as long as it runs
+        for left in ("state.json", "code.py"):
+            (self.share / left).unlink(missing_ok=True)
+        log = open(self._log, "a")  # noqa: SIM115 - Blender writes to it as long as it runs
+        self._said_before = self._log.stat().st_size
         self._blender = subprocess.Popen(
             [PROGRAM, "run", ROOT, *arguments, "-P", "/share/watch.py"], stdout=log, stderr=subprocess.STDOUT
         )
@@ -126,6 +130,13 @@ class Desktop:
         way = ("mousemove_relative", str(round(SCALE * right)), str(round(SCALE * down)))
         self._exec("xdotool", "mousedown", "2", "sleep", "0.3", *way, "sleep", "0.3", "mouseup", "2")
 
+    def slide(self, x: float, y: float, right: float) -> None:
+        """Drag a slider from a place with the left button, in steps, as a hand does."""
+        self.hover(x, y)
+        step = ("mousemove_relative", "--", str(round(SCALE * right / _STEPS)), "0", "sleep", "0.15")
+        self._exec("xdotool", "mousedown", "1", "sleep", "0.3", *(step * _STEPS), "sleep", "0.3", "mouseup", "1")
+        self.settle()
+
     def hover(self, x: float, y: float) -> None:
         """Move the mouse to a place; what is there hears the keys."""
         self._move(x, y)
@@ -175,11 +186,16 @@ class Desktop:
             if self.state()["time"] - before > 0.5 * _PACE:
                 return
 
+    def console(self) -> str:
+        """What Blender has said on its console since it was started."""
+        return self._log.read_bytes()[self._said_before :].decode(errors="replace")
+
     def quit(self) -> None:
-        """Let Blender quit as from its menu, and wait for it."""
+        """Let Blender quit as from its menu, and wait for it; nothing may have failed with a traceback."""
         if self._blender is not None and self._blender.poll() is None:
             (self.share / "code.py").write_text("bpy.ops.wm.quit_blender()")
             self._blender.wait(30.0)
+            assert "Traceback" not in self.console(), self.console()
         self._blender = None
 
     def kill(self) -> None:

@@ -24,6 +24,8 @@ _CLICKS, _CLICK_MAY_TAKE = 4, 12.0  # seconds
 _LEAST_CHANGE = 0.5  # grey levels in the mean; a sub-panel that opens changes several
 _PATH, _NAME, _CANCEL, _ACCEPT = (620, 48), (600, 757), (1071, 757), (1207, 757)
 _BROWSER = "FILE_BROWSER WINDOW"
+# What the browser has, in Blender's Python.
+_PARAMETERS = "next(a for a in bpy.context.screen.areas if a.type == 'FILE_BROWSER').spaces.active.params"
 
 
 def header(number: int) -> Place:
@@ -103,6 +105,17 @@ def save_as(desktop: Desktop, path: str) -> None:
     desktop.settle()  # else Return is heard by the browser, and saves under the name that it proposes
     _enter(desktop, _PATH, path.rpartition("/")[0])
     _enter(desktop, _NAME, path.rpartition("/")[2])
+    _accept(desktop)
+
+
+def choose_file(desktop: Desktop, path: str) -> None:
+    """Accept a file, or a folder that ends with "/", in the file browser that has just been opened."""
+    desktop.wait(lambda state: _BROWSER in state["places"], _CLICK_MAY_TAKE)
+    desktop.settle()
+    folder, _, name = path.rpartition("/")
+    # Its list may take long, and a key that comes too early accepts what was proposed.
+    desktop.ask(f"{_PARAMETERS}.directory = {f'{folder}/'.encode()!r}\n{_PARAMETERS}.filename = {name!r}")
+    desktop.settle()
     _accept(desktop)
 
 
