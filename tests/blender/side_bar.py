@@ -114,7 +114,9 @@ def choose_file(desktop: Desktop, path: str) -> None:
     desktop.settle()
     folder, _, name = path.rpartition("/")
     # Its list may take long, and a key that comes too early accepts what was proposed.
-    desktop.ask(f"{_PARAMETERS}.directory = {f'{folder}/'.encode()!r}\n{_PARAMETERS}.filename = {name!r}")
+    desktop.ask(f"{_PARAMETERS}.directory = {f'{folder}/'.encode()!r}")
+    if name:
+        desktop.ask(f"{_PARAMETERS}.filename = {name!r}")
     desktop.settle()
     _accept(desktop)
 

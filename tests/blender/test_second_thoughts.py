@@ -11,15 +11,15 @@ import sys
 import pytest
 
 from .desktop import Desktop
-from .side_bar import CAPTURE, VIEWER, choose_file, header, press, toggle
-from .test_colour_at_once import LEAST_SHARE, PREVIEW, VIEW, coloured_share
+from .side_bar import CAPTURE, VIEWER, choose_file, header, press, press_until, toggle
+from .test_colour_at_once import LEAST_SHARE, PREVIEW, RENDER_MAY_TAKE, VIEW, coloured_share
 from .test_taken_away import RUN, below
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 
 MAKE, DISPLAY, SIMULATE = header(2), header(3), header(4)
-# Places below the headers, while all other sub-panels are closed and the preview is drawn.
-ENHANCED, RELIGHT_HEADER, RELIGHT = (202, 177), (36, 276), (112, 309)
+# Places below the headers, while all other sub-panels are closed, after View in Colour.
+ENHANCED, RELIGHT_HEADER, RELIGHT = (202, 203), (36, 302), (112, 335)
 RENDERS, SAVE_ASSET = (81, 31), (134, 228)
 SPLATS = f"bpy.data.objects['{RUN} Gaussians']"
 SPLATS_MODULE = "__import__('bl_ext.user_default.cvdgs.cvdgs_addon.scene.splats', fromlist=['x'])"
@@ -52,7 +52,7 @@ def press_in_view(desktop: Desktop, *keys: str) -> None:
 
 @pytest.fixture(scope="module")
 def loaded(installed: Desktop, finished_run: str) -> Desktop:
-    """The finished run as a preview, which somebody orbits; the panels are closed."""
+    """The finished run, rendered through a camera by itself; the panels are closed."""
     desktop = installed
     for folder in ("assets", "elsewhere"):
         shutil.rmtree(desktop.share / folder, ignore_errors=True)
@@ -61,8 +61,7 @@ def loaded(installed: Desktop, finished_run: str) -> Desktop:
     desktop.start(python=sys.executable, sidebar=True)
     toggle(desktop, VIEWER, CAPTURE)
     desktop.ask(f"bpy.ops.cvdgs.load_run(directory={finished_run!r})\nbpy.ops.ed.undo_push(message='Load')")
-    x, y, width, height = desktop.state()["places"]["VIEW_3D WINDOW"]
-    desktop.drag(x + width / 3, y + height / 2, 10, 2)
+    desktop.wait(lambda state: state["engine"] == "CYCLES", RENDER_MAY_TAKE)
     desktop.settle()
     toggle(desktop, MAKE, DISPLAY)
     return desktop
@@ -107,8 +106,8 @@ def test_a_slider_that_is_dragged_is_one_step_of_undo(loaded: Desktop):
 def test_relighting_is_undone_with_its_lamp(loaded: Desktop):
     desktop = loaded
     before = set(desktop.state()["objects"])
-    press(desktop, below(DISPLAY, RELIGHT_HEADER))
-    press(desktop, below(DISPLAY, RELIGHT))
+    toggle(desktop, below(DISPLAY, RELIGHT_HEADER))
+    press_until(desktop, below(DISPLAY, RELIGHT), lambda state: set(state["objects"]) != before)
     assert value_of(desktop, "Relight") == 1.0
     assert set(desktop.state()["objects"]) - before == {"Relight Lamp"}
     desktop.picture("relit")
