@@ -20,6 +20,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 MAKE, DISPLAY, SIMULATE = header(2), header(3), header(4)
 # Places below the headers, while all other sub-panels are closed, after View in Colour.
 ENHANCED, RELIGHT_HEADER, RELIGHT = (202, 203), (36, 302), (112, 335)
+FROM_OUTSIDE = 0.01  # of the view's pixels, that are coloured; most are backs of walls
 RENDERS, SAVE_ASSET = (81, 31), (134, 228)
 SPLATS = f"bpy.data.objects['{RUN} Gaussians']"
 SPLATS_MODULE = "__import__('bl_ext.user_default.cvdgs.cvdgs_addon.scene.splats', fromlist=['x'])"
@@ -133,9 +134,9 @@ def test_a_file_on_another_machine_and_one_that_links_it_show_colours(loaded: De
         desktop.ask(LINK)
         desktop.settle()
         assert desktop.tell(VIEW)[:2] == PREVIEW[:2]
-        assert coloured_share(desktop, "linked") > LEAST_SHARE
+        assert coloured_share(desktop, "linked") > FROM_OUTSIDE
         assert desktop.tell(f"{SPLATS_MODULE}.get_input(made, 'Enhanced')", OVERRIDE) == 0.25
-        assert coloured_share(desktop, "overridden") > LEAST_SHARE
+        assert coloured_share(desktop, "overridden") > FROM_OUTSIDE
         desktop.quit()
     finally:
         moved.rename(desktop.share / RUN)
