@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 NAME = "cost"
 SIZE, ITERATIONS = 240, 800
-VIEWS = (10, 20, 40, 80, 128)
-SIZES = (120, 180, 240, 320, 480, 640)
+VIEWS = (12, 25, 50, 100, 200, 400)
+SIZES = (120, 240, 360, 480, 720, 960)
 QUICK_VIEWS, QUICK_SIZES = (10, 20, 40), (80, 100, 120)
 CONFIDENCE = 0.95
 OVER = {"views": "photographs", "pixels": "pixels of a photograph"}
@@ -49,7 +49,11 @@ _FIGURES: tuple[Column, ...] = (
     ("gaussians", "Gaussians", ".0f"),
 )
 _QUALITY: Column = ("psnr", "PSNR", ".2f")
-_DRAWN = {"seconds": "seconds of everything", "peak_memory_mb": "peak memory, MB", "gaussians": "Gaussians"}
+_DRAWN = {
+    "processor_seconds": "processor seconds of everything",
+    "peak_memory_mb": "peak memory, MB",
+    "gaussians": "Gaussians",
+}
 _EXPONENTS: tuple[Column, ...] = (
     ("capture", "capture", ""),
     ("over", "over", ""),
@@ -60,9 +64,9 @@ _EXPONENTS: tuple[Column, ...] = (
     ("points", "points", "d"),
 )
 _DEFINITIONS = """\
-One thing grows at a time, everything else is the product's own. Views are spread evenly over the capture; pixels are
-those of one photograph, by its longer side squared. Each trial has a process to itself, so memory is the peak of that
-trial. A cost that grows as a power of the work is a line where both axes are logarithmic; its *exponent* is the slope
+One thing grows at a time, everything else is the product's own. Views are spread evenly over the capture, up to all
+that it has; pixels are those of one photograph, up to its own. Each trial has a process to itself, so memory is the
+peak of that trial; the parts' seconds are by the clock, processor seconds are of all threads and all parts. A cost that grows as a power of the work is a line where both axes are logarithmic; its *exponent* is the slope
 (1: twice the work costs twice as much; 0: no more), fitted by least squares, *from* and *to* its {confidence:.0f} %
 interval by Student's t. The number of steps is fixed, as it is in a run, so the geometry's time does not follow the
 views."""
@@ -113,13 +117,23 @@ def measure_cost(
     """
     asked: list[tuple[str, int, Job]] = []
     for source in sources:
+        counts, pixels = there_are(source, views, sizes)
         for seed in range(seeds):
             seeded = (replace(recipe, seed=seed),)
-            asked += [("views", count, Job(SomeViews(source, count), seeded)) for count in views]
-            asked += [("pixels", size**2, Job(replace(source, max_size=size), seeded)) for size in sizes]
+            asked += [("views", count, Job(SomeViews(source, count), seeded)) for count in counts]
+            asked += [("pixels", area, Job(replace(source, max_size=size), seeded)) for size, area in pixels.items()]
     trials = frame_of(Trial, run_jobs([job for _, _, job in asked], folder, reporter, again=again))
     trials = trials.assign(over=[over for over, _, _ in asked], amount=[amount for _, amount, _ in asked])
     return with_derived(trials)
+
+
+def there_are(source: CaptureFolder, views: Sequence[int], sizes: Sequence[int]) -> tuple[list[int], dict[int, int]]:
+    """The numbers of views that a capture has, and the pixels of a photograph by the sizes that it has."""
+    whole = replace(source, max_size=max(sizes)).load().given.views
+    camera = whole[0].camera
+    longer, area = max(camera.width, camera.height), camera.width * camera.height
+    counts = sorted({min(count, len(whole)) for count in views})
+    return counts, {size: round(area * (size / longer) ** 2) for size in sorted({min(size, longer) for size in sizes})}
 
 
 def exponents(trials: pd.DataFrame) -> pd.DataFrame:

@@ -342,7 +342,8 @@ def _measure(options: argparse.Namespace) -> str:
         tried = [variant for some in seeds for variant in some]
         mine = measure_variants(source, tried, work, reporter, processes=options.processes, again=options.again)
         if options.opensplat and not options.quick:
-            trials = train_opensplat(options.opensplat, source.name, source.load(), reporter)
+            peers = train_opensplat(options.opensplat, source.name, source.load(), reporter)
+            trials = [peer.trial for peer in peers]
             mine = pd.concat([mine, points_of(trials, [PEER] * len(trials), [options.max_size] * len(trials))])
         points.append(with_fronts(mine))
     size = "the judged size" if options.quick else "two thirds the judged size"

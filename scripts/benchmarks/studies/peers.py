@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import tempfile
 import time
@@ -16,6 +17,7 @@ from ....core.capture.normalised import write_capture
 from ....core.errors import InputError
 from ....core.runtime.protocol import Reporter
 from ....core.splats import raster
+from ....core.splats.gaussians import Gaussians
 from ....core.splats.io.ply import read_ply
 from ....core.splats.renderer import SceneRenderer
 from ....core.splats.targets import Background
@@ -24,6 +26,9 @@ from .recipe import Recipe, Trial, described
 
 STAGE = "peers"
 OPENSPLAT = "OpenSplat"
+_KEEP_COORDINATES = "--keep-crs"  # until 1.1; later versions keep them unless they are told to --center
+_VERSION = re.compile(r"\d+\.\d+(\.\d+)?")
+_STEP = re.compile(r"Step (\d+):")
 
 
 @dataclass(frozen=True)
@@ -33,26 +38,82 @@ class OpenSplatRun:
     Attributes:
         label: of the run.
         iterations: of the training.
-        downscales: how often the photographs are halved at the start.
-        schedule: steps after which their size is doubled again.
+        options: others than its own defaults, as on its command line.
+        measured: how many times its scene is judged on the way.
     """
 
     label: str
     iterations: int
-    downscales: int
-    schedule: int
+    options: tuple[str, ...] = ()
+    measured: int = 4
 
 
 OPENSPLAT_RUNS = (
-    OpenSplatRun("coarse to fine, as it is by itself", 2000, downscales=2, schedule=3000),
-    OpenSplatRun("full resolution", 500, downscales=0, schedule=3000),
+    OpenSplatRun("its defaults", 1000),
+    OpenSplatRun("a step of Adam every step", 1000, ("--densify-until", "1000")),
 )
+"""From 1.2 on, Adam takes a step only every 32 iterations once densification has ended, half-way by default."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A training on its way.
+
+    Attributes:
+        processor_seconds: until then, of all threads.
+        psnr: of the held-out views, dB.
+    """
+
+    processor_seconds: float
+    psnr: float
+
+
+@dataclass(frozen=True)
+class PeerTraining:
+    """A finished training of another program: its figures, and how it got there."""
+
+    trial: Trial
+    curve: tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class OpenSplat:
+    """An executable of OpenSplat, 1.1 or later.
+
+    Attributes:
+        program: its path.
+        version: as it gives it, without the commit.
+        keeps_coordinates: the options that leave the scene where the cameras are.
+    """
+
+    program: Path
+    version: str
+    keeps_coordinates: tuple[str, ...]
+
+    @classmethod
+    def at(cls, program: Path) -> OpenSplat:
+        """Ask it what it is; raises `InputError` if it cannot be run."""
+        help_text, version = (_asked(program, option) for option in ("--help", "--version"))
+        known = _VERSION.search(version)
+        options = (_KEEP_COORDINATES,) if _KEEP_COORDINATES in help_text else ()
+        return cls(program, known[0] if known else "", options)
+
+    @property
+    def name(self) -> str:
+        return f"{OPENSPLAT} {self.version}".strip()
+
+    def command(self, capture: Path, scene: Path, run: OpenSplatRun) -> list[str]:
+        """Its command line, on the CPU."""
+        words = [str(self.program), str(capture), "--output", str(scene), "--num-iters", str(run.iterations)]
+        if run.measured:
+            words += ["--save-every", str(_interval(run))]
+        return [*words, *run.options, *self.keeps_coordinates, "--cpu"]
 
 
 def train_opensplat(
     program: Path, capture: str, subject: Subject, reporter: Reporter, runs: Sequence[OpenSplatRun] = OPENSPLAT_RUNS
-) -> list[Trial]:
-    """Trials of OpenSplat (1.1 or later) on the CPU, on the training views; its scenes are rendered by ours.
+) -> list[PeerTraining]:
+    """Trainings by OpenSplat on the CPU, on the training views; its scenes are rendered by ours.
 
     Args:
         program: its executable.
@@ -61,46 +122,77 @@ def train_opensplat(
     Raises:
         InputError: the program cannot be run or fails.
     """
-    found = []
+    peer, found = OpenSplat.at(program), []
     with tempfile.TemporaryDirectory() as scratch:
         place = Path(scratch) / "capture"
         training = tuple(subject.given.views[i] for i in subject.split.train)
         write_capture(replace(subject.given, views=training), place)
         for done, run in enumerate(runs):
-            reporter.progress(STAGE, done / len(runs), f"{OPENSPLAT}, {run.label}")
-            found.append(_run(program, capture, place, Path(scratch) / f"{done}.ply", run, subject))
-    reporter.progress(STAGE, 1.0, OPENSPLAT)
+            reporter.progress(STAGE, done / len(runs), f"{peer.name}, {run.label}")
+            found.append(_run(peer, capture, place, Path(scratch) / f"{done}.ply", run, subject))
+    reporter.progress(STAGE, 1.0, peer.name)
     return found
 
 
-def _run(program: Path, capture: str, folder: Path, scene: Path, run: OpenSplatRun, subject: Subject) -> Trial:
-    # --keep-crs: otherwise the scene has its own coordinates.
-    command = [str(program), str(folder), "--output", str(scene), "--num-iters", str(run.iterations)]
-    command += ["--num-downscales", str(run.downscales), "--resolution-schedule", str(run.schedule)]
-    command += ["--keep-crs", "--cpu"]
+def _run(peer: OpenSplat, capture: str, folder: Path, scene: Path, run: OpenSplatRun, subject: Subject) -> PeerTraining:
+    times: dict[int, float] = {}
+    last = ""
     started, processor = time.perf_counter(), _processor_seconds_of_children()
-    try:
-        result = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    except OSError as error:
-        reason = f"cannot be run ({error.strerror})"
-        raise InputError(reason, where=program, remedy="give the path of OpenSplat's executable") from None
+    with subprocess.Popen(
+        peer.command(folder, scene, run), cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            last = line.strip() or last
+            if step := _STEP.match(line):
+                times[int(step[1])] = time.perf_counter() - started
     seconds, processor = time.perf_counter() - started, _processor_seconds_of_children() - processor
-    if result.returncode or not scene.is_file():
-        last = (result.stderr or result.stdout).strip().splitlines()[-1:]
-        raise InputError(f"no scene was made ({' '.join(last)})", where=program, remedy="use OpenSplat 1.1 or later")
+    if process.returncode or not scene.is_file():
+        raise InputError(f"no scene was made ({last})", where=peer.program, remedy="use OpenSplat 1.1 or later")
     gaussians = read_ply(scene)
-    views = subject.judged.views
-    drawn = SceneRenderer(raster.Rasterizer("cpu"), views, Background.of(views))
-    psnr = [drawn.fidelity(i, drawn.color(gaussians, i))["psnr"] for i in subject.judged_split.test]
-    recipe = Recipe(f"{OPENSPLAT}, {run.label}", mode="", enhancer="", iterations=run.iterations)
-    return Trial(
+    recipe = Recipe(f"{peer.name}, {run.label}", mode="", enhancer="", iterations=run.iterations)
+    trial = Trial(
         **described(capture, recipe),
         gaussians=len(gaussians),
         sh_degree=gaussians.sh_degree,
-        psnr=float(np.mean(psnr)),
+        psnr=_held_out_psnr(gaussians, subject),
         geometry_seconds=seconds,
         processor_seconds=processor,
     )
+    # Steps are known by the clock alone; a training uses its processors evenly.
+    busy = processor / seconds
+    saved = {step: scene.with_name(f"{scene.stem}_{step}{scene.suffix}") for step in _measured_steps(run)}
+    curve = [
+        Point(busy * times[step], _held_out_psnr(read_ply(path), subject))
+        for step, path in saved.items()
+        if step in times and path.is_file()
+    ]
+    return PeerTraining(trial, (*curve, Point(processor, trial.psnr)))
+
+
+def _held_out_psnr(gaussians: Gaussians, subject: Subject) -> float:
+    views = subject.judged.views
+    drawn = SceneRenderer(raster.Rasterizer("cpu"), views, Background.of(views))
+    psnr = [drawn.fidelity(i, drawn.color(gaussians, i))["psnr"] for i in subject.judged_split.test]
+    return float(np.mean(psnr))
+
+
+def _interval(run: OpenSplatRun) -> int:
+    """Steps between two scenes that are judged on the way."""
+    return max(run.iterations // (run.measured + 1), 1)
+
+
+def _measured_steps(run: OpenSplatRun) -> range:
+    return range(_interval(run), run.iterations, _interval(run)) if run.measured else range(0)
+
+
+def _asked(program: Path, option: str) -> str:
+    try:
+        asked = subprocess.run([str(program), option], capture_output=True, text=True, check=False)
+    except OSError as error:
+        reason = f"cannot be run ({error.strerror})"
+        raise InputError(reason, where=program, remedy="give the path of OpenSplat's executable") from None
+    return asked.stdout + asked.stderr
 
 
 def _processor_seconds_of_children() -> float:

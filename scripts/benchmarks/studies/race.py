@@ -1,4 +1,4 @@
-"""How long another program takes to the quality that it reaches, and ours to the same on the same photographs.
+"""How much work another program needs for the quality that it reaches, and ours for the same on the same photographs.
 
 Command: ``benchmark.py peers``, which runs one training after the other, each with the machine to itself.
 """
@@ -6,11 +6,14 @@ Command: ``benchmark.py peers``, which runs one training after the other, each w
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
 from ....core.runtime.cli import ConsoleReporter
@@ -18,54 +21,61 @@ from ....core.runtime.protocol import Reporter
 from ....core.settings import QUALITIES
 from ....core.splats import raster
 from ....core.splats.training.plan import TrainingPlan
+from ..charts import SeriesStyle, Theme, logarithmic, picture, plot_series, write_charts
 from ..options import Part, add_study_arguments, chosen_sources, with_quick_defaults, work_folder
-from ..provenance import trained_product
+from ..provenance import fingerprint, trained_product
 from ..tables import Column, frame_of, markdown_table, write_csv, write_text
-from ..timing.runs import TrainedRun, train_once
+from ..timing.runs import train_once
 from ..timing.trainer import QUICK_PLAN
 from .captures import DEMO, CaptureFolder
-from .jobs import TRIALS_FILE, Job, TrialStore
-from .peers import OPENSPLAT, OPENSPLAT_RUNS, OpenSplatRun, train_opensplat
-from .recipe import Recipe, Trial
+from .peers import OPENSPLAT_RUNS, OpenSplat, OpenSplatRun, Point, train_opensplat
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 NAME = "peers"
+FINISHES_FILE = "peers.jsonl"
 SIZE = 480
 STANDARD = next(quality.iterations for quality in QUALITIES if quality.name == "STANDARD")
+BY_ITSELF = "ours, as it is by itself"
 OURS = {
     "ours, quick": QUICK_PLAN,
-    "ours, as it is by itself": TrainingPlan(steps=STANDARD, limit=None, sh_degree=None, curve_points=40),
+    BY_ITSELF: TrainingPlan(steps=STANDARD, limit=None, sh_degree=None, curve_points=40),
 }
 """Plans of our trainings, measured often enough to read off when they reach a quality."""
+_PANEL, _HEIGHT = 4.6, 4.0  # inches
 _COLUMNS: tuple[Column, ...] = (
     ("capture", "capture", ""),
     ("label", "program", ""),
     ("iterations", "steps", "d"),
     ("psnr", "PSNR", ".2f"),
-    ("seconds", "seconds", ".1f"),
     ("processor_seconds", "processor seconds", ".1f"),
+    ("seconds", "by the clock", ".1f"),
     ("gaussians", "Gaussians", "d"),
 )
 _EQUAL: tuple[Column, ...] = (
     ("capture", "capture", ""),
-    ("label", "to the PSNR of", ""),
+    ("label", "to the best of", ""),
     ("psnr", "PSNR", ".2f"),
-    ("seconds", "its seconds", ".1f"),
+    ("processor_seconds", "it took", ".1f"),
     ("ours", "our run", ""),
-    ("our_seconds", "our seconds", ".1f"),
-    ("times", "times faster", ".1f"),
+    ("our_seconds", "took", ".1f"),
+    ("times", "times less", ".1f"),
 )
 _DEFINITIONS = """\
-All trainings of a capture in one call, one after the other on the same processor cores. Each program gets the same
-training views (every eighth is held out) and sparse points, and its scene is rendered by our rasteriser for the
-held-out views. Seconds are by the clock, ours without the measurements for the curve; a peer's include reading the
-photographs. *Our seconds* is when a measured PSNR first reached that of the peer at its end; a dash: never.
-OpenSplat's own number of steps, 30,000, takes hours on a processor: it is stopped earlier, at its own settings
-otherwise."""
+All trainings of a capture one after the other on the same processor cores, in **processor seconds**: time by the clock
+depends on what else a machine does. Each program gets the same training views (every eighth is held out) and sparse
+points, and its scenes are rendered by our rasteriser for the held-out views, several times on the way. A peer's time
+has the start of its program and the reading of the photographs in it, a few seconds; ours has not, and neither has the
+measuring. *To the best of*: the highest PSNR that was measured of a peer, and when; ours took as long as until it had
+that for the first time; a dash: never. OpenSplat's own number of steps, 30,000, takes hours on a processor: it is
+given fewer, on which its schedules depend as they do for its users."""
 
 
 @dataclass(frozen=True)
 class Finish:
-    """A training at its end.
+    """A training at its end, and on its way there.
 
     Attributes:
         capture, label: what was trained, and by which program and settings.
@@ -73,6 +83,7 @@ class Finish:
         psnr: of the held-out views, dB.
         seconds, processor_seconds: wall time, and processor time of all threads.
         gaussians: their number.
+        curve: in the order of time.
     """
 
     capture: str
@@ -82,73 +93,149 @@ class Finish:
     seconds: float
     processor_seconds: float
     gaussians: int
+    curve: tuple[Point, ...] = ()
+
+    @property
+    def best(self) -> Point:
+        """The first of the measurements with the highest PSNR."""
+        return max(self.curve, key=lambda point: point.psnr)
+
+    def seconds_to(self, psnr: float) -> float:
+        """Processor seconds until a PSNR of at least `psnr` was first measured; NaN if it never was."""
+        return next((point.processor_seconds for point in self.curve if point.psnr >= psnr), math.nan)
 
 
 @dataclass(frozen=True)
 class Equal:
-    """When one of our runs had reached what a peer reaches at its end; NaN where it never did.
+    """When one of our runs had reached the best of a peer; NaN where it never did.
 
     Attributes:
-        capture, label, psnr, seconds: of the peer's `Finish`.
+        capture, label: of the peer's `Finish`.
+        psnr, processor_seconds: of its best.
         ours: label of our run.
-        our_seconds: of it, until that PSNR was first measured.
-        times: how many times as long the peer took.
+        our_seconds: processor seconds of it, until that PSNR was first measured.
+        times: how many times as much the peer took.
     """
 
     capture: str
     label: str
     psnr: float
-    seconds: float
+    processor_seconds: float
     ours: str
     our_seconds: float
     times: float
 
 
+class FinishStore:
+    """Finished trainings in a file of JSON lines, so that a broken-off race goes on where it was."""
+
+    def __init__(self, path: Path, *, again: bool = False) -> None:
+        self._path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if again:
+            path.unlink(missing_ok=True)
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+        complete = [json.loads(line) for line in lines if line.endswith("\n")]
+        self._known = {entry.pop("key"): _finish_of(entry) for entry in complete}
+        if len(complete) < len(lines):  # broken off while it was written
+            path.write_text("".join(lines[: len(complete)]), encoding="utf-8")
+
+    def get(self, key: str, make: Callable[[], Finish]) -> Finish:
+        """The training of a key; made and kept if it is not there."""
+        if key not in self._known:
+            self._known[key] = made = make()
+            with self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"key": key, **asdict(made)}) + "\n")
+        return self._known[key]
+
+
 def peer_finishes(
     program: Path,
     source: CaptureFolder,
-    folder: Path,
+    store: FinishStore,
     reporter: Reporter,
     runs: Sequence[OpenSplatRun] = OPENSPLAT_RUNS,
 ) -> list[Finish]:
-    """OpenSplat's trainings of a capture; those that `folder` has from an earlier call are not repeated."""
-    store, subject = TrialStore(folder / TRIALS_FILE), source.load()
-    finishes = []
-    for run in runs:
-        name = f"{OPENSPLAT}, {run.label}"
-        recipe = Recipe(name, mode="", enhancer=name, iterations=run.iterations)
-        if store.missing(Job(source, (recipe,))):
-            (trial,) = train_opensplat(program, source.name, subject, reporter, [run])
-            store.add(source, recipe, trial)
-        finishes.append(_finish(store.trial(source, recipe)))
-    return finishes
+    """OpenSplat's trainings of a capture; those that `store` has are not repeated."""
+    version = OpenSplat.at(program).version
+
+    def train(run: OpenSplatRun) -> Finish:
+        (peer,) = train_opensplat(program, source.name, source.load(), reporter, [run])
+        trial = peer.trial
+        cost = (trial.geometry_seconds, trial.processor_seconds)
+        return Finish(trial.capture, trial.label, trial.iterations, trial.psnr, *cost, trial.gaussians, peer.curve)
+
+    return [store.get(_key(source, version, run), partial(train, run)) for run in runs]
 
 
-def race(finish: Finish, runs: Sequence[TrainedRun]) -> list[Equal]:
-    """When each of our runs had reached the quality of a peer."""
-    found = []
-    for run in runs:
-        seconds = run.seconds_to(finish.psnr)
-        times = math.nan if math.isnan(seconds) else finish.seconds / seconds
-        found.append(Equal(finish.capture, finish.label, finish.psnr, finish.seconds, run.label, seconds, times))
+def our_finishes(source: CaptureFolder, store: FinishStore, iterations: int, reporter: Reporter) -> list[Finish]:
+    """Our trainings of a capture; those that `store` has are not repeated.
+
+    Args:
+        iterations: of the run that is as it is by itself.
+    """
+
+    def train(label: str, plan: TrainingPlan) -> Finish:
+        reporter.status(NAME, f"{source.name}, {label}")
+        run = train_once(source.load().given, label, plan)
+        curve = tuple(Point(run.busy * seconds, psnr) for seconds, psnr in run.curve)
+        return Finish(source.name, label, run.steps, run.psnr, run.seconds, run.processor_seconds, run.gaussians, curve)
+
+    plans = {**OURS, BY_ITSELF: replace(OURS[BY_ITSELF], steps=iterations)}
+    product = trained_product()
+    return [store.get(_key(source, product, name, plan), partial(train, name, plan)) for name, plan in plans.items()]
+
+
+def race(finish: Finish, ours: Sequence[Finish]) -> list[Equal]:
+    """When each of our trainings had reached the best of a peer's."""
+    found, best = [], finish.best
+    for run in ours:
+        seconds = run.seconds_to(best.psnr)
+        times = math.nan if math.isnan(seconds) else best.processor_seconds / seconds
+        equal = (best.psnr, best.processor_seconds, run.label, seconds, times)
+        found.append(Equal(finish.capture, finish.label, *equal))
     return found
 
 
 def write_peers(folder: Path, finishes: Sequence[Finish], equals: Sequence[Equal]) -> str:
-    """Write ``peers.csv`` and ``peers.md``; returns the text of the latter."""
-    write_csv(folder / f"{NAME}.csv", frame_of(Finish, finishes))
-    lines = ["# Time to equal quality", "", _DEFINITIONS, ""]
+    """Write ``peers.csv``, ``peers.md`` and its chart; returns the text of the page."""
+    table = frame_of(Finish, [replace(finish, curve=()) for finish in finishes]).drop(columns="curve")
+    write_csv(folder / f"{NAME}.csv", table)
+    captures = list(dict.fromkeys(finish.capture for finish in finishes))
+    size = (_PANEL * len(captures), _HEIGHT)
+    write_charts(folder, NAME, size, partial(_draw, finishes=finishes), formats=("svg",))
+    alternative = "PSNR of held-out views over processor seconds, ours and others; the tables have the ends"
+    lines = ["# Time to equal quality", "", _DEFINITIONS, "", picture(NAME, alternative), ""]
     lines += [*markdown_table(frame_of(Equal, equals), _EQUAL), "", "## All runs", ""]
-    return write_text(folder / f"{NAME}.md", [*lines, *markdown_table(frame_of(Finish, finishes), _COLUMNS)])
+    return write_text(folder / f"{NAME}.md", [*lines, *markdown_table(table, _COLUMNS)])
 
 
-def _finish(trial: Trial) -> Finish:
-    cost = (trial.geometry_seconds, trial.processor_seconds)
-    return Finish(trial.capture, trial.label, trial.iterations, trial.psnr, *cost, trial.gaussians)
+def _draw(figure: Figure, theme: Theme, finishes: Sequence[Finish]) -> None:
+    """A panel for each capture, a series for each program and settings."""
+    captures = list(dict.fromkeys(finish.capture for finish in finishes))
+    styles = dict(zip(dict.fromkeys(finish.label for finish in finishes), theme.series, strict=False))
+    panels = figure.subplots(1, len(captures), squeeze=False)[0]
+    for panel, capture in zip(panels, captures, strict=True):
+        logarithmic(panel)
+        panel.set(title=f"{capture}: PSNR of held-out views, dB", xlabel="processor seconds")
+        for finish in finishes:
+            if finish.capture == capture:
+                _draw_curve(panel, finish, styles[finish.label])
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2)
 
 
-def _our_finish(run: TrainedRun, capture: str) -> Finish:
-    return Finish(capture, run.label, run.steps, run.psnr, run.seconds, run.processor_seconds, run.gaussians)
+def _draw_curve(panel: Axes, finish: Finish, style: SeriesStyle) -> None:
+    seconds = [point.processor_seconds for point in finish.curve]
+    plot_series(panel, seconds, [point.psnr for point in finish.curve], style, finish.label, markersize=4)
+
+
+def _key(source: CaptureFolder, *facts: Any) -> str:
+    return fingerprint(source.key, lambda: facts)
+
+
+def _finish_of(entry: dict[str, Any]) -> Finish:
+    return Finish(**{**entry, "curve": tuple(Point(**point) for point in entry["curve"])})
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -157,25 +244,24 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _measure(options: argparse.Namespace) -> str:
-    """Train captures with other programs and with ours; writes peers.csv and peers.md."""
+    """Train captures with other programs and with ours; writes peers.csv, peers.md and a chart."""
     options = with_quick_defaults(options)
     if options.opensplat is None:
         raise InputError("no other program is given", where="--opensplat", remedy="give OpenSplat's executable")
     reporter, finishes, equals = ConsoleReporter(sys.stderr), list[Finish](), list[Equal]()
+    store = FinishStore(work_folder(options) / FINISHES_FILE, again=options.again)
     raster.load("cpu", reporter)  # compiles the kernels, which is no part of a training
     for source in chosen_sources(options):
-        peers = peer_finishes(options.opensplat, source, work_folder(options), reporter)
-        capture, plans = source.load().given, dict(OURS)
-        plans["ours, as it is by itself"] = replace(plans["ours, as it is by itself"], steps=options.iterations)
-        runs = [train_once(capture, label, plan) for label, plan in plans.items()]
-        finishes += [*peers, *(_our_finish(run, source.name) for run in runs)]
-        equals += [equal for peer in peers for equal in race(peer, runs)]
+        peers = peer_finishes(options.opensplat, source, store, reporter)
+        ours = our_finishes(source, store, options.iterations, reporter)
+        finishes += [*peers, *ours]
+        equals += [equal for peer in peers for equal in race(peer, ours)]
     return write_peers(options.out, finishes, equals)
 
 
 PART = Part(
     NAME,
-    "seconds to the quality of another program (OpenSplat), on the same photographs",
+    "work to the quality of another program (OpenSplat), on the same photographs",
     _add_arguments,
     _measure,
     pages=(f"{NAME}.md",),

@@ -28,8 +28,8 @@ class TrainedRun:
         steps: planned steps.
         gaussians, sh_degree: of the result.
         psnr: of the held-out views, dB.
-        seconds, processor_seconds: wall time without measuring, and processor time of all threads, which depends less
-            on the load of a shared machine.
+        seconds, processor_seconds: wall time, and processor time of all threads, which depends less on the load of a
+            shared machine; both without measuring, which is taken to use as many threads as training.
         decision: the reason for the number of Gaussians.
         curve: (seconds, PSNR) during training.
     """
@@ -50,6 +50,11 @@ class TrainedRun:
         """The first time at which a held-out PSNR of at least `psnr` was measured; NaN if it never was."""
         return next((seconds for seconds, value in self.curve if value >= psnr), math.nan)
 
+    @property
+    def busy(self) -> float:
+        """Processor seconds in a second of training."""
+        return self.processor_seconds / self.seconds
+
 
 def train_once(
     capture: Capture, label: str, plan: TrainingPlan, *, seed: int = 0, threads: int | None = None
@@ -63,7 +68,7 @@ def train_once(
     split = Split.every(len(views))
     if len(split.train) < 2:
         raise ValueError(f"{len(views)} views are too few to hold some out")
-    started = time.process_time()
+    started, processor = time.perf_counter(), time.process_time()
     trainer = Trainer(
         Rasterizer("cpu", threads),
         [views[i] for i in split.train],
@@ -75,6 +80,7 @@ def train_once(
         seed,
     )
     result = trainer.train(Reporter())
+    busy = (time.process_time() - processor) / (time.perf_counter() - started)
     curve = tuple((float(entry["seconds"] or 0.0), float(entry["psnr"] or 0.0)) for entry in result.curve)
     return TrainedRun(
         capture=capture.source.name,
@@ -85,7 +91,7 @@ def train_once(
         sh_degree=result.gaussians.sh_degree,
         psnr=curve[-1][1],
         seconds=result.seconds,
-        processor_seconds=time.process_time() - started,
+        processor_seconds=busy * result.seconds,
         decision=str(result.decision["gaussians"]),
         curve=curve,
     )

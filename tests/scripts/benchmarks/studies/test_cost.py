@@ -12,7 +12,7 @@ import pytest
 
 from cvdgs.core.capture.normalised import write_capture
 from cvdgs.scripts.benchmarks.studies.captures import CaptureFolder
-from cvdgs.scripts.benchmarks.studies.cost import SomeViews, exponents, power_law, write_cost
+from cvdgs.scripts.benchmarks.studies.cost import SomeViews, exponents, power_law, there_are, write_cost
 from cvdgs.scripts.benchmarks.studies.recipe import Recipe, Trial, described, with_derived
 from cvdgs.scripts.benchmarks.tables import frame_of
 
@@ -51,6 +51,18 @@ def test_some_views_are_spread_over_the_capture_and_known_apart(tmp_path: Path):
     assert [view.key for view in some] == [whole[i].key for i in (0, 4, 7)]
     assert len(SomeViews(base, 99).load().given.views) == len(whole)
     assert SomeViews(base, 3).key != SomeViews(base, 4).key
+
+
+def test_a_capture_is_not_asked_for_more_than_it_has(tmp_path: Path):
+    write_capture(capture_of_a_wall(), tmp_path / "wall")
+    base = CaptureFolder("wall", tmp_path / "wall", 48)
+    views = base.load().given.views
+    camera = replace(base, max_size=9999).load().given.views[0].camera
+    longer = max(camera.width, camera.height)
+    counts, pixels = there_are(base, (4, 100, 200), (longer // 2, 5 * longer, 9 * longer))
+    assert counts == [4, len(views)]
+    area = camera.width * camera.height
+    assert pixels == {longer // 2: pytest.approx(area / 4, rel=0.05), longer: area}
 
 
 def trials() -> pd.DataFrame:

@@ -13,11 +13,12 @@ from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.core.splats.io.ply import write_ply
 from cvdgs.scripts.benchmarks.studies.captures import Subject
-from cvdgs.scripts.benchmarks.studies.peers import OPENSPLAT_RUNS, train_opensplat
+from cvdgs.scripts.benchmarks.studies.peers import OPENSPLAT_RUNS, OpenSplatRun, train_opensplat
 
 from ....core.splats.training.test_trainer import photographs, wall
 
 HOLDOUT = 4
+SHORT = OpenSplatRun("short", 60, measured=2)
 
 
 @pytest.fixture(scope="module")
@@ -37,28 +38,54 @@ def program(folder: Path, script: str) -> Path:
     return path
 
 
+def stand_in_of(folder: Path, version: str, options: str) -> Path:
+    """A program of that version with these further options, which hands back half a scene after a while, then one."""
+    true = wall(300)
+    write_ply(folder / "true.ply", true)
+    write_ply(folder / "half.ply", true.take(np.arange(300) < 150))
+    about = f'case "$1" in --help) echo "{options}"; exit;; --version) echo "{version}"; exit;; esac'
+    note = f'echo "$@" >> "{folder}/arguments"; cp "$1/transforms.json" "{folder}"'
+    half = f'for n in 20 40 60; do echo "Step $n: 0.1"; cp "{folder}/half.ply" "${{3%.ply}}_$n.ply"; done'
+    return program(folder, f'{about}; {note}; {half}; cp "{folder}/true.ply" "$3"')
+
+
 @pytest.fixture
 def stand_in(tmp_path: Path) -> Path:
-    write_ply(tmp_path / "true.ply", wall(300))
-    note = f'echo "$@" >> "{tmp_path}/arguments"; cp "$1/transforms.json" "{tmp_path}"'
-    return program(tmp_path, f'{note}; cp "{tmp_path}/true.ply" "$3"')
+    return stand_in_of(tmp_path, "1.2.0 (git commit 2947938)", "--center --cpu")
 
 
 def test_a_scene_in_the_capture_s_coordinates_is_judged_by_the_held_out_views(subject, stand_in):
-    found = train_opensplat(stand_in, "wall", subject, Reporter(), OPENSPLAT_RUNS[:1])
-    assert [(run.gaussians, run.iterations) for run in found] == [(300, 2000)]
-    assert found[0].psnr > 40.0  # the photographs are of that very scene
-    assert found[0].geometry_seconds > 0.0
+    (found,) = train_opensplat(stand_in, "wall", subject, Reporter(), [SHORT])
+    assert (found.trial.label, found.trial.gaussians, found.trial.iterations) == ("OpenSplat 1.2.0, short", 300, 60)
+    assert found.trial.psnr > 40.0  # the photographs are of that very scene
+    assert found.trial.geometry_seconds > 0.0
 
 
-def test_held_out_views_are_kept_from_it_and_its_scene_stays_where_the_cameras_are(subject, stand_in):
+def test_scenes_on_the_way_are_judged_too_and_in_the_order_of_time(subject, stand_in):
+    (found,) = train_opensplat(stand_in, "wall", subject, Reporter(), [SHORT])
+    times = [point.processor_seconds for point in found.curve]
+    assert len(times) == 3
+    assert times == sorted(times)
+    assert found.curve[0].psnr < found.curve[-1].psnr == found.trial.psnr
+
+
+def test_held_out_views_are_kept_from_it(subject, stand_in):
     train_opensplat(stand_in, "wall", subject, Reporter(), OPENSPLAT_RUNS)
     given = json.loads((stand_in.parent / "transforms.json").read_text(encoding="utf-8"))
     names = {Path(frame["file_path"]).stem for frame in given["frames"]}
     assert names == {subject.given.views[i].key for i in subject.split.train}
     calls = (stand_in.parent / "arguments").read_text(encoding="utf-8").splitlines()
     assert len(calls) == len(OPENSPLAT_RUNS)
-    assert all("--keep-crs" in call and "--cpu" in call for call in calls)
+    for call, run in zip(calls, OPENSPLAT_RUNS, strict=True):
+        assert set(run.options) <= set(call.split())
+
+
+@pytest.mark.parametrize(("options", "keeps"), [("--keep-crs --cpu", True), ("--center --cpu", False)])
+def test_a_scene_stays_where_the_cameras_are_whatever_the_version(subject, tmp_path, options, keeps):
+    train_opensplat(stand_in_of(tmp_path, "1", options), "wall", subject, Reporter(), [SHORT])
+    (call,) = (tmp_path / "arguments").read_text(encoding="utf-8").splitlines()
+    assert ("--keep-crs" in call) == keeps
+    assert "--center" not in call
 
 
 def test_a_program_that_fails_is_quoted(subject, tmp_path):
