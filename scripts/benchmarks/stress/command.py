@@ -18,6 +18,8 @@ from .failure import MOST_LOST, MOST_RWE
 from .heat_map import read_standings, write_heat_map
 from .page import NAME, write_stress
 from .plan import StressPlan, run_stress
+from .real import FAR, LEAST_PSNR, real_captures, run_real, write_real
+from .real import NAME as REAL_NAME
 
 QUICK_AXES = ("views", "drift")
 _SIZE, _ITERATIONS, _SEEDS = 128, 300, 3
@@ -31,16 +33,24 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     what = f"levels, the harmless one included; the worst are left out ({LEVELS})"
     add("--levels", type=int, default=LEVELS, metavar="N", help=what)
     add_trial_arguments(parser, max_size=_SIZE, iterations=_ITERATIONS, seeds=_SEEDS)
+    add("--real", metavar="NAME=PATH,…", help="instead: what run.py makes of captures as people take them; NAME@N=PATH")
     add("--redraw", type=Path, nargs="+", metavar="CSV", help="only draw the picture of these stress.csv again")
     add("--quick", action="store_true", help="two axes, two levels, small and short: a smoke test")
 
 
 def _measure(options: argparse.Namespace) -> str:
-    """Try the methods on every level; writes stress.csv, stress.md, the charts and stress.html."""
+    """Try the methods on every level; writes stress.csv, stress.md, the charts and stress.html.
+
+    With ``--real``: stress-real.csv and stress-real.md.
+    """
     if options.redraw:
         return "\n".join(path.name for path in write_heat_map(options.out, read_standings(options.redraw)))
-    plan = _plan(options)
     reporter = ConsoleReporter(sys.stderr)
+    if options.real:
+        asked = (real_captures(options.real), options.max_size, options.iterations)
+        found = run_real(*asked, work_folder(options), reporter)
+        return write_real(options.out, found, *asked[1:])
+    plan = _plan(options)
     results = run_stress(plan, work_folder(options), reporter, processes=options.processes, again=options.again)
     return write_stress(options.out, plan, results)
 
@@ -75,6 +85,6 @@ PART = Part(
     "where methods fail: views, cameras, light, cloth, drift and more made worse",
     _add_arguments,
     _measure,
-    pages=(f"{NAME}.md",),
-    shaped_by=lambda: (*trained_product(), PLAIN, Recipe("any"), AXES, MOST_LOST, MOST_RWE),
+    pages=(f"{NAME}.md", f"{REAL_NAME}.md"),
+    shaped_by=lambda: (*trained_product(), PLAIN, Recipe("any"), AXES, MOST_LOST, MOST_RWE, LEAST_PSNR, FAR),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +16,7 @@ from ....core.files.untrusted import is_file
 from ..charts import Theme, picture, write_charts
 from .axes import AXES, HARMLESS, Axis
 from .failure import MOST_LOST, MOST_RWE, curve
+from .real import REAL, REFUSED, margins_of_real
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +31,7 @@ PICTURE_LINES = (
     picture(NAME, "Which method stands at which level of which axis, and what the product warns of"),
 )
 _CSV_COLUMNS = {"method", "axis", "level", "value", "psnr", "rwe", "ccpr", "ccpr_input", "failed", "warnings"}
-_WIDTH, _TITLE, _ROW, _SMALL_ROW, _NOTES = 9.5, 0.55, 0.5, 0.24, 0.75  # inches
+_WIDTH, _TITLE, _ROW, _REAL_ROW, _SMALL_ROW, _NOTES = 9.5, 0.55, 0.5, 0.62, 0.24, 0.75  # inches
 _LINE, _TITLE_LINE = 25, 22  # letters of a line of warnings, and of an axis
 _LEAST = 1e-3  # distance to a line that shares can be of
 # Lightness alone tells margins apart, so that any eye can; and failed cells have a cross.
@@ -40,6 +42,8 @@ _TEXT = 7.0  # points
 
 def read_standings(paths: Sequence[Path]) -> pd.DataFrame:
     """The rows of one or more ``stress.csv``, each compared with its own untouched capture; see `with_margins`.
+
+    Those of a ``stress-real.csv`` have none and are compared with fixed lines; see `real.margins_of_real`.
 
     Raises:
         InputError: there is no such file, or it is another one.
@@ -55,7 +59,10 @@ def read_standings(paths: Sequence[Path]) -> pd.DataFrame:
             raise InputError("cannot be read as a table", where=path, remedy=remedy) from None
         if missing := sorted(_CSV_COLUMNS - set(table.columns)):
             raise InputError(f"it has no column {missing[0]}", where=path, remedy=remedy)
-        tables.append(with_margins(table.fillna({"value": "", "failed": "", "warnings": ""})))
+        table = table.fillna({"value": "", "failed": "", "warnings": ""})
+        real = table[table.axis == REAL]
+        tables += [real.assign(margin=margins_of_real(real), news=real.warnings)] if len(real) else []
+        tables += [with_margins(table[table.axis != REAL])] if len(real) < len(table) else []
     return pd.concat(tables, ignore_index=True)
 
 
@@ -98,15 +105,22 @@ def write_heat_map(folder: Path, items: pd.DataFrame, name: str = NAME) -> list[
     """Write the picture, light and dark, as `write_charts` does.
 
     Args:
-        items: of `with_margins`.
+        items: of `read_standings`.
     """
+    real, items = items[items.axis == REAL], items[items.axis != REAL]
     axes = axes_of(items)
     others = [method for method in items.method.unique() if method != OURS]
-    heights = [_TITLE + _ROW * len(axes), _TITLE + _SMALL_ROW * len(axes)]
+    columns = int(items.level.max()) + 1
+    rows = math.ceil(len(real) / columns)
+    middle = [_TITLE + _REAL_ROW * rows] if rows else []
+    heights = [_TITLE + _ROW * len(axes), *middle, _TITLE + _SMALL_ROW * len(axes)]
 
     def draw(figure: Figure, theme: Theme) -> None:
-        top, bottom = figure.subfigures(2, 1, height_ratios=heights, squeeze=False)[:, 0]
-        _draw_panel(top.subplots(), axes, items, OURS, theme)
+        parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+        _draw_panel(parts[0].subplots(), axes, items, OURS, theme)
+        if rows:
+            _draw_real(parts[1].subplots(), real, columns, rows, theme)
+        bottom = parts[-1]
         panels = bottom.subplots(1, len(others), squeeze=False)[0]
         for panel, method in zip(panels, others, strict=True):
             _draw_panel(panel, axes, items, method, theme)
@@ -117,33 +131,52 @@ def write_heat_map(folder: Path, items: pd.DataFrame, name: str = NAME) -> list[
     return write_charts(folder, name, (_WIDTH, sum(heights) + _NOTES), draw, formats=("svg",))
 
 
-def _draw_panel(panel: Axes, axes: Sequence[Axis], items: pd.DataFrame, method: str, theme: Theme) -> None:
+def _draw_real(panel: Axes, items: pd.DataFrame, columns: int, rows: int, theme: Theme) -> None:
+    """A cell for each capture, in reading order."""
+    for place, item in enumerate(items.itertuples()):
+        failed = " ×" if item.failed else ""
+        said = _wrapped(REFUSED if item.failed == REFUSED else item.news.replace(" ", ", "), _LINE)
+        corner = (place % columns, place // columns)
+        _draw_cell(panel, corner, f"{item.value}{failed}\n{said}".strip(), item, theme)
+    panel.set_yticks([])
+    _finish_panel(panel, columns, rows, theme)
+    panel.set_title("Captures of the real world, each by itself, with the product's warnings")
+
+
+def _draw_cell(panel: Axes, corner: tuple[float, float], text: str, item: Any, theme: Theme) -> None:
     from matplotlib.patches import Rectangle
 
+    panel.add_patch(Rectangle(corner, 1, 1, facecolor=_color(item.margin, item.failed, theme), linewidth=0))
+    style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": _TEXT, "linespacing": 1.05}
+    panel.text(corner[0] + 0.5, corner[1] + 0.5, text, color=theme.ink, **style)
+
+
+def _finish_panel(panel: Axes, columns: int, rows: int, theme: Theme) -> None:
+    panel.set(xlim=(0, columns), ylim=(rows, 0), xticks=[])
+    panel.tick_params(length=0, labelsize=_TEXT + 0.5, labelcolor=theme.ink)
+    panel.hlines(range(1, rows), 0, columns, color=theme.background, linewidth=2)
+    panel.vlines(range(1, columns), 0, rows, color=theme.background, linewidth=1)
+    panel.grid(visible=False)
+    for spine in panel.spines.values():
+        spine.set_visible(False)
+
+
+def _draw_panel(panel: Axes, axes: Sequence[Axis], items: pd.DataFrame, method: str, theme: Theme) -> None:
     mine = items[items.method == method]
     columns = int(items.level.max()) + 1
     for row, axis in enumerate(axes):
         levels = mine[mine.axis == axis.name].sort_values("level")
         for item in levels.itertuples():
-            cell = Rectangle((item.level, row), 1, 1, facecolor=_color(item.margin, item.failed, theme), linewidth=0)
-            panel.add_patch(cell)
             value = axis.text(item.level) if method == OURS else _short(axis, item.level)
             value += " ×" if item.failed else ""
             said = _wrapped(item.news.replace(" ", ", "), _LINE) if method == OURS else ""
-            style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": _TEXT, "linespacing": 1.05}
-            panel.text(item.level + 0.5, row + 0.5, f"{value}\n{said}".strip(), color=theme.ink, **style)
+            _draw_cell(panel, (item.level, row), f"{value}\n{said}".strip(), item, theme)
         failing = levels.level[levels.failed != ""]
         if len(failing):
             line: dict[str, Any] = {"linewidth": 3, "solid_capstyle": "butt", "clip_on": False, "zorder": 3}
             panel.plot([failing.min()] * 2, [row + 0.03, row + 0.97], color=theme.ink, **line)
-    panel.set(xlim=(0, columns), ylim=(len(axes), 0), xticks=[])
     panel.set_yticks(np.arange(len(axes)) + 0.5, [_wrapped(axis.title, _TITLE_LINE) for axis in axes])
-    panel.tick_params(length=0, labelsize=_TEXT + 0.5, labelcolor=theme.ink)
-    panel.hlines(range(1, len(axes)), 0, columns, color=theme.background, linewidth=2)
-    panel.vlines(range(1, columns), 0, len(axes), color=theme.background, linewidth=1)
-    panel.grid(visible=False)
-    for spine in panel.spines.values():
-        spine.set_visible(False)
+    _finish_panel(panel, columns, len(axes), theme)
     panel.set_title(f"{method}, with the product's warnings" if method == OURS else method)
 
 

@@ -66,10 +66,10 @@ _EXPONENTS: tuple[Column, ...] = (
 _DEFINITIONS = """\
 One thing grows at a time, everything else is the product's own. Views are spread evenly over the capture, up to all
 that it has; pixels are those of one photograph, up to its own. Each trial has a process to itself, so memory is the
-peak of that trial; the parts' seconds are by the clock, processor seconds are of all threads and all parts. A cost that grows as a power of the work is a line where both axes are logarithmic; its *exponent* is the slope
-(1: twice the work costs twice as much; 0: no more), fitted by least squares, *from* and *to* its {confidence:.0f} %
-interval by Student's t. The number of steps is fixed, as it is in a run, so the geometry's time does not follow the
-views."""
+peak of that trial; the parts' seconds are by the clock, processor seconds are of all threads and all parts. A cost that
+grows as a power of the work is a line where both axes are logarithmic; its *exponent* is the slope (1: twice the work
+costs twice as much; 0: no more), fitted by least squares, *from* and *to* its {confidence:.0f} % interval by Student's
+t. The number of steps is fixed, as it is in a run, so the geometry's time does not follow the views."""
 
 
 @dataclass(frozen=True)

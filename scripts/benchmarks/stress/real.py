@@ -1,0 +1,192 @@
+"""Captures of the real world beside the made-worse ones: what a run makes of each, and whether it says why."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ....core.bootstrap import ROOT
+from ....core.errors import InputError
+from ....core.evaluate.advice import AdviceThresholds
+from ....core.runs.report import REPORT_FILE
+from ....core.runtime.protocol import Reporter
+from ....core.settings import Settings
+from ..options import names
+from ..provenance import fingerprint, trained_product
+from ..studies.recipe import DEUTAN, NOT_MEASURED
+from ..tables import Column, markdown_table, write_csv, write_text
+from .failure import MOST_RWE
+
+NAME = "stress-real"
+REAL = "real"
+"""What stands in place of an axis in tables of such captures."""
+LEAST_PSNR = AdviceThresholds().psnr
+REFUSED = "refused"
+FAR = {"psnr": 10.0, "rwe": 0.2, "ccpr": 0.2}
+"""Distances to the failure lines that count as far from failing: there is no untouched capture to compare with."""
+_UNUSABLE = 2  # exit code
+_METHOD = "layers"
+_SCRIPT = ROOT / "scripts" / "run.py"
+_HOLDOUT_MARK = "@"
+_COLUMNS: tuple[Column, ...] = (
+    ("value", "capture", ""),
+    ("views", "views", ".0f"),
+    ("psnr", "PSNR", ".2f"),
+    ("rwe", "RWE", ".2f"),
+    ("ccpr", "CCPR", ".3f"),
+    ("ccpr_input", "CCPR of the input", ".3f"),
+    ("gaussians", "Gaussians", ".0f"),
+    ("seconds", "seconds", ".0f"),
+    ("failed", "failed", ""),
+    ("warnings", "warnings", ""),
+)
+
+
+@dataclass(frozen=True)
+class RealCapture:
+    """A capture as a user would give it to run.py.
+
+    Attributes:
+        name: in tables and pictures.
+        folder: or file.
+        holdout: every so many views are held out, from the first on.
+    """
+
+    name: str
+    folder: Path
+    holdout: int = Settings.holdout
+
+
+def real_captures(text: str) -> tuple[RealCapture, ...]:
+    """The captures of a command line: comma-separated NAME=PATH or NAME@N=PATH, N for `RealCapture.holdout`.
+
+    Raises:
+        InputError: one is not there, or not written like that.
+    """
+    found = []
+    for word in names(text):
+        known, _, path = word.partition("=")
+        name, _, holdout = known.partition(_HOLDOUT_MARK)
+        every = holdout or str(Settings.holdout)
+        if not name or not path or not every.isdigit() or not Path(path).exists():
+            raise InputError(f"cannot use '{word}'", where="--real", remedy="use NAME=PATH or NAME@N=PATH")
+        found.append(RealCapture(name, Path(path), int(every)))
+    return tuple(found)
+
+
+def run_real(
+    captures: Sequence[RealCapture], max_size: int, iterations: int, folder: Path, reporter: Reporter
+) -> pd.DataFrame:
+    """One run of the product for each capture; those that `folder` has from an earlier call are not repeated.
+
+    Returns:
+        The columns of `failure.standings` that a single run has, and ``views``, ``gaussians``, ``seconds``; the name of
+        the capture is in ``value``.
+    """
+    rows = []
+    for level, capture in enumerate(captures):
+        reporter.progress(NAME, level / len(captures), capture.name)
+        facts = (capture, max_size, iterations, *trained_product())
+        place = folder / REAL / f"{capture.name}-{fingerprint(capture.name, lambda facts=facts: facts)}"  # type: ignore[misc]
+        rows.append({"level": level, **_row(capture, _report(capture, place, max_size, iterations))})
+    reporter.progress(NAME, 1.0)
+    return pd.DataFrame(rows)
+
+
+def margins_of_real(items: pd.DataFrame) -> pd.Series:
+    """How far from its nearest failure line each capture is, from 0 to 1 by `FAR`; NaN where there are no figures."""
+    shares = pd.concat(
+        [
+            (items.psnr - LEAST_PSNR) / FAR["psnr"],
+            (MOST_RWE - items.rwe) / FAR["rwe"],
+            (items.ccpr - items.ccpr_input) / FAR["ccpr"],
+        ],
+        axis=1,
+    )
+    return shares.min(axis=1, skipna=False).clip(0.0, 1.0)
+
+
+def write_real(folder: Path, items: pd.DataFrame, max_size: int, iterations: int) -> str:
+    """Write ``stress-real.csv`` and ``stress-real.md``; returns the text of the latter."""
+    write_csv(folder / f"{NAME}.csv", items)
+    lines = [
+        "# Where it fails: captures of the real world",
+        "",
+        f"What `run.py` makes of captures as people take them, at {max_size} pixels with {iterations:,} steps; cameras "
+        "are estimated where there are none. A capture has failed where the held-out views have a PSNR below "
+        f"{LEAST_PSNR:g} dB, from where on a run says itself that details can hardly be recognised, an RWE above "
+        f"{MOST_RWE:g}, or the scene a CCPR below that of the photographs; or where it was refused, which is right "
+        "where photographs do not suffice. They are in [one picture](stress.md#one-picture) with the conditions that "
+        "were made worse on purpose.",
+        "",
+        *markdown_table(items.assign(failed=items.failed.replace("", "no")), _COLUMNS),
+    ]
+    refused = items[items.errors != ""]
+    lines += ["", *(f"- {item.value}: {item.errors}" for item in refused.itertuples())] if len(refused) else []
+    return write_text(folder / f"{NAME}.md", lines)
+
+
+def _report(capture: RealCapture, place: Path, max_size: int, iterations: int) -> dict[str, Any] | str:
+    """The report of a run, or the line with which it was refused; both are kept in `place`."""
+    refusal = place.with_name(f"{place.name}.txt")
+    if not (place / REPORT_FILE).is_file() and not refusal.is_file():
+        place.parent.mkdir(parents=True, exist_ok=True)
+        words = [sys.executable, str(_SCRIPT), str(capture.folder), "--out", str(place), "--no-blend"]
+        words += ["--max-size", str(max_size), "--iterations", str(iterations), "--holdout", str(capture.holdout)]
+        ended = subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
+        last = next((line for line in reversed(ended.stderr.splitlines()) if line.strip()), "")
+        if ended.returncode == _UNUSABLE:
+            refusal.write_text(last.removeprefix("run.py: ").strip(), encoding="utf-8")
+        elif ended.returncode:
+            raise InputError(f"the run broke ({last})", where=capture.folder, remedy=f"try it alone: {' '.join(words)}")
+    if refusal.is_file():
+        return refusal.read_text(encoding="utf-8").replace(str(capture.folder), capture.name)
+    report: dict[str, Any] = json.loads((place / REPORT_FILE).read_text(encoding="utf-8"))
+    return report
+
+
+def _row(capture: RealCapture, report: dict[str, Any] | str) -> dict[str, Any]:
+    row = {
+        "method": _METHOD,
+        "axis": REAL,
+        "value": capture.name,
+        "seeds": 0,
+        "errors": "",
+        "failed": "",
+        "warnings": "",
+    }
+    numbers = ("views", "psnr", "rwe", "ccpr", "ccpr_input", "gaussians", "seconds")
+    if isinstance(report, str):
+        return {**row, **dict.fromkeys(numbers, NOT_MEASURED), "errors": report, "failed": REFUSED}
+    layer = report["layers"][DEUTAN.name]
+    figures = {
+        "views": report["capture"]["views"],
+        "psnr": report["reconstruction"]["psnr"],
+        "rwe": layer["rwe"]["ratio"],
+        "ccpr": layer["ccpr"]["rendered"],
+        "ccpr_input": layer["ccpr"]["input"],
+        "gaussians": report["gaussians"],
+        "seconds": report["seconds"]["total"],
+    }
+    figures = {name: NOT_MEASURED if value is None else value for name, value in figures.items()}
+    said = sorted({warning["name"] for warning in report["warnings"]})
+    return {**row, **figures, "seeds": 1, "failed": "; ".join(_exceeded(figures)), "warnings": " ".join(said)}
+
+
+def _exceeded(figures: dict[str, float]) -> list[str]:
+    """The criteria that a run fails."""
+    found = []
+    if not figures["psnr"] >= LEAST_PSNR:
+        found.append(f"PSNR {figures['psnr']:.1f} dB")
+    if figures["rwe"] > MOST_RWE:
+        found.append(f"RWE {figures['rwe']:.2f}")
+    if figures["ccpr"] < figures["ccpr_input"]:
+        found.append(f"CCPR {figures['ccpr']:.3f}, the input's is {figures['ccpr_input']:.3f}")
+    return found

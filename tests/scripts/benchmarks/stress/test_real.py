@@ -1,0 +1,120 @@
+"""Captures of the real world: run as a user would, judged by fixed lines, drawn beside the axes, kept for resuming."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cvdgs.core.bootstrap import ROOT
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.scripts.benchmark import main
+from cvdgs.scripts.benchmarks.stress import real
+from cvdgs.scripts.benchmarks.stress.heat_map import NAME as PICTURE
+from cvdgs.scripts.benchmarks.stress.heat_map import read_standings, write_heat_map
+from cvdgs.scripts.benchmarks.stress.real import RealCapture, margins_of_real, real_captures, run_real, write_real
+
+EVIDENCE = ROOT / "docs" / "evidence"
+GOOD = {"psnr": 31.0, "rwe": 0.7, "ccpr": 0.9, "ccpr_input": 0.6}
+
+
+def report(*, psnr: float | None = 31.0, rwe: float = 0.7, ccpr: float = 0.9, warned: tuple[str, ...] = ()) -> dict:
+    layer = {"rwe": {"ratio": rwe}, "ccpr": {"rendered": ccpr, "input": 0.6}}
+    return {
+        "capture": {"views": 12},
+        "reconstruction": {"psnr": psnr},
+        "layers": {"deutan-1.0": layer},
+        "gaussians": 900,
+        "seconds": {"total": 40.0},
+        "warnings": [{"name": name, "message": ""} for name in warned],
+    }
+
+
+@pytest.fixture
+def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A stand-in for run.py: makes the report that lies in the capture, or refuses it; notes that it was called."""
+    script = tmp_path / "run.py"
+    script.write_text(
+        "import pathlib, shutil, sys\n"
+        "capture, out = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[3])\n"
+        f"open({str(tmp_path / 'calls')!r}, 'a').write(' '.join(sys.argv[1:]) + '\\n')\n"
+        "if not (capture / 'report.json').exists():\n"
+        "    sys.stderr.write(f'run.py: {capture}: too few views\\n')\n"
+        "    sys.exit(2)\n"
+        "out.mkdir(parents=True)\n"
+        "shutil.copy(capture / 'report.json', out)\n",
+        encoding="utf-8",
+    )
+    monkeypatch.setattr(real, "_SCRIPT", script)
+    return tmp_path
+
+
+def capture(folder: Path, name: str, **figures) -> RealCapture:
+    place = folder / name
+    place.mkdir()
+    (place / "report.json").write_text(json.dumps(report(**figures)), encoding="utf-8")
+    return RealCapture(name, place, holdout=7)
+
+
+def test_each_line_fails_a_capture_and_a_refusal_is_quoted_without_its_folder(runs: Path) -> None:
+    (runs / "none").mkdir()
+    asked = [
+        capture(runs, "good", warned=("few-views",)),
+        capture(runs, "foggy", psnr=19.9),
+        capture(runs, "torn", rwe=1.1),
+        capture(runs, "grey", ccpr=0.5),
+        capture(runs, "unknown", psnr=None),
+        RealCapture("none", runs / "none"),
+    ]
+    found = run_real(asked, 240, 100, runs / "work", Reporter()).set_index("value")
+    assert list(found.failed != "") == [False, True, True, True, True, True]
+    assert found.warnings["good"] == "few-views"
+    assert found.errors["none"] == "none: too few views"
+    text = write_real(runs, found.reset_index(), 240, 100)
+    assert "- none: none: too few views" in text
+
+
+def test_a_run_that_was_made_or_refused_before_is_not_made_again(runs: Path) -> None:
+    (runs / "none").mkdir()
+    asked = [capture(runs, "good"), RealCapture("none", runs / "none")]
+    first = run_real(asked, 240, 100, runs / "work", Reporter())
+    again = run_real(asked, 240, 100, runs / "work", Reporter())
+    pd.testing.assert_frame_equal(first, again)
+    calls = (runs / "calls").read_text(encoding="utf-8").splitlines()
+    assert len(calls) == 2
+    assert "--holdout 7" in calls[0]
+    run_real(asked, 240, 200, runs / "work", Reporter())
+    assert len((runs / "calls").read_text(encoding="utf-8").splitlines()) == 4
+
+
+@pytest.mark.parametrize(
+    ("figures", "margin"), [({}, 1.0), ({"psnr": 25.0}, 0.5), ({"rwe": 0.95}, 0.25), ({"rwe": 2.0}, 0.0)]
+)
+def test_the_nearest_line_decides_how_far_a_capture_is_from_failing(figures, margin) -> None:
+    assert margins_of_real(pd.DataFrame([{**GOOD, **figures}])).item() == pytest.approx(margin)
+
+
+def test_a_capture_without_figures_has_no_margin() -> None:
+    assert np.isnan(margins_of_real(pd.DataFrame([{**GOOD, "psnr": np.nan}])).item())
+
+
+def test_they_are_in_the_picture_with_their_warnings(runs: Path) -> None:
+    asked = [capture(runs, "good", warned=("few-views",)), capture(runs, "foggy", psnr=12.0)]
+    write_real(runs, run_real(asked, 240, 100, runs / "work", Reporter()), 240, 100)
+    write_heat_map(runs, read_standings([EVIDENCE / "stress.csv", runs / "stress-real.csv"]))
+    texts = re.findall(r"<text[^>]*>([^<]*)</text>", (runs / f"{PICTURE}.svg").read_text(encoding="utf-8"))
+    assert {"good", "foggy ×"} <= set(texts)
+
+
+def test_a_capture_that_is_not_there_is_said_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert real_captures(f"here@7={tmp_path}") == (RealCapture("here", tmp_path, 7),)
+    for words in ("nowhere=/nowhere", "unnamed", f"here@x={tmp_path}"):
+        with pytest.raises(InputError):
+            real_captures(words)
+    assert main(["stress", "--out", str(tmp_path), "--real", "nowhere=/nowhere"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
