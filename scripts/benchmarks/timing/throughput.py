@@ -13,7 +13,9 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import nnls
@@ -23,14 +25,22 @@ from ....core.batch.task import Plan
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ....core.runtime.resources import available_processors
+from ..charts import Theme, logarithmic, picture, plot_series, write_charts
 from ..options import Part
 from ..provenance import trained_product
 from ..tables import Column, frame_of, markdown_table, number, write_csv, write_text
 from .batch import BatchBenchmark, run_on_dask
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 NAME = "throughput"
 WORKERS = (1, 2, 4)
 LOCAL, DASK = "local", "Dask"
+LEAST_GAIN = 0.1
+"""Of the work of one worker: what a further one has to add to be worth it."""
+_MOST_DRAWN = 64  # workers
+_CHART_SIZE = (6.4, 3.8)  # inches
 _COLUMNS: tuple[Column, ...] = (
     ("engine", "engine", ""),
     ("workers", "workers", "d"),
@@ -42,8 +52,9 @@ _MODEL: tuple[Column, ...] = (
     ("engine", "engine", ""),
     ("serial", "contention σ", ".3f"),
     ("crosstalk", "crosstalk κ", ".4f"),
-    ("best", "most frames a second with", ".0f"),
-    ("most", "times one worker, at most", ".1f"),
+    ("worth", "workers that each add a tenth", ".0f"),
+    ("reached", "then times one", ".1f"),
+    ("most", "times one, at most", ".1f"),
 )
 _DEFINITIONS = """\
 A turntable of {frames} frames of a finished run, in tasks of four, by workers with one thread each on one machine of
@@ -51,7 +62,8 @@ A turntable of {frames} frames of a finished run, in tasks of four, by workers w
 σ (N - 1) + κ N (N - 1)) times the work of one; with κ = 0 it is Amdahl's law, whose limit is 1/σ. It is fitted to
 the measurements with no more workers than there are cores, so with two cores it has one free parameter and says what
 these tasks share on one machine. Workers beyond the cores cannot help, whatever it says; workers on other machines
-share less, so its limit is for them a low one. A dash: more workers always help, by the model."""
+share less, so its limit is for them a low one. *Workers that each add a tenth*: beyond that number, a further one adds
+less than a tenth of the work of one."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +110,16 @@ class Scalability:
         if not math.isnan(self.best):
             return self.speedup(max(self.best, 1.0))
         return 1.0 / self.serial if self.serial > 0.0 else math.inf
+
+    @property
+    def worth(self) -> float:
+        """The last number of workers of which each adds `LEAST_GAIN`; infinite where nothing is shared."""
+        if self.serial <= 0.0 and self.crosstalk <= 0.0:
+            return math.inf
+        workers = 1
+        while self.speedup(workers + 1) - self.speedup(workers) >= LEAST_GAIN:
+            workers += 1
+        return float(workers)
 
     def speedup(self, workers: float) -> float:
         """Times the work of one worker."""
@@ -154,7 +176,7 @@ def throughputs(seconds: Mapping[tuple[str, int], Sequence[float]], frames: int)
 
 
 def write_throughput(folder: Path, found: Sequence[Throughput], *, frames: int, rounds: int, cores: int) -> str:
-    """Write ``throughput.csv`` and ``throughput.md``; returns the text of the latter."""
+    """Write ``throughput.csv``, ``throughput.md`` and its chart; returns the text of the page."""
     table = frame_of(Throughput, found)
     write_csv(folder / f"{NAME}.csv", table)
     within = table[table.workers <= cores]
@@ -162,14 +184,38 @@ def write_throughput(folder: Path, found: Sequence[Throughput], *, frames: int, 
         fit_scalability(str(engine), dict(zip(mine.workers, mine.speedup, strict=True)))
         for engine, mine in within.groupby("engine", sort=False)
     ]
-    models = frame_of(Scalability, laws).assign(best=[law.best for law in laws], most=[law.most for law in laws])
+    models = frame_of(Scalability, laws).assign(
+        worth=[law.worth for law in laws],
+        reached=[law.speedup(law.worth) if math.isfinite(law.worth) else math.nan for law in laws],
+        most=[law.most for law in laws],
+    )
+    write_charts(folder, NAME, _CHART_SIZE, partial(_draw, found=found, laws=laws, cores=cores), formats=("svg",))
     lines = ["# Batches over workers", "", _DEFINITIONS.format(frames=frames, rounds=rounds, cores=cores), ""]
     lines += [*markdown_table(table, _COLUMNS), "", "## Where more workers stop helping", ""]
-    lines += [*markdown_table(models, _MODEL), ""]
+    alternative = "Work done over workers, measured and by the model; the tables have the same figures"
+    lines += [*markdown_table(models, _MODEL), "", picture(NAME, alternative), ""]
     for law in laws:
         halves = ", ".join(f"{count} workers {number(law.speedup(count), '.1f')} times" for count in (4, 8, 16))
         lines.append(f"- {law.engine}, by the model on as many cores: {halves} the work of one.")
     return write_text(folder / f"{NAME}.md", lines)
+
+
+def _draw(figure: Figure, theme: Theme, found: Sequence[Throughput], laws: Sequence[Scalability], cores: int) -> None:
+    """Points that were measured, lines of the laws, and what workers who share nothing would do."""
+    axes = figure.subplots()
+    logarithmic(axes)
+    workers = np.geomspace(1, _MOST_DRAWN, 100)
+    axes.plot(workers, workers, color=theme.muted, linestyle="dotted", linewidth=1, label="nothing shared")
+    axes.axvline(cores, color=theme.muted, linestyle="dashed", linewidth=0.8, label=f"cores measured on: {cores}")
+    for law, style in zip(laws, theme.series, strict=False):
+        mine = [one for one in found if one.engine == law.engine]
+        label = f"{law.engine}, measured"
+        plot_series(axes, [one.workers for one in mine], [one.speedup for one in mine], style, label, joined=False)
+        line: dict[str, Any] = {"color": style.color, "linestyle": style.dash, "linewidth": 1.5}
+        axes.plot(workers, [law.speedup(count) for count in workers], label=f"{law.engine}, model", **line)
+    highest = max([one.speedup for one in found] + [law.speedup(_MOST_DRAWN) for law in laws])
+    axes.set(title="times the work of one worker", xlabel="workers of one thread each", ylim=(0.0, 1.1 * highest))
+    axes.legend(loc="upper left")
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -180,7 +226,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _measure(options: argparse.Namespace) -> str:
-    """Render a turntable with more and more workers; writes throughput.csv and throughput.md."""
+    """Render a turntable with more and more workers; writes throughput.csv, throughput.md and a chart."""
     with tempfile.TemporaryDirectory(prefix="cvdgs-batch-") as folder:
         benchmark = BatchBenchmark(options.run, Path(folder), frames=options.frames, rounds=options.rounds)
         found = measure_throughput(benchmark, ConsoleReporter(sys.stderr))
@@ -194,5 +240,5 @@ PART = Part(
     _add_arguments,
     _measure,
     pages=(f"{NAME}.md",),
-    shaped_by=lambda: (*trained_product(), WORKERS),
+    shaped_by=lambda: (*trained_product(), WORKERS, LEAST_GAIN),
 )

@@ -9,6 +9,7 @@ import pytest
 
 from cvdgs.scripts.benchmarks.timing.throughput import (
     DASK,
+    LEAST_GAIN,
     LOCAL,
     Scalability,
     fit_scalability,
@@ -39,6 +40,13 @@ def test_without_crosstalk_it_is_amdahl_s_law_whose_limit_is_never_reached():
     assert law.speedup(1e6) == pytest.approx(5.0, rel=1e-3)
 
 
+def test_beyond_the_workers_that_are_worth_it_each_adds_less_than_a_tenth():
+    law = Scalability(LOCAL, 0.25, 0.0)
+    assert law.speedup(law.worth) - law.speedup(law.worth - 1) >= LEAST_GAIN
+    assert law.speedup(law.worth + 1) - law.speedup(law.worth) < LEAST_GAIN
+    assert math.isinf(Scalability(LOCAL, 0.0, 0.0).worth)
+
+
 def test_two_numbers_of_workers_determine_contention_alone():
     found = fit_scalability(LOCAL, {1: 1.0, 2: 1.6})
     assert (found.serial, found.crosstalk) == pytest.approx((0.25, 0.0))
@@ -54,6 +62,7 @@ def test_the_page_fits_no_more_workers_than_there_are_cores(tmp_path: Path):
     assert [one.rate for one in found[:2]] == pytest.approx([2.0, 3.2])
     assert [one.speedup for one in found[:2]] == pytest.approx([1.0, 1.6])
     text = write_throughput(tmp_path, found, frames=20, rounds=3, cores=2)
-    assert "| local | 0.250 | 0.0000 | – | 4.0 |" in text
+    assert "| local | 0.250 | 0.0000 | 8 | 2.9 | 4.0 |" in text
     assert "- local, by the model on as many cores: 4 workers 2.3 times" in text
     assert (tmp_path / "throughput.csv").is_file()
+    assert "nothing shared" in (tmp_path / "throughput.svg").read_text(encoding="utf-8")
