@@ -40,7 +40,7 @@ LOCAL, DASK = "local", "Dask"
 LEAST_GAIN = 0.1
 """Of the work of one worker: what a further one has to add to be worth it."""
 _MOST_DRAWN = 64  # workers
-_CHART_SIZE = (6.4, 3.8)  # inches
+_CHART_SIZE = (6.4, 4.2)  # inches
 _COLUMNS: tuple[Column, ...] = (
     ("engine", "engine", ""),
     ("workers", "workers", "d"),
@@ -215,7 +215,7 @@ def _draw(figure: Figure, theme: Theme, found: Sequence[Throughput], laws: Seque
         axes.plot(workers, [law.speedup(count) for count in workers], label=f"{law.engine}, model", **line)
     highest = max([one.speedup for one in found] + [law.speedup(_MOST_DRAWN) for law in laws])
     axes.set(title="times the work of one worker", xlabel="workers of one thread each", ylim=(0.0, 1.1 * highest))
-    axes.legend(loc="upper left")
+    figure.legend(loc="outside lower center", ncols=3)
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
