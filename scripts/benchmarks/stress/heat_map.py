@@ -16,7 +16,7 @@ from ....core.files.untrusted import is_file
 from ..charts import Theme, picture, write_charts
 from .axes import AXES, HARMLESS, Axis
 from .failure import MOST_LOST, MOST_RWE, curve
-from .real import REAL, REFUSED, margins_of_real
+from .real import REAL, margins_of_real
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -134,13 +134,13 @@ def write_heat_map(folder: Path, items: pd.DataFrame, name: str = NAME) -> list[
 def _draw_real(panel: Axes, items: pd.DataFrame, columns: int, rows: int, theme: Theme) -> None:
     """A cell for each capture, in reading order."""
     for place, item in enumerate(items.itertuples()):
-        failed = " ×" if item.failed else ""
-        said = _wrapped(REFUSED if item.failed == REFUSED else item.news.replace(" ", ", "), _LINE)
+        by = " ".join([" ×", *(reason.split()[0] for reason in item.failed.split("; "))]) if item.failed else ""
+        said = _wrapped(item.news.replace(" ", ", "), _LINE)
         corner = (place % columns, place // columns)
-        _draw_cell(panel, corner, f"{item.value}{failed}\n{said}".strip(), item, theme)
-    panel.set_yticks([])
+        _draw_cell(panel, corner, f"{item.value}{by}\n{said}".strip(), item, theme)
+    panel.set_yticks([rows / 2.0], [_wrapped("captures of the real world", _TITLE_LINE)])
     _finish_panel(panel, columns, rows, theme)
-    panel.set_title("Captures of the real world, each by itself, with the product's warnings")
+    panel.set_title(f"{OURS}, each capture by itself; behind the cross the line that it fails")
 
 
 def _draw_cell(panel: Axes, corner: tuple[float, float], text: str, item: Any, theme: Theme) -> None:

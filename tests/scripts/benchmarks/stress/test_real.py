@@ -108,7 +108,7 @@ def test_they_are_in_the_picture_with_their_warnings(runs: Path) -> None:
     write_real(runs, run_real(asked, 240, 100, runs / "work", Reporter()), 240, 100)
     write_heat_map(runs, read_standings([EVIDENCE / "stress.csv", runs / "stress-real.csv"]))
     texts = re.findall(r"<text[^>]*>([^<]*)</text>", (runs / f"{PICTURE}.svg").read_text(encoding="utf-8"))
-    assert {"good", "foggy ×"} <= set(texts)
+    assert {"good", "foggy × PSNR"} <= set(texts)
 
 
 def test_a_capture_that_is_not_there_is_said_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
