@@ -27,7 +27,7 @@ from ..provenance import trained_product, weights_of_product
 from ..tables import Column, frame_of, markdown_table, number, write_csv, write_text
 from .captures import DEMO, CaptureFolder
 from .jobs import Job, run_jobs
-from .peers import train_opensplat
+from .peers import opensplat_runs, train_opensplat
 from .recipe import Recipe, Trial, with_derived
 
 if TYPE_CHECKING:
@@ -342,7 +342,7 @@ def _measure(options: argparse.Namespace) -> str:
         tried = [variant for some in seeds for variant in some]
         mine = measure_variants(source, tried, work, reporter, processes=options.processes, again=options.again)
         if options.opensplat and not options.quick:
-            peers = train_opensplat(options.opensplat, source.name, source.load(), reporter)
+            peers = train_opensplat(options.opensplat, source.name, source.load(), reporter, opensplat_runs())
             trials = [peer.trial for peer in peers]
             mine = pd.concat([mine, points_of(trials, [PEER] * len(trials), [options.max_size] * len(trials))])
         points.append(with_fronts(mine))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import subprocess
@@ -26,6 +27,7 @@ from .recipe import Recipe, Trial, described
 
 STAGE = "peers"
 OPENSPLAT = "OpenSplat"
+OPENSPLAT_ITERATIONS = 1000
 _KEEP_COORDINATES = "--keep-crs"  # until 1.1; later versions keep them unless they are told to --center
 _VERSION = re.compile(r"\d+\.\d+(\.\d+)?")
 _STEP = re.compile(r"Step (\d+):")
@@ -48,11 +50,15 @@ class OpenSplatRun:
     measured: int = 4
 
 
-OPENSPLAT_RUNS = (
-    OpenSplatRun("its defaults", 1000),
-    OpenSplatRun("a step of Adam every step", 1000, ("--densify-until", "1000")),
-)
-"""From 1.2 on, Adam takes a step only every 32 iterations once densification has ended, half-way by default."""
+def opensplat_runs(iterations: int = OPENSPLAT_ITERATIONS) -> tuple[OpenSplatRun, ...]:
+    """OpenSplat's runs of a length: as its users start it, and with the best settings that we found.
+
+    From 1.2 on, Adam takes a step only every 32 iterations once densification has ended, by default half-way.
+    """
+    return (
+        OpenSplatRun("its defaults", iterations),
+        OpenSplatRun("a step of Adam every iteration", iterations, ("--densify-until", str(iterations))),
+    )
 
 
 @dataclass(frozen=True)
@@ -111,7 +117,7 @@ class OpenSplat:
 
 
 def train_opensplat(
-    program: Path, capture: str, subject: Subject, reporter: Reporter, runs: Sequence[OpenSplatRun] = OPENSPLAT_RUNS
+    program: Path, capture: str, subject: Subject, reporter: Reporter, runs: Sequence[OpenSplatRun]
 ) -> list[PeerTraining]:
     """Trainings by OpenSplat on the CPU, on the training views; its scenes are rendered by ours.
 
@@ -179,7 +185,7 @@ def _held_out_psnr(gaussians: Gaussians, subject: Subject) -> float:
 
 def _interval(run: OpenSplatRun) -> int:
     """Steps between two scenes that are judged on the way."""
-    return max(run.iterations // (run.measured + 1), 1)
+    return math.ceil(run.iterations / (run.measured + 1))
 
 
 def _measured_steps(run: OpenSplatRun) -> range:

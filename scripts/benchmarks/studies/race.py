@@ -28,7 +28,7 @@ from ..tables import Column, frame_of, markdown_table, write_csv, write_text
 from ..timing.runs import train_once
 from ..timing.trainer import QUICK_PLAN
 from .captures import DEMO, CaptureFolder
-from .peers import OPENSPLAT_RUNS, OpenSplat, OpenSplatRun, Point, train_opensplat
+from .peers import OPENSPLAT_ITERATIONS, OpenSplat, OpenSplatRun, Point, opensplat_runs, train_opensplat
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -154,7 +154,7 @@ def peer_finishes(
     source: CaptureFolder,
     store: FinishStore,
     reporter: Reporter,
-    runs: Sequence[OpenSplatRun] = OPENSPLAT_RUNS,
+    runs: Sequence[OpenSplatRun],
 ) -> list[Finish]:
     """OpenSplat's trainings of a capture; those that `store` has are not repeated."""
     version = OpenSplat.at(program).version
@@ -240,7 +240,9 @@ def _finish_of(entry: dict[str, Any]) -> Finish:
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=STANDARD, processes=1)
-    parser.add_argument("--opensplat", type=Path, metavar="FILE", help="OpenSplat's executable")
+    add, steps = parser.add_argument, OPENSPLAT_ITERATIONS
+    add("--opensplat", type=Path, metavar="FILE", help="OpenSplat's executable")
+    add("--peer-iterations", type=int, default=steps, metavar="N", help=f"steps of other programs ({steps})")
 
 
 def _measure(options: argparse.Namespace) -> str:
@@ -250,9 +252,10 @@ def _measure(options: argparse.Namespace) -> str:
         raise InputError("no other program is given", where="--opensplat", remedy="give OpenSplat's executable")
     reporter, finishes, equals = ConsoleReporter(sys.stderr), list[Finish](), list[Equal]()
     store = FinishStore(work_folder(options) / FINISHES_FILE, again=options.again)
+    runs = opensplat_runs(options.peer_iterations)
     raster.load("cpu", reporter)  # compiles the kernels, which is no part of a training
     for source in chosen_sources(options):
-        peers = peer_finishes(options.opensplat, source, store, reporter)
+        peers = peer_finishes(options.opensplat, source, store, reporter, runs)
         ours = our_finishes(source, store, options.iterations, reporter)
         finishes += [*peers, *ours]
         equals += [equal for peer in peers for equal in race(peer, ours)]
@@ -265,5 +268,5 @@ PART = Part(
     _add_arguments,
     _measure,
     pages=(f"{NAME}.md",),
-    shaped_by=lambda: (*trained_product(), OURS, OPENSPLAT_RUNS),
+    shaped_by=lambda: (*trained_product(), OURS, opensplat_runs()),
 )

@@ -13,11 +13,12 @@ from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.core.splats.io.ply import write_ply
 from cvdgs.scripts.benchmarks.studies.captures import Subject
-from cvdgs.scripts.benchmarks.studies.peers import OPENSPLAT_RUNS, OpenSplatRun, train_opensplat
+from cvdgs.scripts.benchmarks.studies.peers import OpenSplatRun, opensplat_runs, train_opensplat
 
 from ....core.splats.training.test_trainer import photographs, wall
 
 HOLDOUT = 4
+RUNS = opensplat_runs()
 SHORT = OpenSplatRun("short", 60, measured=2)
 
 
@@ -70,13 +71,13 @@ def test_scenes_on_the_way_are_judged_too_and_in_the_order_of_time(subject, stan
 
 
 def test_held_out_views_are_kept_from_it(subject, stand_in):
-    train_opensplat(stand_in, "wall", subject, Reporter(), OPENSPLAT_RUNS)
+    train_opensplat(stand_in, "wall", subject, Reporter(), RUNS)
     given = json.loads((stand_in.parent / "transforms.json").read_text(encoding="utf-8"))
     names = {Path(frame["file_path"]).stem for frame in given["frames"]}
     assert names == {subject.given.views[i].key for i in subject.split.train}
     calls = (stand_in.parent / "arguments").read_text(encoding="utf-8").splitlines()
-    assert len(calls) == len(OPENSPLAT_RUNS)
-    for call, run in zip(calls, OPENSPLAT_RUNS, strict=True):
+    assert len(calls) == len(RUNS)
+    for call, run in zip(calls, RUNS, strict=True):
         assert set(run.options) <= set(call.split())
 
 
@@ -90,9 +91,9 @@ def test_a_scene_stays_where_the_cameras_are_whatever_the_version(subject, tmp_p
 
 def test_a_program_that_fails_is_quoted(subject, tmp_path):
     with pytest.raises(InputError, match="out of memory"):
-        train_opensplat(program(tmp_path, "echo out of memory >&2; exit 1"), "wall", subject, Reporter())
+        train_opensplat(program(tmp_path, "echo out of memory >&2; exit 1"), "wall", subject, Reporter(), [SHORT])
 
 
 def test_a_program_that_is_not_there_is_said_in_one_line(subject, tmp_path):
     with pytest.raises(InputError, match="cannot be run"):
-        train_opensplat(tmp_path / "nowhere", "wall", subject, Reporter())
+        train_opensplat(tmp_path / "nowhere", "wall", subject, Reporter(), [SHORT])

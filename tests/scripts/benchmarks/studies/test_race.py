@@ -12,7 +12,7 @@ from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.scripts.benchmark import main
 from cvdgs.scripts.benchmarks.studies.captures import CaptureFolder
-from cvdgs.scripts.benchmarks.studies.peers import OPENSPLAT_RUNS, Point
+from cvdgs.scripts.benchmarks.studies.peers import Point, opensplat_runs
 from cvdgs.scripts.benchmarks.studies.race import Finish, FinishStore, peer_finishes, race, write_peers
 
 from .test_peers import stand_in  # noqa: F401
@@ -24,6 +24,7 @@ def finish(label: str, *curve: tuple[float, float]) -> Finish:
     return Finish("room", label, 500, curve[-1][1], 50.0, curve[-1][0], 9000, points)
 
 
+RUNS = opensplat_runs()
 # Its best is not its end.
 PEER = finish("OpenSplat", (40.0, 23.0), (90.0, 25.0), (170.0, 24.5))
 
@@ -47,13 +48,13 @@ def test_a_peer_that_ran_in_an_earlier_call_is_not_run_again(tmp_path: Path, sta
     write_capture(capture_of_a_wall(), tmp_path / "wall")
     source = CaptureFolder("wall", tmp_path / "wall", 96)
     asked = (stand_in, source)
-    first = peer_finishes(*asked, FinishStore(tmp_path / "work" / "peers.jsonl"), Reporter(), OPENSPLAT_RUNS)
-    again = peer_finishes(*asked, FinishStore(tmp_path / "work" / "peers.jsonl"), Reporter(), OPENSPLAT_RUNS)
-    assert [finish.label for finish in first] == [f"OpenSplat 1.2.0, {run.label}" for run in OPENSPLAT_RUNS]
+    first = peer_finishes(*asked, FinishStore(tmp_path / "work" / "peers.jsonl"), Reporter(), RUNS)
+    again = peer_finishes(*asked, FinishStore(tmp_path / "work" / "peers.jsonl"), Reporter(), RUNS)
+    assert [finish.label for finish in first] == [f"OpenSplat 1.2.0, {run.label}" for run in RUNS]
     assert again == first
-    assert len((tmp_path / "arguments").read_text(encoding="utf-8").splitlines()) == len(OPENSPLAT_RUNS)
+    assert len((tmp_path / "arguments").read_text(encoding="utf-8").splitlines()) == len(RUNS)
     with pytest.raises(InputError, match="cannot be run"):
-        peer_finishes(tmp_path / "gone", source, FinishStore(tmp_path / "other.jsonl"), Reporter(), OPENSPLAT_RUNS)
+        peer_finishes(tmp_path / "gone", source, FinishStore(tmp_path / "other.jsonl"), Reporter(), RUNS)
 
 
 def test_a_race_that_was_broken_off_while_it_wrote_loses_that_training_alone(tmp_path: Path):
