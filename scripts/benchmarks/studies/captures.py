@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from ....core.bootstrap import ROOT
-from ....core.capture.model import Capture
+from ....core.capture.model import Capture, View
 from ....core.capture.reader import read_capture
 from ....core.demo import SHOWROOM
 from ....core.errors import InputError
@@ -110,6 +113,46 @@ class CaptureFolder:
             return judged
         given = Subject.of(read_capture(self.folder, max_size=self.fitted_size))
         return Subject(given.given, given.split, judged.judged, judged.judged_split)
+
+
+@dataclass(frozen=True)
+class Centred:
+    """A capture cropped so that its principal points are in the middle, within a quarter of a pixel.
+
+    Some programs take them to be there whatever the file says, OpenSplat's rasteriser for processors among them.
+    """
+
+    base: CaptureFolder
+
+    @property
+    def name(self) -> str:
+        return self.base.name
+
+    @property
+    def key(self) -> str:
+        return repr((self.base.key, "centred"))
+
+    def load(self) -> Subject:
+        whole = self.base.load().given
+        return Subject.of(replace(whole, views=tuple(_centred(view) for view in whole.views)))
+
+
+def _centred(view: View) -> View:
+    camera = view.camera
+    rows, columns = _span(camera.height, camera.cy), _span(camera.width, camera.cx)
+    pictures = {
+        name: None if picture is None else np.ascontiguousarray(picture[rows, columns])
+        for name, picture in (("image", view.image), ("alpha", view.alpha), ("again", view.again), ("mask", view.mask))
+    }
+    size = {"width": columns.stop - columns.start, "height": rows.stop - rows.start}
+    moved = replace(camera, **size, cx=camera.cx - columns.start, cy=camera.cy - rows.start)
+    return replace(view, camera=moved, **pictures)
+
+
+def _span(length: int, center: float) -> slice:
+    """The most of `length` pixels around a centre."""
+    start = max(math.ceil(2.0 * center - length), 0)
+    return slice(start, min(start + round(2.0 * (center - start)), length))
 
 
 def showrooms(folder: Path, reporter: Reporter, wanted: Sequence[str] = SHOWROOMS) -> dict[str, Path]:

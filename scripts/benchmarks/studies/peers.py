@@ -55,10 +55,10 @@ def opensplat_runs(iterations: int = OPENSPLAT_ITERATIONS) -> tuple[OpenSplatRun
 
     From 1.2 on, Adam takes a step only every 32 iterations once densification has ended, by default half-way.
     """
-    return (
-        OpenSplatRun("its defaults", iterations),
-        OpenSplatRun("a step of Adam every iteration", iterations, ("--densify-until", str(iterations))),
-    )
+    best = {"densify-until": iterations, "densify-from": 100, "refine-every": 100}
+    best |= {"num-downscales": 1, "resolution-schedule": iterations // 2}
+    options = tuple(word for name, value in best.items() for word in (f"--{name}", str(value)))
+    return OpenSplatRun("its defaults", iterations), OpenSplatRun("best settings found", iterations, options)
 
 
 @dataclass(frozen=True)

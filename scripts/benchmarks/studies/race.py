@@ -27,7 +27,7 @@ from ..provenance import fingerprint, trained_product
 from ..tables import Column, frame_of, markdown_table, write_csv, write_text
 from ..timing.runs import train_once
 from ..timing.trainer import QUICK_PLAN
-from .captures import DEMO, CaptureFolder
+from .captures import DEMO, Centred, SubjectSource
 from .peers import OPENSPLAT_ITERATIONS, OpenSplat, OpenSplatRun, Point, opensplat_runs, train_opensplat
 
 if TYPE_CHECKING:
@@ -66,11 +66,15 @@ _EQUAL: tuple[Column, ...] = (
 _DEFINITIONS = """\
 All trainings of a capture one after the other on the same processor cores, in **processor seconds**: time by the clock
 depends on what else a machine does. Each program gets the same training views (every eighth is held out) and sparse
-points, and its scenes are rendered by our rasteriser for the held-out views, several times on the way. A peer's time
-has the start of its program and the reading of the photographs in it, a few seconds; ours has not, and neither has the
+points, and its scenes are rendered by our rasteriser for the held-out views, several times on the way. OpenSplat's
+rasteriser for processors takes every principal point to be in the middle of the photograph whatever the file says, so
+all programs get photographs that are cropped until it is there (of those at hand only fox's need it). A peer's time has
+the start of its program and the reading of the photographs in it, a few seconds; ours has not, and neither has the
 measuring. *To the best of*: the highest PSNR that was measured of a peer, and when; ours took as long as until it had
 that for the first time; a dash: never. OpenSplat's own number of steps, 30,000, takes hours on a processor: it is
-given fewer, on which its schedules depend as they do for its users."""
+given fewer, on which its schedules depend as they do for its users. Its *best settings* are those of four tried on
+fox: densification every 100 steps from the 100th to the last (by default its Adam takes a step only every 32 once
+densification has ended, half-way), the first half at half size."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +155,7 @@ class FinishStore:
 
 def peer_finishes(
     program: Path,
-    source: CaptureFolder,
+    source: SubjectSource,
     store: FinishStore,
     reporter: Reporter,
     runs: Sequence[OpenSplatRun],
@@ -168,7 +172,7 @@ def peer_finishes(
     return [store.get(_key(source, version, run), partial(train, run)) for run in runs]
 
 
-def our_finishes(source: CaptureFolder, store: FinishStore, iterations: int, reporter: Reporter) -> list[Finish]:
+def our_finishes(source: SubjectSource, store: FinishStore, iterations: int, reporter: Reporter) -> list[Finish]:
     """Our trainings of a capture; those that `store` has are not repeated.
 
     Args:
@@ -230,7 +234,7 @@ def _draw_curve(panel: Axes, finish: Finish, style: SeriesStyle) -> None:
     plot_series(panel, seconds, [point.psnr for point in finish.curve], style, finish.label, markersize=4)
 
 
-def _key(source: CaptureFolder, *facts: Any) -> str:
+def _key(source: SubjectSource, *facts: Any) -> str:
     return fingerprint(source.key, lambda: facts)
 
 
@@ -254,7 +258,7 @@ def _measure(options: argparse.Namespace) -> str:
     store = FinishStore(work_folder(options) / FINISHES_FILE, again=options.again)
     runs = opensplat_runs(options.peer_iterations)
     raster.load("cpu", reporter)  # compiles the kernels, which is no part of a training
-    for source in chosen_sources(options):
+    for source in map(Centred, chosen_sources(options)):
         peers = peer_finishes(options.opensplat, source, store, reporter, runs)
         ours = our_finishes(source, store, options.iterations, reporter)
         finishes += [*peers, *ours]

@@ -1,13 +1,23 @@
 """Captures are named on the command line, and loaded as recipes are given and judged by them."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from cvdgs.core.capture.normalised import write_capture
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
-from cvdgs.scripts.benchmarks.studies.captures import DEMO, SHOWROOMS, CaptureFolder, capture_sources, showrooms
+from cvdgs.scripts.benchmarks.studies.captures import (
+    DEMO,
+    SHOWROOMS,
+    CaptureFolder,
+    Centred,
+    capture_sources,
+    showrooms,
+)
 
 
 def test_recipes_can_be_given_smaller_photographs_than_they_are_judged_by():
@@ -22,6 +32,23 @@ def test_recipes_can_be_given_smaller_photographs_than_they_are_judged_by():
 @pytest.mark.parametrize("fitted_size", [None, 64, 100])
 def test_photographs_are_not_enlarged(fitted_size):
     assert CaptureFolder("demo", SHOWROOM, 64, fitted_size).load().is_ordinary
+
+
+@pytest.mark.parametrize(("cx", "cy"), [(24.0, 18.0), (26.2, 16.9), (20.45, 18.0), (24.1, 21.5)])
+def test_a_capture_can_be_cropped_until_its_principal_points_are_in_the_middle(tmp_path, cx, cy):
+    whole = CaptureFolder("demo", SHOWROOM, 48).load().given
+    views = tuple(replace(view, camera=replace(view.camera, cx=cx, cy=cy)) for view in whole.views)
+    write_capture(replace(whole, views=views), tmp_path / "off")
+    base = CaptureFolder("off", tmp_path / "off", 48)
+    view, given = Centred(base).load().given.views[3], base.load().given.views[3]
+    camera = view.camera
+    assert view.image.shape == (camera.height, camera.width, 3)
+    assert abs(camera.cx - camera.width / 2) <= 0.25
+    assert abs(camera.cy - camera.height / 2) <= 0.25
+    left, top = round(given.camera.cx - camera.cx), round(given.camera.cy - camera.cy)
+    assert np.array_equal(view.image, given.image[top : top + camera.height, left : left + camera.width])
+    assert camera.width >= 48 - 2 * abs(cx - 24.0) - 2  # no more than needed
+    assert Centred(base).key != base.key
 
 
 def test_a_subject_s_key_tells_sizes_apart():
