@@ -140,13 +140,16 @@ class Centred:
 def _centred(view: View) -> View:
     camera = view.camera
     rows, columns = _span(camera.height, camera.cy), _span(camera.width, camera.cx)
-    pictures = {
-        name: None if picture is None else np.ascontiguousarray(picture[rows, columns])
-        for name, picture in (("image", view.image), ("alpha", view.alpha), ("again", view.again), ("mask", view.mask))
-    }
+    cut = (rows, columns)
     size = {"width": columns.stop - columns.start, "height": rows.stop - rows.start}
-    moved = replace(camera, **size, cx=camera.cx - columns.start, cy=camera.cy - rows.start)
-    return replace(view, camera=moved, **pictures)
+    return replace(
+        view,
+        camera=replace(camera, **size, cx=camera.cx - columns.start, cy=camera.cy - rows.start),
+        image=np.ascontiguousarray(view.image[cut]),
+        alpha=None if view.alpha is None else np.ascontiguousarray(view.alpha[cut]),
+        again=None if view.again is None else np.ascontiguousarray(view.again[cut]),
+        mask=None if view.mask is None else np.ascontiguousarray(view.mask[cut]),
+    )
 
 
 def _span(length: int, center: float) -> slice:

@@ -68,7 +68,8 @@ All trainings of a capture one after the other on the same processor cores, in *
 depends on what else a machine does. Each program gets the same training views (every eighth is held out) and sparse
 points, and its scenes are rendered by our rasteriser for the held-out views, several times on the way. OpenSplat's
 rasteriser for processors takes every principal point to be in the middle of the photograph whatever the file says, so
-all programs get photographs that are cropped until it is there (of those at hand only fox's need it). A peer's time has
+all programs get photographs that are cropped until it is there (of those at hand only fox's need it); then its own
+picture of its scene and ours agree to 44.8 dB (a view of fox at 240 pixels). A peer's time has
 the start of its program and the reading of the photographs in it, a few seconds; ours has not, and neither has the
 measuring. *To the best of*: the highest PSNR that was measured of a peer, and when; ours took as long as until it had
 that for the first time; a dash: never. OpenSplat's own number of steps, 30,000, takes hours on a processor: it is
