@@ -69,13 +69,13 @@ depends on what else a machine does. Each program gets the same training views (
 points, and its scenes are rendered by our rasteriser for the held-out views, several times on the way. OpenSplat's
 rasteriser for processors takes every principal point to be in the middle of the photograph whatever the file says, so
 all programs get photographs that are cropped until it is there (of those at hand only fox's need it); then its own
-picture of its scene and ours agree to 44.8 dB (a view of fox at 240 pixels). A peer's time has
-the start of its program and the reading of the photographs in it, a few seconds; ours has not, and neither has the
-measuring. *To the best of*: the highest PSNR that was measured of a peer, and when; ours took as long as until it had
-that for the first time; a dash: never. OpenSplat's own number of steps, 30,000, takes hours on a processor: it is
-given fewer, on which its schedules depend as they do for its users. Its *best settings* are those of four tried on
-fox: densification every 100 steps from the 100th to the last (by default its Adam takes a step only every 32 once
-densification has ended, half-way), the first half at half size."""
+picture of its scene and ours agree to 44.8 dB (a view of fox at 240 pixels). A peer's time has the start of its program
+and the reading of the photographs in it, a few seconds; ours has not, and neither has the measuring. *To the best of*:
+the highest PSNR that was measured of a peer, and when; ours took as long as until it had that for the first time; a
+dash: never. OpenSplat's own number of steps, 30,000, takes hours on a processor: it is given fewer, on which its
+schedules depend as they do for its users. Its *best settings* are those of four tried on fox: densification every 100
+steps from the 100th to the last (by default its Adam takes a step only every 32 once densification has ended,
+half-way), the first half at half size."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ def race(finish: Finish, ours: Sequence[Finish]) -> list[Equal]:
     return found
 
 
-def write_peers(folder: Path, finishes: Sequence[Finish], equals: Sequence[Equal]) -> str:
+def write_peers(folder: Path, finishes: Sequence[Finish], equals: Sequence[Equal], heading: Sequence[str]) -> str:
     """Write ``peers.csv``, ``peers.md`` and its chart; returns the text of the page."""
     table = frame_of(Finish, [replace(finish, curve=()) for finish in finishes]).drop(columns="curve")
     write_csv(folder / f"{NAME}.csv", table)
@@ -210,7 +210,7 @@ def write_peers(folder: Path, finishes: Sequence[Finish], equals: Sequence[Equal
     size = (_PANEL * len(captures), _HEIGHT)
     write_charts(folder, NAME, size, partial(_draw, finishes=finishes), formats=("svg",))
     alternative = "PSNR of held-out views over processor seconds, ours and others; the tables have the ends"
-    lines = ["# Time to equal quality", "", _DEFINITIONS, "", picture(NAME, alternative), ""]
+    lines = ["# Time to equal quality", "", *heading, "", _DEFINITIONS, "", picture(NAME, alternative), ""]
     lines += [*markdown_table(frame_of(Equal, equals), _EQUAL), "", "## All runs", ""]
     return write_text(folder / f"{NAME}.md", [*lines, *markdown_table(table, _COLUMNS)])
 
@@ -264,7 +264,7 @@ def _measure(options: argparse.Namespace) -> str:
         ours = our_finishes(source, store, options.iterations, reporter)
         finishes += [*peers, *ours]
         equals += [equal for peer in peers for equal in race(peer, ours)]
-    return write_peers(options.out, finishes, equals)
+    return write_peers(options.out, finishes, equals, [f"Photographs of at most {options.max_size} pixels."])
 
 
 PART = Part(

@@ -38,7 +38,7 @@ def test_a_run_that_never_reaches_the_peer_has_a_dash(tmp_path: Path):
     ours = finish("ours", (2.0, 24.0), (20.0, 24.9))
     equals = race(PEER, [ours])
     assert math.isnan(equals[0].our_seconds)
-    text = write_peers(tmp_path, [PEER, ours], equals)
+    text = write_peers(tmp_path, [PEER, ours], equals, ["By `a command`."])
     (row,) = (line for line in text.splitlines() if "| ours |" in line and "OpenSplat" in line)
     assert [cell.strip() for cell in row.split("|")[-3:-1]] == ["–", "–"]
     assert "OpenSplat" in (tmp_path / "peers.svg").read_text(encoding="utf-8")
