@@ -15,7 +15,7 @@ from cvdgs.scripts.benchmark import main
 from cvdgs.scripts.benchmarks.stress.heat_map import NAME, read_standings, with_margins, write_heat_map
 
 EVIDENCE = ROOT / "docs" / "evidence"
-TABLES = [EVIDENCE / "stress.csv", EVIDENCE / "stress-cloth.csv"]
+TABLES = [path for name in ("", "-cloth", "-real") if (path := EVIDENCE / f"stress{name}.csv").exists()]
 
 
 def item(level: int, *, axis: str = "views", **figures) -> dict:
