@@ -32,6 +32,8 @@ class View:
         time: seconds into the video that it is a frame of, or None for a photograph.
         mask: (H, W) bool, False where the photograph is not looked at, or None where all of it is. Unlike `alpha` it
             does not say that nothing is there.
+        smear: (2,) the line along which motion smeared the photograph while it was exposed, from end to end, right and
+            down, pixels; None where that is not known.
     """
 
     key: str
@@ -43,6 +45,7 @@ class View:
     again: NDArray[np.uint8] | None = None
     time: float | None = None
     mask: NDArray[np.bool_] | None = None
+    smear: NDArray[np.float64] | None = None
 
     def at(self, world_to_camera: NDArray[np.float64]) -> View:
         """The same photograph from another (4, 4) pose."""
@@ -143,6 +146,11 @@ class Capture:
     def moved(self, poses: Mapping[str, NDArray[np.float64]]) -> Capture:
         """The same photographs, those of the given keys from other (4, 4) world-to-camera poses."""
         views = tuple(view.at(poses[view.key]) if view.key in poses else view for view in self.views)
+        return replace(self, views=views)
+
+    def smeared(self, lines: Mapping[str, NDArray[np.float64]]) -> Capture:
+        """The same photographs, those of the given keys known to be smeared along these (2,) lines."""
+        views = tuple(replace(view, smear=lines[view.key]) if view.key in lines else view for view in self.views)
         return replace(self, views=views)
 
     def zoomed(self, factor: float) -> Capture:

@@ -13,7 +13,7 @@ from ..files.untrusted import replacing
 from ..runs.layout import CAMERAS_FILE, IMAGES_FOLDER, MASKS_FOLDER, POINTS_FILE
 from .model import Capture, View
 from .points import write_point_cloud
-from .source import OPENGL_TO_OPENCV, invert_rigid
+from .source import OPENGL_TO_OPENCV, SMEAR_KEY, invert_rigid
 
 
 def write_capture(capture: Capture, folder: str | Path) -> None:
@@ -66,6 +66,7 @@ def _frame(view: View) -> dict[str, Any]:
     camera_to_world = invert_rigid(view.world_to_camera) @ OPENGL_TO_OPENCV
     time = {} if view.time is None else {"time": view.time}
     mask = {} if view.mask is None else {"mask_path": _mask_name(view)}
+    smear = {} if view.smear is None else {SMEAR_KEY: view.smear.tolist()}
     return {
         "file_path": _image_name(view),
         "w": camera.width,
@@ -77,4 +78,5 @@ def _frame(view: View) -> dict[str, Any]:
         "transform_matrix": camera_to_world.tolist(),
         **time,
         **mask,
+        **smear,
     }

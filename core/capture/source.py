@@ -15,6 +15,8 @@ from .files import quote_first
 from .model import CaptureWarning, Estimate
 
 # Of a capture; all views are in memory together, and 20,000 of one megapixel have 60 GB.
+SMEAR_KEY = "motion_blur"
+"""Of a frame in our camera files: `View.smear`."""
 MOST_VIEWS = 20_000
 
 
@@ -31,6 +33,7 @@ class SourceView:
         estimated: `camera` was estimated from the image as it is stored. The view is turned upright with its camera.
         time: seconds into the video that it is a frame of.
         mask: the image file of its mask, which exists.
+        smear: as in `View`, in pixels of the camera's image.
     """
 
     name: str
@@ -41,6 +44,7 @@ class SourceView:
     estimated: bool = False
     time: float | None = None
     mask: Path | None = None
+    smear: NDArray[np.float64] | None = None
 
 
 @dataclass

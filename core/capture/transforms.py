@@ -20,7 +20,16 @@ from .colmap import check_camera
 from .files import IMAGE_EXTENSIONS, Spelling, quote_first, relative_name, resolve_inside
 from .images import read_header
 from .points import read_point_cloud
-from .source import LARGEST_NUMBER, MOST_VIEWS, OPENGL_TO_OPENCV, SourceModel, SourceView, invert_rigid, rigid_pose
+from .source import (
+    LARGEST_NUMBER,
+    MOST_VIEWS,
+    OPENGL_TO_OPENCV,
+    SMEAR_KEY,
+    SourceModel,
+    SourceView,
+    invert_rigid,
+    rigid_pose,
+)
 
 # One file is read; the splits of the NeRF synthetic layout overlap in purpose with our own held-out views.
 _FILE_NAMES = ("transforms.json", "transforms_train.json", "transforms_test.json", "transforms_val.json")
@@ -96,7 +105,8 @@ class _Reader:
             if repaired:
                 reshaped.append(name)
             camera, size_known = self._camera(frame, name, path)
-            model.views.append(SourceView(name, path, camera, matrix, size_known, mask=self._mask(frame, name)))
+            mask, smear = self._mask(frame, name), self._smear(frame, name)
+            model.views.append(SourceView(name, path, camera, matrix, size_known, mask=mask, smear=smear))
         self._refuse_repeated(model)
         model.warn_about_views(missing, reshaped, len(frames), self._folder)
         if self._without_masks:
@@ -157,6 +167,17 @@ class _Reader:
             raise self._refusal(f"the transform_matrix of {name} is missing or not numbers") from None
         camera_to_world, repaired = rigid_pose(matrix, frame=name, where=self._file)
         return invert_rigid(camera_to_world @ OPENGL_TO_OPENCV), repaired
+
+    def _smear(self, frame: dict[str, Any], name: str) -> np.ndarray | None:
+        if SMEAR_KEY not in frame:
+            return None
+        try:
+            line = np.array(frame[SMEAR_KEY], np.float64)
+        except (TypeError, ValueError, OverflowError):
+            line = np.zeros(0)
+        if line.shape != (2,) or not (np.abs(line) < LARGEST_NUMBER).all():
+            raise self._refusal(f"the {SMEAR_KEY} of {name} is not two numbers")
+        return line
 
     def _number(self, frame: dict[str, Any], key: str, default: float) -> float:
         """`key` of the frame, else of the file, else `default`."""

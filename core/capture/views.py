@@ -157,6 +157,7 @@ def _read_view(plan: ViewPlan, undistorter: Undistorter, development: Developmen
     view = View(
         *(plan.key, plan.source.path, camera, plan.source.world_to_camera, image, alpha, again, plan.source.time),
         mask=_read_mask(plan, undistorter),
+        smear=None if plan.source.smear is None else plan.source.smear * (camera.width / plan.source.camera.width),
     )
     return _turn_upright(view, plan.header.orientation) if plan.turned else view
 

@@ -93,7 +93,7 @@ def run(
         with clock.measure("geometry"):
             trained = stages.train()
             stages = stages.after(trained)
-            if lens.was_off or trained.moved_poses:
+            if lens.was_off or trained.moved_poses or trained.smears:
                 write_cameras(stages.capture, folder / CAPTURE_FOLDER)
             cleaned = stages.clean(trained)
             trained = replace(trained, gaussians=cleaned.gaussians, decision={**trained.decision, **cleaned.in_words})

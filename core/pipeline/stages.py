@@ -216,10 +216,10 @@ class Stages:
         return self._train_on_photographs()
 
     def after(self, result: TrainingResult) -> Stages:
-        """The stages that follow, on the capture with the poses that training corrected."""
-        if not result.moved_poses:
+        """The stages that follow, on the capture with the poses and the motion blur that training found."""
+        if not result.moved_poses and not result.smears:
             return self
-        return self._on(self.capture.moved(result.moved_poses))
+        return self._on(self.capture.moved(result.moved_poses).smeared(result.smears))
 
     def clean(self, result: TrainingResult) -> Cleaned:
         """What training gave, scored and without the floaters that the settings ask to remove."""
@@ -334,8 +334,8 @@ class Stages:
         train = self.split.train
         if self.settings.mode == "post":
             self._enhance_renderings(made.original, layer, enhancer)
-            # A rendering has its background in it.
-            views = [replace(view, alpha=None) for view in self._views_from(render_path, layer, train)]
+            # A rendering has its background in it, and no motion blur.
+            views = [replace(view, alpha=None, smear=None) for view in self._views_from(render_path, layer, train)]
         else:
             views = self._views_from(enhanced_path, layer, train)
         post = self.settings.mode == "post"  # the baseline: colours that fit the pictures, and nothing more

@@ -13,6 +13,7 @@ from ..capture.model import View
 from ..color.metrics import psnr, ssim
 from ..color.spaces import image_to_tensor
 from ..files.images import to_bytes
+from .calibration.motion_blur import smeared_array
 from .gaussians import Gaussians
 from .raster import Frame, ParameterSet, RasterCamera, Rasterizer
 from .scene_frame import SceneFrame
@@ -56,10 +57,15 @@ class SceneRenderer:
         return None if shown is None else shown > 127
 
     def fidelity(self, index: int, rendered: NDArray[np.uint8]) -> dict[str, float]:
-        """PSNR in dB and SSIM of a rendering against the photograph over the same background, but what is masked."""
+        """PSNR in dB and SSIM of a rendering against the photograph over the same background, but what is masked.
+
+        The rendering is first smeared as the photograph is known to be.
+        """
         mask = self.views[index].mask
         kept = None if mask is None else torch.from_numpy(mask)
         view = self.views[index]
+        if view.smear is not None:
+            rendered = to_bytes(smeared_array(rendered / np.float32(255.0), view.smear))
         pictures = (view.blanked(picture) for picture in (self._background.behind(view), rendered))
         photograph, image = (image_to_tensor(picture) for picture in pictures)
         return {"psnr": psnr(photograph, image, mask=kept), "ssim": ssim(photograph, image, mask=kept)}

@@ -50,10 +50,12 @@ class TrainingView:
     Attributes:
         levels: image, an (H, W, 3) uint8 device array, and camera by reduction factor.
         masks: of the photograph, by reduction factor; empty where all of it is looked at.
+        smear: as in `View`, in pixels of the full image.
     """
 
     levels: dict[int, tuple[Any, RasterCamera]]
     masks: dict[int, Mask] = field(default_factory=dict)
+    smear: NDArray[np.float64] | None = None
 
     def at(self, reduction: int) -> tuple[Any, RasterCamera]:
         """The image and camera at a reduction factor, or at full resolution if the view is too small for it."""
@@ -70,7 +72,11 @@ class TrainingView:
     def reduced(self, reduction: int) -> TrainingView:
         """The view at one of its reductions alone."""
         mask = self.mask_at(reduction)
-        return TrainingView({1: self.at(reduction)}, {} if mask is None else {1: mask})
+        return TrainingView({1: self.at(reduction)}, {} if mask is None else {1: mask}, self.smear_at(reduction))
+
+    def smear_at(self, reduction: int) -> NDArray[np.float64] | None:
+        """(2,) the line in pixels of the image that `at` gives; None where the photograph is sharp."""
+        return None if self.smear is None else self.smear / (reduction if reduction in self.levels else 1)
 
     def moved(self, world_to_camera: NDArray[np.float64]) -> TrainingView:
         """The same photograph from another (4, 4) pose."""
@@ -80,6 +86,7 @@ class TrainingView:
                 for level, (image, camera) in self.levels.items()
             },
             self.masks,
+            self.smear,
         )
 
 
@@ -143,7 +150,7 @@ def _prepare(
         levels[factor] = (device_pixels, reduced)
         if view.mask is not None:
             masks[factor] = Mask.of(_block_all(view.mask, factor), rasterizer.device)
-    return TrainingView(levels, masks)
+    return TrainingView(levels, masks, view.smear)
 
 
 def _block_all(mask: NDArray[np.bool_], factor: int) -> NDArray[np.uint8]:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
+from ..calibration.motion_blur import smeared_array
 from ..gaussians import SH_C0
 from ..raster import ParameterSet, Rasterizer
 from ..strategy import ViewEvidence, ViewEvidenceSum
@@ -48,7 +49,7 @@ def gather_view_evidence(
     for view in views:
         image, camera = view.at(reduction)
         frame = rasterizer.render(shown, camera, background.color)
-        color = frame.color.numpy()
+        color = smeared_array(frame.color.numpy(), view.smear_at(reduction))
         error = np.nan_to_num(np.abs(color - image.numpy() * np.float32(1.0 / 255.0)).mean(axis=2))
         mask = view.mask_at(reduction)
         looked_at = np.ones(error.shape, bool) if mask is None else mask.pixels.numpy() > 0

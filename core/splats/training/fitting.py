@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 from ...capture.model import View
 from ...color.metrics import ccpr
 from ...files.states import SavedState, State
-from ..calibration.corrections import Correction
+from ..calibration.corrections import Correction, KnownBlur
 from ..calibration.exposure import estimate_log_gains
+from ..calibration.motion_blur import best_line, smeared_array
 from ..gaussians import Gaussians
 from ..raster import Adam, Frame, LearningRates, Loss, Mask, ParameterSet, Rasterizer
 from ..scene_frame import SceneFrame
@@ -188,6 +190,17 @@ class Fit:
         """
         return float(np.mean([self._psnr(view, any_exposure) for view in views]))
 
+    def best_line(self, view: TrainingView) -> NDArray[np.float64]:
+        """(2,) the line along which a rendering is most like the photograph (`best_line`)."""
+        image, camera = view.at(1)
+        frame = self._rasterizer.render(self.parameters, camera, self._background.color)
+        photograph = image.numpy().astype(np.float32) / 255.0
+        return best_line(np.nan_to_num(frame.color.numpy()), photograph, view.looked_at(), view.smear)
+
+    def smeared(self, views: Sequence[TrainingView]) -> list[TrainingView]:
+        """The views, their photographs smeared along the lines that suit the current scene best."""
+        return [replace(view, smear=self.best_line(view)) for view in views]
+
     def contrast(self, view: TrainingView) -> float:
         """CCPR of a view at full resolution for normal vision; NaN if its photograph has no distinct neighbours."""
         color, photograph = (torch.from_numpy(x).permute(2, 0, 1) for x in self._pictures(view))
@@ -195,10 +208,11 @@ class Fit:
         return ccpr(photograph, color.clamp(0.0, 1.0), mask=None if shown is None else torch.from_numpy(shown))[0]
 
     def _pictures(self, view: TrainingView) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """A view as rendered and as photographed, (H, W, 3) each."""
+        """A view as rendered, smeared like its photograph, and as photographed, (H, W, 3) each."""
         image, camera = view.at(1)
         frame = self._rasterizer.render(self.parameters, camera, self._background.color)
-        return np.nan_to_num(frame.color.numpy()), image.numpy().astype(np.float32) / 255.0
+        color = smeared_array(np.nan_to_num(frame.color.numpy()), view.smear)
+        return color, image.numpy().astype(np.float32) / 255.0
 
     def _psnr(self, view: TrainingView, any_exposure: bool) -> float:
         color, photograph = self._pictures(view)
@@ -249,9 +263,17 @@ def fit_guided(
     frame = SceneFrame.around(views, gaussians.means)
     fit = Fit(rasterizer, frame.from_world(gaussians), background, loss.ssim_weight)
     targets = prepare_targets(rasterizer, views, frame, background)
+    blur = KnownBlur(rasterizer.device, [view.smear for view in views])
     order = ViewOrder(len(targets), np.random.default_rng(seed))
     for step in range(1, steps + 1):
         view = order.next()
-        fit.step(targets[view], 1, learning_rates(step / steps), colors_only=colors_only, loss=loss.of(view))
+        fit.step(
+            targets[view],
+            1,
+            learning_rates(step / steps),
+            colors_only=colors_only,
+            correction=blur.of(view),
+            loss=loss.of(view),
+        )
         progress(step / steps)
     return frame.to_world(fit.parameters.to_gaussians()), fit.skipped

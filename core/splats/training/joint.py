@@ -105,7 +105,7 @@ class JointTraining:
         gaussians, skipped = fit_guided(
             self.rasterizer,
             result.gaussians,
-            self.views,
+            [replace(view, smear=result.smears.get(view.key)) for view in self.views],
             self.background,
             GuidedLoss(self.rasterizer, guides, self.plan.ssim_weight, joint.multi_view_weight, kept),
             lambda done: joint.learning_rates.scaled(joint.lr_final_factor**done),

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
 from ...runtime.protocol import Reporter
 from ..calibration.corrections import ViewCorrections
+from ..scene_frame import SceneFrame
+from .validation import HeldOut
 
 
 def warn(reporter: Reporter, steps: int, skipped: int, corrections: ViewCorrections) -> None:
-    """Report steps that were skipped, of so many, and cameras that were corrected."""
+    """Report steps that were skipped, of so many, and cameras and motion blur that were corrected."""
     if skipped:
         reporter.warning(
             "skipped-steps",
@@ -20,3 +27,26 @@ def warn(reporter: Reporter, steps: int, skipped: int, corrections: ViewCorrecti
             f"the camera poses were about {corrections.pose_motion:.1f} pixels off and were corrected along with the "
             "scene; a better calibration may make it sharper",
         )
+    if corrections.blur.active:
+        reporter.warning(
+            "motion-blur-corrected",
+            f"motion smeared the photographs by about {corrections.blur.length:.1f} pixels, which was kept out of the "
+            "scene; a steadier camera or more light gives a sharper one",
+        )
+
+
+def moved_poses(
+    corrections: ViewCorrections, keys: Sequence[str], held_out: HeldOut, frame: SceneFrame
+) -> dict[str, NDArray[np.float64]]:
+    """(4, 4) world-to-camera of all views by key, the fitted ones having `keys`; none if poses are as given."""
+    moved = corrections.moved_poses
+    if moved is None:
+        return {}
+    poses = {**dict(zip(keys, moved, strict=True)), **held_out.poses}
+    return {key: frame.pose_to_world(pose) for key, pose in poses.items()}
+
+
+def smears(corrections: ViewCorrections, keys: Sequence[str], held_out: HeldOut) -> dict[str, NDArray[np.float64]]:
+    """`View.smear` of all views by key; none if photographs were taken to be sharp."""
+    found = corrections.smears
+    return {} if found is None else {**dict(zip(keys, found, strict=True)), **held_out.smears}

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.exposure import ExposurePlan
+from ..calibration.motion_blur import MotionBlurPlan
 from ..calibration.poses import PosePlan
 from ..gaussians import Gaussians
 from ..raster import ContrastPlan, LearningRates
@@ -52,6 +53,7 @@ class TrainingPlan:
         exposure: how photographs of different exposure or white balance are corrected; None to leave them.
         poses: how bad poses are refined; None to leave them. Validation views are then aligned with the scene before
             they are measured.
+        blur: how motion blur is kept out of the scene; None to leave it in.
         contrast: hinge that brings back weak contrast in the last part of the run; None leaves it out.
         contrast_from: fraction of the run from which it counts.
         curve_points: measurements on the held-out views.
@@ -79,6 +81,7 @@ class TrainingPlan:
     validation_until: float = 0.9
     exposure: ExposurePlan | None = field(default_factory=ExposurePlan)
     poses: PosePlan | None = field(default_factory=PosePlan)
+    blur: MotionBlurPlan | None = field(default_factory=MotionBlurPlan)
     contrast: ContrastPlan | None = field(default_factory=_geometry_contrast)
     contrast_from: float = 0.8
     curve_points: int = 10
@@ -106,8 +109,9 @@ class TrainingResult:
     Attributes:
         gaussians: in world units.
         curve: one entry per measurement: step, seconds, psnr (held-out, dB; None without such views), gaussians;
-            deciding_psnr if training views were held back for validation; and psnr_any_exposure (held-out, with each
-            photograph's exposure compensated) if exposures were corrected. The last entry is that of `gaussians`.
+            deciding_psnr if training views were held back for validation; psnr_any_exposure (held-out, with each
+            photograph's exposure compensated) if exposures were corrected; and psnr_any_blur (with renderings smeared
+            as their photographs are) if motion blur was. The last entry is that of `gaussians`.
         seconds: of the loop and its preparation, without the measurements for the curve.
         initial: number of Gaussians at the start.
         decision: automatic decisions and their reasons in plain words: views, strategy, gaussians, steps, sh_degree,
@@ -115,6 +119,8 @@ class TrainingResult:
         skipped: steps skipped, entirely or for some Gaussians, because of non-finite numbers.
         moved_poses: (4, 4) world-to-camera by view key, if poses were refined. Held-out views are then aligned with
             the finished scene, which is not fitted to them.
+        smears: `View.smear` by view key, if motion blur was kept out of the scene; those of held-out views suit the
+            finished scene.
     """
 
     gaussians: Gaussians
@@ -124,3 +130,4 @@ class TrainingResult:
     decision: dict[str, Any] = field(default_factory=dict)
     skipped: int = 0
     moved_poses: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    smears: dict[str, NDArray[np.float64]] = field(default_factory=dict)

@@ -30,7 +30,7 @@ from .decisions import DecisionLog, Measurement, split_views
 from .evidence import gather_view_evidence
 from .fitting import Fit
 from .losses import GuidedLoss, KeptContrast
-from .outcome import warn
+from .outcome import moved_poses, smears, warn
 from .plan import TrainingPlan, TrainingResult
 from .schedule import TrainingSchedule
 from .start import StartChoice, StartTrial, choose_start, means_reach
@@ -88,7 +88,7 @@ class Trainer:
         self.fit = Fit(rasterizer, Gaussians.none(), background, plan.ssim_weight)
         self._step, self._ended = 0, False
         self._corrections = ViewCorrections(
-            rasterizer, self._targets, background, plan.exposure, plan.poses, plan.steps
+            rasterizer, self._targets, background, plan.exposure, plan.poses, plan.blur, plan.steps
         )
         self._order = ViewOrder(self._fitted_count, self._rng)
         self._loss: GuidedLoss | None = None
@@ -168,7 +168,8 @@ class Trainer:
             self._log.initial,
             decision,
             self.fit.skipped,
-            self._moved_poses(),
+            moved_poses(self._corrections, self._keys, self._held_out, self._frame),
+            smears(self._corrections, self._keys, self._held_out),
         )
 
     @property
@@ -261,6 +262,8 @@ class Trainer:
         """Measure the validation views; keeps the Gaussians if they are the best so far."""
         if self._corrections.poses_were_off:
             self._validation.align(self.fit.parameters)
+        if self._corrections.blur.active:
+            self._validation.views = self.fit.smeared(self._validation.views)
         measurement = Measurement(step, len(self.fit), self._validation_psnr(), self.fit.work)
         self._log.keep_if_best(measurement, self.fit)
         return measurement
@@ -280,10 +283,13 @@ class Trainer:
                 self._fit_next(self._schedule.reduction(step), self._schedule.learning_rates(step), order=order)
             poses = proposal is Proposal.POSES
             views = self._validation.matched(self.fit.parameters) if poses else self._validation.views
+            views = self.fit.smeared(views) if proposal is Proposal.BLUR else views
             return self.fit.psnr(views, any_exposure=True)
 
         if not self._corrections.settle(proposal, correction_gain(self.fit, branch)):
             self.fit.state = before  # as if there had been no trial
+        elif proposal is Proposal.BLUR:
+            self._log.forget_best()  # measured through lines from now on
 
     def _aligned(self, views: Sequence[TrainingView]) -> AlignedViews:
         assert self._plan.poses is not None, "poses that are not refined are never off"
@@ -308,9 +314,7 @@ class Trainer:
             return
         self._validation.end()
         if self._fitted_count < len(self._targets):
-            aligned = self._validation.poses
-            for view, pose in enumerate(() if aligned is None else aligned, self._fitted_count):
-                self._corrections.poses.put(view, pose)
+            self._corrections.admit(self._fitted_count, self._validation.poses, self.fit.parameters)
             self._fitted_count = len(self._targets)
             self._order = ViewOrder(self._fitted_count, self._rng)
             self._log.views += f", then fitted like the others from step {step:,}"
@@ -334,27 +338,22 @@ class Trainer:
         self.fit.keep(~views.unseen & ~views.floaters)
         if self._corrections.poses_were_off:
             self._held_out.align(self.fit.parameters, self._aligned)
+        if self._corrections.blur.active:
+            self._held_out.smear(self.fit.best_line)
         self._extend_curve(step)
-
-    def _moved_poses(self) -> dict[str, NDArray[np.float64]]:
-        moved = self._corrections.moved_poses
-        if moved is None:
-            return {}
-        poses = {**dict(zip(self._keys, moved, strict=True)), **self._held_out.poses}
-        return {key: self._frame.pose_to_world(pose) for key, pose in poses.items()}
 
     def _extend_curve(self, step: int) -> None:
         self._curve.extend(lambda: self._entry(step))
 
     def _entry(self, step: int) -> dict[str, float | None]:
-        shown = self._held_out.shown
+        shown, blurred = self._held_out.shown, self._corrections.blur.active
         psnr = self.fit.psnr(shown) if shown else None
         entry = {"step": step, "psnr": psnr, "gaussians": len(self.fit)}
         if self._split.validation and self._validation:
             entry["deciding_psnr"] = self._validation_psnr()  # the name in existing reports
         if shown and self._corrections.exposure.active:
             entry["psnr_any_exposure"] = self.fit.psnr(shown, any_exposure=True)
-        return entry
+        return entry | ({"psnr_any_blur": self.fit.psnr(self.fit.smeared(shown))} if shown and blurred else {})
 
     # Checkpoints
 

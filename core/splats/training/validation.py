@@ -128,12 +128,14 @@ class HeldOut:
     Attributes:
         shown: targets of the curve's views.
         poses: (4, 4) world-to-camera in frame units by view key, once they were aligned.
+        smears: (2,) lines by view key, once they were found.
     """
 
     def __init__(self, given: Sequence[View], prepare: Preparer, subset: Callable[[Sequence[Any]], list[Any]]) -> None:
         self._given, self._prepare, self._subset = list(given), prepare, subset
         self.shown: list[TrainingView] = prepare(subset(given))
         self.poses: dict[str, NDArray[np.float64]] = {}
+        self.smears: dict[str, NDArray[np.float64]] = {}
 
     def align(self, scene: ParameterSet, aligner: Aligner) -> None:
         """Align their poses, which are off like the others, with the finished scene."""
@@ -142,3 +144,10 @@ class HeldOut:
             aligned.align(scene)
             self.poses = {view.key: pose for view, pose in zip(self._given, aligned.poses, strict=True)}
             self.shown = self._subset(aligned.views)
+
+    def smear(self, best_line: Callable[[TrainingView], NDArray[np.float64]]) -> None:
+        """Find the lines along which the photographs are smeared; what is `shown` is measured as it is."""
+        views = self._prepare(self._given)
+        if self.poses:
+            views = [view.moved(self.poses[given.key]) for view, given in zip(views, self._given, strict=True)]
+        self.smears = {given.key: best_line(view) for view, given in zip(views, self._given, strict=True)}

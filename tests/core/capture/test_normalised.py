@@ -36,7 +36,8 @@ def views(draw: st.DrawFn, key: str) -> View:
     alpha = None
     if draw(st.booleans()):
         alpha = generator.integers(0, 255, (height, width)).astype(np.uint8)
-    return View(key, Path(key), camera, pose, image, alpha)
+    smear = draw(st.none() | st.tuples(finite, finite).map(np.array))
+    return View(key, Path(key), camera, pose, image, alpha, smear=smear)
 
 
 @st.composite
@@ -68,6 +69,10 @@ def test_written_capture_reads_back(capture: Capture) -> None:
             assert view.alpha is None
         else:
             np.testing.assert_array_equal(view.alpha, original.alpha)
+        if original.smear is None:
+            assert view.smear is None
+        else:
+            np.testing.assert_array_equal(view.smear, original.smear)
     np.testing.assert_array_equal(back.points, capture.points)
     np.testing.assert_array_equal(back.point_colors, capture.point_colors)
 

@@ -289,6 +289,8 @@ def test_cut_file_is_refused(tmp_path: Path, part: float) -> None:
         ({"fl_x": 80.0, "w": 1e9, "h": 72, "frames": frames(shots(2))}, "size"),
         ({"fl_x": 80.0, "frames": frames(shots(2)) * 2}, "same image"),
         ({"fl_x": 80.0, "frames": frames(shots(1))}, "only one view"),
+        ({"fl_x": 80.0, "frames": [f | {"motion_blur": [1, "x"]} for f in frames(shots(2))]}, "not two numbers"),
+        ({"fl_x": 80.0, "frames": [f | {"motion_blur": [math.nan, 1]} for f in frames(shots(2))]}, "not two numbers"),
         ({"fl_x": 80.0, "ply_file_path": 3, "frames": frames(shots(2))}, "ply_file_path"),
         ({"fl_x": 80.0, "ply_file_path": "../p.ply", "frames": frames(shots(2))}, "leads out of the capture folder"),
     ],

@@ -133,6 +133,6 @@ def test_exposures_of_cut_outs_are_left_alone(scene, views):
     rasterizer, frame = Rasterizer("cpu", 1), SceneFrame.around(views, scene.means)
     targets = prepare_targets(rasterizer, lit(views, np.linspace(-0.3, 0.3, len(views))), frame, white)
     for background, active in ((white, False), (BLACK, True)):
-        corrections = ViewCorrections(rasterizer, targets, background, ExposurePlan(), None, steps=100)
+        corrections = ViewCorrections(rasterizer, targets, background, ExposurePlan(), None, None, steps=100)
         corrections.decide(0.5, ParameterSet.from_gaussians(frame.from_world(scene)))
         assert corrections.exposure.active == active
