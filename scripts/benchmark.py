@@ -17,12 +17,26 @@ from cvdgs.scripts.benchmarks.enhancers import drift
 from cvdgs.scripts.benchmarks.enhancers import frames as select
 from cvdgs.scripts.benchmarks.observers import command as observers
 from cvdgs.scripts.benchmarks.stress import command as stress
-from cvdgs.scripts.benchmarks.studies import ablation, budget, cost, figure, pareto, race, table
+from cvdgs.scripts.benchmarks.studies import ablation, budget, cost, figure, pareto, plain, race, table
 from cvdgs.scripts.benchmarks.timing import batch, files, step, throughput, trainer
 from cvdgs.scripts.benchmarks.timing import stills as display
 
 STUDIES = (everything, table, pareto, budget, ablation, figure, cost, stress)
-MEASUREMENTS = (race, step, trainer, display, files, enhancer, drift, select, batch, throughput, observers, stale)
+MEASUREMENTS = (
+    race,
+    plain,
+    step,
+    trainer,
+    display,
+    files,
+    enhancer,
+    drift,
+    select,
+    batch,
+    throughput,
+    observers,
+    stale,
+)
 PARTS = tuple(module.PART for module in (*STUDIES, *MEASUREMENTS))
 
 

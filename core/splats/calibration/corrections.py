@@ -18,7 +18,7 @@ from ...files.states import SavedState, State
 from ..raster import Frame, Gradients, ParameterSet, RasterCamera, Rasterizer
 from ..targets import Background, TrainingView
 from .exposure import ExposureCorrection, ExposurePlan, estimate_log_gains
-from .motion_blur import MotionBlur, MotionBlurPlan, best_line, longest_line
+from .motion_blur import MotionBlur, MotionBlurPlan, best_line, longest_line, typical_length
 from .poses import AlignedViews, PosePlan, PoseRefinement
 
 CORRECTED = "corrected"
@@ -176,7 +176,8 @@ class ViewCorrections:
                 proposed.append(Proposal.POSES)
         if self._blur_undecided and self._blur_plan is not None and progress >= self._blur_plan.decided_at:
             self._blur_undecided = False
-            if self._seems_blurred(self._blur_plan, parameters):
+            # Where cameras were off, a photograph that is still out of place looks smeared.
+            if not self.poses_were_off and self._seems_blurred(self._blur_plan, parameters):
                 proposed.append(Proposal.BLUR)
         return proposed
 
@@ -274,7 +275,7 @@ class ViewCorrections:
         if self.blur.active:
             trial = "".join(words.get("motion_blur", "").partition(", and ")[1:])
             words["motion_blur"] = (
-                f"{CORRECTED}: the photographs are smeared by about {self.blur.length:.1f} pixels{trial}"
+                f"{CORRECTED}: a quarter of the photographs are smeared by {self.blur.length:.1f} pixels or more{trial}"
             )
         return words
 
@@ -302,10 +303,10 @@ class ViewCorrections:
         count = len(self._views)
         probed = np.linspace(0, count - 1, min(count, plan.probed_views)).round().astype(int).tolist()
         found = {view: self.best_line(view, parameters) for view in probed}
-        length = float(np.median([np.linalg.norm(line) for line in found.values()]))
+        length = typical_length(list(found.values()))
         if length < plan.threshold:
             return False
-        self._words["motion_blur"] = f"as photographed: they seem to be smeared by about {length:.1f} pixels"
+        self._words["motion_blur"] = f"as photographed: a quarter seem to be smeared by {length:.1f} pixels"
         self._lines = [found[i] if i in found else self.best_line(i, parameters) for i in range(count)]
         return True
 

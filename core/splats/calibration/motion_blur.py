@@ -39,8 +39,8 @@ class MotionBlurPlan:
         decided_at: fraction of the run after which the photographs are compared with the scene.
         least_steps: shortest run with that comparison.
         probed_views: largest number of views in it.
-        threshold: length of the lines, the median in pixels, from which it is tried whether they help. A finished
-            scene is softer than sharp photographs, so averaging it only makes it worse.
+        threshold: pixels; where the lines of a quarter of the views are as long, it is tried whether they help. A
+            rough scene is softer than sharp photographs, so averaging it only makes it worse.
         trial: share of the run's steps in each of the two branches of a trial, at least `fewest_trial_steps`.
         least_gain: dB that validation views have to gain in it, each compared through the line that suits it best.
         learning_rate: of the lines, right after the decision: of their length, or of a pixel for shorter ones.
@@ -49,7 +49,7 @@ class MotionBlurPlan:
 
     decided_at: float = 0.22
     least_steps: int = 300
-    probed_views: int = 8
+    probed_views: int = 12
     threshold: float = 0.8
     trial: float = 0.08
     fewest_trial_steps: int = 200
@@ -229,8 +229,8 @@ class MotionBlur:
 
     @property
     def length(self) -> float:
-        """Median over the views, pixels."""
-        return float(np.median(np.linalg.norm(self.lines, axis=1)))
+        """Pixels; a quarter of the lines are as long."""
+        return typical_length(self.lines)
 
     def line(self, view: int) -> NDArray[np.float64] | None:
         """(2,) of a view, in pixels of the full image; None where nothing is averaged."""
@@ -284,6 +284,11 @@ class MotionBlur:
         self.active = saved.value("active", bool)
         self.lines = saved.array("lines", np.float64, len(self._moments), 2)
         restore(self._moments, 2, saved.part("moments"), np.copy)
+
+
+def typical_length(lines: Sequence[NDArray[np.float64]] | NDArray[np.float64]) -> float:
+    """Pixels; a quarter of the (V, 2) lines are as long or longer."""
+    return float(np.percentile(np.linalg.norm(np.asarray(lines), axis=1), 75.0))
 
 
 def longest_line(width: int, height: int) -> float:

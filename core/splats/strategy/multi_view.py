@@ -27,7 +27,9 @@ class MultiViewConsistent:
         census_every: rounds between those that render all views and remove what none of them needs.
         agreeing: views that have to vote for a Gaussian before it is divided; all, if there are fewer.
         growth: largest share of the Gaussians divided in a round; those with the most blame first.
-        needed_pixels: a Gaussian that covers fewer pixels in every view is removed.
+        needed_pixels: a Gaussian that covers fewer pixels in every view is removed,
+        needed_share: if that is also less than this share of what one of them covers on average: where photographs are
+            small or Gaussians many, few of them cover many pixels.
         min_opacity: a Gaussian below it is removed.
         prune: whether Gaussians are removed before the end of the run.
         gradient_every: 0: gradients are not needed, which saves a third of the backward pass.
@@ -41,6 +43,7 @@ class MultiViewConsistent:
     agreeing: int = 2
     growth: float = 0.3
     needed_pixels: float = 2.0
+    needed_share: float = 0.3
     min_opacity: float = 0.005
     prune: bool = True
     gradient_every: int = 0
@@ -77,7 +80,9 @@ class MultiViewConsistent:
         with np.errstate(invalid="ignore"):
             kept = finite(gaussians) & (gaussians.opacities >= self.min_opacity)
         if views.complete:
-            needed = kept & (views.weight >= self.needed_pixels) & ~views.unseen & ~views.floaters
+            average = float(views.weight[kept].mean()) if kept.any() else 0.0
+            least = min(self.needed_pixels, self.needed_share * average)
+            needed = kept & (views.weight >= least) & ~views.unseen & ~views.floaters
             # If nothing is needed, nothing fits: a start that far off is left to the optimiser.
             return needed if needed.any() else kept
         return kept

@@ -89,7 +89,7 @@ class GrowthRule:
             training alone gains meanwhile.
         work_gain: dB that a doubling of all the work so far has to gain.
         window: rounds over which a gain is measured, so that one noisy measurement does not decide.
-        pixels_per_gaussian: of the fitted views, at least; limits the number of Gaussians.
+        pixels_per_gaussian: of the training views, at least; limits the number of Gaussians.
         fewest: lower bound of that limit.
     """
 

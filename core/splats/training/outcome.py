@@ -30,8 +30,8 @@ def warn(reporter: Reporter, steps: int, skipped: int, corrections: ViewCorrecti
     if corrections.blur.active:
         reporter.warning(
             "motion-blur-corrected",
-            f"motion smeared the photographs by about {corrections.blur.length:.1f} pixels, which was kept out of the "
-            "scene; a steadier camera or more light gives a sharper one",
+            f"motion smeared a quarter of the photographs by {corrections.blur.length:.1f} pixels or more, which was "
+            "kept out of the scene; a steadier camera or more light gives a sharper one",
         )
 
 

@@ -21,6 +21,7 @@ from .initialise import InitialGaussians
 from .start import StartRule
 
 T = TypeVar("T")
+_CORRECTED_BY = 0.25  # of the run: corrections have been tried
 
 
 def _geometry_contrast() -> ContrastPlan:
@@ -50,6 +51,8 @@ class TrainingPlan:
         sh_degree_rule: when a higher SH degree pays.
         validation_until: fraction of the run at which validation ends: the SH degree is chosen, and training views held
             back for validation are fitted like the others, so as to leave no gap where they are.
+        short_run: steps below which validation ends as soon as corrections have been tried: in a run that is as short,
+            the photographs are worth more than what they decide.
         exposure: how photographs of different exposure or white balance are corrected; None to leave them.
         poses: how bad poses are refined; None to leave them. Validation views are then aligned with the scene before
             they are measured.
@@ -79,6 +82,7 @@ class TrainingPlan:
     stopping: StopRule | None = field(default_factory=StopRule)
     sh_degree_rule: ShDegreeRule = field(default_factory=ShDegreeRule)
     validation_until: float = 0.9
+    short_run: int = 400
     exposure: ExposurePlan | None = field(default_factory=ExposurePlan)
     poses: PosePlan | None = field(default_factory=PosePlan)
     blur: MotionBlurPlan | None = field(default_factory=MotionBlurPlan)
@@ -91,6 +95,11 @@ class TrainingPlan:
     def decides(self) -> bool:
         """Whether anything is left for validation views to decide."""
         return self.stopping is not None or self.limit is None or self.sh_degree is None
+
+    @property
+    def validation_ends(self) -> float:
+        """Fraction of the run at which validation ends."""
+        return self.validation_until if self.steps >= self.short_run else min(_CORRECTED_BY, self.validation_until)
 
     def learning_rates_at(self, progress: float, means_reach: float = 1.0) -> LearningRates:
         """The learning rates at the fraction `progress` of the run; that of the means times `means_reach`."""

@@ -82,7 +82,7 @@ class Trainer:
         fitted = [views[i] for i in self._split.fitted]
         self._prepare_views([*fitted, *(views[i] for i in self._split.validation)], held_out)
         self._fitted_count = len(fitted)
-        self._limit = plan.limit or plan.growth.ceiling(sum(v.camera.width * v.camera.height for v in fitted))
+        self._limit = plan.limit or plan.growth.ceiling(sum(v.camera.width * v.camera.height for v in views))
         self._strategy = plan.strategy or MultiViewConsistent()
         self._schedule = TrainingSchedule(plan, self._strategy.schedule)
         self.fit = Fit(rasterizer, Gaussians.none(), background, plan.ssim_weight)
@@ -146,7 +146,7 @@ class Trainer:
                 if schedule.refines(step):
                     self._refine(step)
                 self._ended = self._stops_early(step)
-                if not self._ended and schedule.progress(step) >= plan.validation_until:
+                if not self._ended and schedule.progress(step) >= plan.validation_ends:
                     self._end_validation(step)
                 if not self._ended and step in curve_steps and step < schedule.steps:
                     self._extend_curve(step)

@@ -56,6 +56,13 @@ def test_growth_in_a_round_is_limited():
     assert len(result.gaussians) == 130
 
 
+def test_in_small_photographs_a_gaussian_may_cover_less_than_two_pixels():
+    """It has to cover a share of what the others do."""
+    weight = np.array([[1.0, 1.2, 0.9, 1.1, 0.5, 0.1]] * 3)
+    np.testing.assert_array_equal(refine(opinions(weight, np.zeros((3, 6)))).source, [0, 1, 2, 3, 4])
+    np.testing.assert_array_equal(refine(opinions(20.0 * weight, np.zeros((3, 6)))).source, np.arange(6))
+
+
 def test_what_no_view_needs_is_removed_when_all_views_were_asked():
     weight = np.array([[20.0, 0.5, 0.0], [0.0, 0.5, 0.0]])
     asked_all = opinions(weight, np.zeros((2, 3)))

@@ -94,3 +94,11 @@ def test_a_trial_of_a_degree_is_never_long_beside_its_run(steps):
     assert 0 <= trial <= 0.1 * steps
     assert trial == 0 or trial >= ShDegreeRule().fewest_steps
     assert (trial > 0) == (steps >= 1200)
+
+
+@pytest.mark.parametrize(("steps", "ends"), [(150, 0.25), (399, 0.25), (400, 0.9), (5000, 0.9)])
+def test_short_runs_fit_all_photographs_as_soon_as_corrections_were_tried(steps, ends):
+    plan = TrainingPlan(steps=steps)
+    assert plan.validation_ends == ends
+    assert all(check < ends for check, _ in plan.poses.checks)
+    assert max(plan.exposure.decided_at, plan.blur.decided_at) < ends

@@ -160,14 +160,16 @@ def test_a_cut_out_is_trained_over_white(views):
 
 def test_a_reduced_target_is_the_mean_of_its_pixels_with_the_camera_to_match(views):
     frame = SceneFrame.around(views, np.zeros((0, 3), np.float32))
+    image = views[0].image
     large = replace(
-        views[0], image=np.kron(views[0].image, np.ones((2, 2, 1), np.uint8)), camera=views[0].camera.scaled(192, 144)
+        views[0], image=np.kron(image, np.ones((4, 4, 1), np.uint8)), camera=views[0].camera.scaled(384, 288)
     )
-    (target,) = prepare_targets(Rasterizer("cpu"), [large], frame, BLACK, {2})
-    image, camera = target.at(2)
-    np.testing.assert_array_equal(image.numpy(), views[0].image)
-    assert (camera.width, camera.height, camera.fx, camera.cy) == (96, 72, views[0].camera.fx, views[0].camera.cy)
-    assert target.at(4) is target.at(1)
+    (target,) = prepare_targets(Rasterizer("cpu"), [large], frame, BLACK, {2, 4})
+    reduced, camera = target.at(2)
+    np.testing.assert_array_equal(reduced.numpy(), np.kron(image, np.ones((2, 2, 1), np.uint8)))
+    given = views[0].camera
+    assert (camera.width, camera.height, camera.fx, camera.cy) == (192, 144, 2.0 * given.fx, 2.0 * given.cy)
+    assert target.at(4) is target.at(1)  # a quarter would be too small
 
 
 def test_without_a_limit_a_run_decides_by_validation_views_and_reports_its_decisions(scene, views):
@@ -195,7 +197,7 @@ def test_view_dependent_colours_are_detected(views):
 
 def test_a_capture_of_many_views_holds_some_back_for_validation_besides_the_held_out_ones(scene):
     many = photographs(scene, count=26, size=(64, 48))
-    result = train(many[:24] + many[25:], scene.means, TrainingPlan(steps=40), held_out=[many[24]])
+    result = train(many[:24] + many[25:], scene.means, TrainingPlan(steps=40, short_run=0), held_out=[many[24]])
     held_back = "1 of 25 training views held back for validation"
     assert result.decision["views"] == f"{held_back}, then fitted like the others from step 36"
     assert all(("deciding_psnr" in entry) == (entry["step"] < 36) for entry in result.curve)

@@ -1,0 +1,22 @@
+"""Plain settings against the product's: both have room for as many Gaussians, and the table counts losses."""
+
+import pandas as pd
+
+from cvdgs.core.capture.reader import read_capture
+from cvdgs.core.demo import SHOWROOM
+from cvdgs.scripts.benchmarks.studies.plain import Comparison, compare, write_plain
+
+
+def test_both_are_trained_within_the_same_room():
+    capture = read_capture(SHOWROOM, max_size=64)
+    found = compare(capture, 64, 20)
+    assert found.gain == found.ours - found.plain
+    room = 35 * 64 * 48 // 100
+    assert 0 < found.our_gaussians <= room
+    assert 0 < found.plain_gaussians <= room
+
+
+def test_the_page_counts_where_plain_settings_are_better(tmp_path):
+    rows = [Comparison("demo", 160, steps, 30.0, 30.0 + gain, gain, 5, 6) for steps, gain in ((1, 1.0), (2, -0.2))]
+    assert "in 1 of 2 cases" in write_plain(tmp_path, rows)
+    assert list(pd.read_csv(tmp_path / "plain.csv").gain) == [1.0, -0.2]
