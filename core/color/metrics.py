@@ -160,15 +160,16 @@ def _distinct_pairs(original: Tensor, simulated: Tensor, threshold: float, mask:
 
 def _neighbour_differences(lab: Tensor, mask: Tensor | None) -> Tensor:
     """(P,) ΔE76 of all 8-neighbour pairs, each once: right, below, and the two diagonals."""
-    pairs = _neighbour_pairs(lab)
+    pairs = neighbour_pairs(lab)
     differences = torch.cat([delta_e_76(first, second).flatten() for first, second in pairs])
     if mask is None:
         return differences
-    covered = torch.cat([(first & second).flatten() for first, second in _neighbour_pairs(mask)])
+    covered = torch.cat([(first & second).flatten() for first, second in neighbour_pairs(mask)])
     return differences[covered]
 
 
-def _neighbour_pairs(image: Tensor) -> list[tuple[Tensor, Tensor]]:
+def neighbour_pairs(image: Tensor) -> list[tuple[Tensor, Tensor]]:
+    """The pixels of (..., H, W) beside their right, lower, lower right and lower left neighbours: each pair once."""
     return [
         (image[..., :, 1:], image[..., :, :-1]),
         (image[..., 1:, :], image[..., :-1, :]),

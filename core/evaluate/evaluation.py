@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from ..capture.model import Capture, View
 from ..color.simulation import Observer
 from ..color.srgb import simulate_bytes
-from ..consistency import Correspondences, SceneCorrespondences, relative_warping_error, view_pairs
+from ..consistency import (
+    Correspondences,
+    CorrespondenceSettings,
+    SceneCorrespondences,
+    relative_warping_error,
+    view_pairs,
+)
 from ..consistency.correspondence import LONG_RANGE_STEP, SHORT_RANGE_STEP
 from ..files.images import read_png, write_png
 from ..runs.layout import (
@@ -29,13 +35,18 @@ from ..settings import Layer, Settings
 from ..splats.gaussians import Gaussians
 from ..splats.renderer import SceneRenderer
 from .scores import Scorer, average, score_layer
+from .second_photograph import ESTIMATED_FIGURES, SecondPhotographs, resampled, views_beside
 
 STAGE = "evaluate"
 # The metrics take about 0.3 s per view on two cores; more views hardly change their means.
 MOST_SCORED_VIEWS = 24
 VIEWS_SHOWN = 3
+# Of which the second photographs are estimated: two surfaces are rendered and two pictures resampled for each.
+MOST_ESTIMATED_VIEWS = 5
 # Consecutive views, so that pairs at the defined distance exist however many views there are.
 MOST_CONSISTENCY_VIEWS = 48
+
+_NOT_ESTIMATED = "not estimated at every size: too few places with contrast are seen in three photographs"
 
 
 @dataclass(frozen=True)
@@ -89,18 +100,27 @@ class Evaluation:
         if not self.split.test:
             notes["reconstruction"] = "no view is held out: the figures come from training views and are optimistic"
         scored = spread(tested, MOST_SCORED_VIEWS)
-        self._steps = len(tested) * (1 + len(layers)) + len(layers)
+        self._steps = len(tested) * (1 + len(layers)) + 2 * len(layers)
         self.reporter.status(STAGE, f"rendering {len(tested)} views")
         unenhanced = self._render_original(original, tested)
         fidelity = [self.scene.fidelity(i, unenhanced[i]) for i in scored]
         if not matches.pairs:
             notes["rwe"] = "no two views have enough visible points in common"
+        figures = {
+            layer.name: self._layer(layer, picture, tested, scored, unenhanced, matches)
+            for layer, picture in layers.items()
+        }
+        surfaces = SceneCorrespondences(
+            self.capture.views, lambda index: self.scene.depth(original, index), CorrespondenceSettings()
+        )
+        for layer in layers:
+            for figure, values in self._estimated(layer, scored, surfaces).items():
+                figures[layer.name][figure] |= values
+                if len(values) < 2:
+                    notes["second photographs"] = _NOT_ESTIMATED
         return {
             "reconstruction": {key: float(np.mean([view[key] for view in fidelity])) for key in ("psnr", "ssim")},
-            "layers": {
-                layer.name: self._layer(layer, picture, tested, scored, unenhanced, matches)
-                for layer, picture in layers.items()
-            },
+            "layers": figures,
             "views_shown": [self.capture.views[i].key for i in spread(tested, VIEWS_SHOWN)],
             "notes": notes,
         }
@@ -142,6 +162,32 @@ class Evaluation:
         consistency = matches.warping_errors(originals, enhanced_views, rendered_views)
         self._advance(f"{layer.name}: view consistency")
         return {**average(scores), "rwe": consistency}
+
+    def _estimated(
+        self, layer: Layer, scored: Sequence[int], surfaces: SceneCorrespondences
+    ) -> dict[str, dict[str, float]]:
+        """CCPR at each size that second photographs would have, as taken and enhanced, where it can be told."""
+        observer = Observer(layer.cvd, layer.severity, self.simulation)
+        found: dict[str, dict[str, float]] = {figure: {} for figure in ESTIMATED_FIGURES}
+        views = self.capture.views
+        beside = views_beside(views, spread(scored, MOST_ESTIMATED_VIEWS))
+        versions: dict[str, Callable[[int], NDArray[np.uint8]]] = {
+            "again_estimated": lambda index: views[index].image,
+            "again_enhanced_estimated": lambda index: read_png(enhanced_path(self.folder, layer, views[index])),
+        }
+        for name, picture in versions.items():
+            estimate = SecondPhotographs(observer)
+            for index, others in beside.items():
+                photograph = views[index].image
+                seen = [
+                    resampled(picture(other), surfaces.between(index, other), photograph.shape[:2]) for other in others
+                ]
+                estimate.add(photograph, picture(index), seen, self.scene.mask(index))
+            for figure, value in estimate.figures().items():
+                if np.isfinite(value):
+                    found[figure][name] = value
+        self._advance(f"{layer.name}: second photographs")
+        return found
 
     def _again(self, layer: Layer, view: View) -> dict[str, NDArray[np.uint8]]:
         """The second photograph of a view and the same enhanced, where there are any."""

@@ -22,6 +22,11 @@ SCORED_PICTURES = {
 """What the metrics of a layer are computed on: key in the report, and what tables call it."""
 SECOND_PHOTOGRAPHS = {"again": "second photographs", "again_enhanced": "second photographs, enhanced"}
 """Likewise, in captures that have them. They differ from the first ones by noise alone: a bound for any scene."""
+ESTIMATED_PHOTOGRAPHS = {
+    "again_estimated": "second photographs, estimated",
+    "again_enhanced_estimated": "second photographs, enhanced, estimated",
+}
+"""What other captures say of themselves instead; CCPR alone."""
 
 _TEXT, _NUMBER, _WHOLE = (str,), (int, float, type(None)), (int,)
 _FIGURES = dict.fromkeys(SCORED_PICTURES, _NUMBER)
@@ -96,6 +101,21 @@ def gained(layer: str, figures: Mapping[str, Any]) -> str:
         f"{'An' if observer == 'achromat' else 'A'} {observer} could tell apart {100 * ccpr['input']:.0f} of 100 "
         f"neighbouring colours in the photographs, {100 * ccpr['rendered']:.0f} in the finished scene."
     )
+
+
+def bound(figures: Mapping[str, Any]) -> str:
+    """What a second photograph, enhanced, would have of a layer's contrast, as a sentence; "" if it is not known."""
+    ccpr = figures["ccpr"]
+    for kind, how in (("again_enhanced", "has"), ("again_enhanced_estimated", "would have, by an estimate,")):
+        if ccpr.get(kind) is not None:
+            return f"A second photograph of the same, enhanced alike, {how} {100 * ccpr[kind]:.0f}; the rest is noise."
+    return ""
+
+
+def scored_pictures(layers: Mapping[str, Mapping[str, Any]]) -> dict[str, str]:
+    """`SCORED_PICTURES`, and second photographs where there are any, else what is estimated of them."""
+    measured = any(kind in layer["ccpr"] for layer in layers.values() for kind in SECOND_PHOTOGRAPHS)
+    return SCORED_PICTURES | (SECOND_PHOTOGRAPHS if measured else ESTIMATED_PHOTOGRAPHS)
 
 
 def latest_seconds(report: dict[str, Any]) -> dict[str, float | None]:

@@ -10,7 +10,7 @@ from typing import Any
 from ..files.pages import write_page
 from ..files.untrusted import read_json
 from .layout import ORIGINAL, RENDERS_FOLDER, REPORT_FILE, REPORT_PAGE, VIEWER_PAGE, evenly_spread, picture_name
-from .report import SCORED_PICTURES, SECOND_PHOTOGRAPHS, gained
+from .report import bound, gained, scored_pictures
 
 _TURNTABLE_FRAMES = 4  # that the page shows
 _MOST_EMBEDDED_BYTES = 24 << 20  # of the scene's page; a larger one is loaded from its file
@@ -37,9 +37,10 @@ def write_report_page(folder: Path) -> None:
         folder=folder,
         report=report,
         title=f"cvdgs: {Path(report['settings']['capture']).name or 'capture'}",
-        kinds=SCORED_PICTURES | SECOND_PHOTOGRAPHS,
+        kinds=scored_pictures(report["layers"]),
         colors=_STAGE_COLORS,
         gained=gained,
+        bound=bound,
         viewer=_viewer(folder),
         viewer_file=VIEWER_PAGE,
         middle=middle,

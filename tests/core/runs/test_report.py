@@ -109,6 +109,23 @@ def test_the_page_says_what_was_decided_and_what_was_added_later(folder):
     assert "Added later: protan-1.0" in page
 
 
+def page_of(folder, **ccpr) -> str:
+    layer = {**LAYER, "ccpr": {**LAYER["ccpr"], **ccpr}}
+    finish_report(folder, without_non_finite(report(layers={"deutan-1.0": layer})))
+    return (folder / "report.html").read_text()
+
+
+def test_the_page_says_what_second_photographs_have_or_would_have(folder):
+    estimated = {"again_estimated": 0.63, "again_enhanced_estimated": 0.84}
+    page = page_of(folder, **estimated)
+    assert "would have, by an estimate, 84" in page
+    assert "<th>second photographs, estimated</th>" in page
+    page = page_of(folder, again=0.62, again_enhanced=0.81, **estimated)
+    assert "enhanced alike, has 81" in page
+    assert "estimate" not in page
+    assert "second photograph" not in page_of(folder, rendered=0.8)
+
+
 def test_the_seconds_are_those_of_the_latest_addition():
     own = {"geometry": 9.0}
     assert latest_seconds({"seconds": own}) is own
