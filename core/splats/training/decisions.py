@@ -79,15 +79,34 @@ class Measurement(NamedTuple):
     work: int
 
 
+class GrowthTrial(NamedTuple):
+    """What validation views gained by each doubling of the Gaussians in a trial: PSNR in dB, and CCPR."""
+
+    psnr: float
+    contrast: float
+
+    @property
+    def words(self) -> str:
+        """For the report."""
+        return f"{self.psnr:.2f} dB and {self.contrast:.3f} of the contrast in a trial"
+
+
 @dataclass(frozen=True)
 class GrowthRule:
     """When there are enough Gaussians.
+
+    PSNR hardly sees weak contrast. So when it says that there are enough, a trial asks what the next ones add: two
+    branches from the same scene, one with them.
 
     Attributes:
         doubling_gain: dB that a doubling of their number has to gain. Around their knee, peers gain 0.25 to 0.35 dB
             by one (FastGS 0.4 to 1.15 million, gsplat 1 to 2 million); more is required here, since it includes what
             training alone gains meanwhile.
         work_gain: dB that a doubling of all the work so far has to gain.
+        contrast_gain: CCPR for normal vision that a doubling has to gain in a trial if it gains fewer dB. A scene gains
+            about 0.016 along with 0.4 dB; branches of a trial differ by 0.002 for no reason, 0.005 for a doubling.
+        trial: share of the run's steps in either branch, at least `fewest_trial_steps`; none is made in runs of which
+            that would be more than `largest_trial`.
         window: rounds over which a gain is measured, so that one noisy measurement does not decide.
         pixels_per_gaussian: of the training views, at least; limits the number of Gaussians.
         fewest: lower bound of that limit.
@@ -95,6 +114,10 @@ class GrowthRule:
 
     doubling_gain: float = 0.4
     work_gain: float = 0.4
+    contrast_gain: float = 0.01
+    trial: float = 0.08
+    fewest_trial_steps: int = 60
+    largest_trial: float = 0.1
     window: int = 2
     pixels_per_gaussian: int = 100
     fewest: int = 1000
@@ -116,6 +139,19 @@ class GrowthRule:
         if gain < self.work_gain * doublings:
             return f"doubling the time gained {gain / doublings:.2f} dB, less than {self.work_gain:g}"
         return None
+
+    def trial_steps(self, steps: int) -> int:
+        """Steps of each branch of a trial in a run of `steps`; 0 if the run is too short for one."""
+        trial = max(round(self.trial * steps), self.fewest_trial_steps)
+        return trial if trial <= self.largest_trial * steps else 0
+
+    def tells(self, before: int, after: int) -> bool:
+        """Whether growing from `before` to `after` Gaussians is enough for a trial to tell."""
+        return math.log2(after / before) > _LEAST_DOUBLINGS
+
+    def pays(self, gained: GrowthTrial) -> bool:
+        """Whether the Gaussians that a trial added are worth it, by PSNR or by contrast."""
+        return gained.psnr >= self.doubling_gain or gained.contrast >= self.contrast_gain
 
 
 @dataclass(frozen=True)

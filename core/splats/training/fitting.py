@@ -201,8 +201,12 @@ class Fit:
         """The views, their photographs smeared along the lines that suit the current scene best."""
         return [replace(view, smear=self.best_line(view)) for view in views]
 
-    def contrast(self, view: TrainingView) -> float:
-        """CCPR of a view at full resolution for normal vision; NaN if its photograph has no distinct neighbours."""
+    def contrast(self, views: Sequence[TrainingView]) -> float:
+        """Mean CCPR of views at full resolution, for normal vision; 0 if no photograph has distinct neighbours."""
+        found = [ratio for ratio in map(self._contrast, views) if math.isfinite(ratio)]
+        return float(np.mean(found)) if found else 0.0
+
+    def _contrast(self, view: TrainingView) -> float:
         color, photograph = (torch.from_numpy(x).permute(2, 0, 1) for x in self._pictures(view))
         shown = view.looked_at()
         return ccpr(photograph, color.clamp(0.0, 1.0), mask=None if shown is None else torch.from_numpy(shown))[0]

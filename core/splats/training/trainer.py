@@ -22,7 +22,7 @@ from ..calibration.poses import AlignedViews
 from ..gaussians import Gaussians
 from ..raster import ContrastPlan, LearningRates, Rasterizer
 from ..scene_frame import SceneFrame
-from ..strategy import Evidence, MultiViewConsistent, ViewEvidence
+from ..strategy import Evidence, MultiViewConsistent, Refinement, ViewEvidence
 from ..strategy.editing import in_morton_order, morton_order
 from ..targets import Background, TrainingView, ViewOrder, prepare_targets
 from .checkpoints import Checkpoints, fingerprint, watched
@@ -34,7 +34,7 @@ from .outcome import moved_poses, smears, warn
 from .plan import TrainingPlan, TrainingResult
 from .schedule import TrainingSchedule
 from .start import StartChoice, StartTrial, choose_start, means_reach
-from .trials import choose_degree, correction_gain
+from .trials import choose_degree, correction_gain, growth_gain
 from .validation import Curve, HeldOut, Validation
 
 __all__ = ["STAGE", "Trainer"]
@@ -223,18 +223,42 @@ class Trainer:
 
     def _refine(self, step: int) -> None:
         """Let the strategy densify and prune, unless the growth rule ends growth."""
-        plan, strategy = self._plan, self._strategy
+        plan = self._plan
         if plan.limit is None and self._validation and self._schedule.at_full_resolution(step):
             self._log.rounds.append(self._measure(step))
             verdict = plan.growth.verdict(self._log.rounds)
-            if verdict is not None:
-                self._schedule.end_growth()
-                self._log.growth = verdict
+            if verdict is not None and not self._is_census(step):  # which removes, so that nothing can be tried
+                self._end_growth(step, verdict)
                 return
-        budget = strategy.schedule.budget(step, plan.steps, self._log.initial, self._limit)
+        self.fit.apply(self._refinement(step))
+
+    def _refinement(self, step: int) -> Refinement:
+        strategy = self._strategy
+        budget = strategy.schedule.budget(step, self._plan.steps, self._log.initial, self._limit)
         evidence = Evidence(self.fit.mean_gradient, self._sample_evidence(step))
         gaussians = self.fit.parameters.to_gaussians()
-        self.fit.apply(in_morton_order(strategy.refine(gaussians, evidence, budget, self._rng)))
+        return in_morton_order(strategy.refine(gaussians, evidence, budget, self._rng))
+
+    def _end_growth(self, step: int, verdict: str) -> None:
+        """End growth, unless a trial finds that more Gaussians gain contrast that PSNR does not see."""
+        rule, before = self._plan.growth, self.fit.state
+        steps, grown = rule.trial_steps(self._plan.steps), self._refinement(step).gaussians
+        if steps and rule.tells(len(self.fit), len(grown)):
+            gained = growth_gain(self.fit, grown, partial(self._grown_branch, step, steps))
+            if rule.pays(gained):
+                self._log.rounds.clear()  # asked again after as many rounds as a verdict needs
+                return
+            self.fit.state = before  # as if there had been no trial
+            verdict += f", and {gained.words}"
+        self._schedule.end_growth()
+        self._log.growth = verdict
+
+    def _grown_branch(self, step: int, steps: int) -> tuple[float, float]:
+        """PSNR and CCPR of the validation views after `steps` on the same views as in the other branch."""
+        order = ViewOrder(self._fitted_count, np.random.default_rng(step))
+        for _ in range(steps):
+            self._fit_next(self._schedule.reduction(step), self._schedule.learning_rates(step), order=order)
+        return self._validation_psnr(), self.fit.contrast(self._validation.views)
 
     def _sample_evidence(self, step: int) -> ViewEvidence | None:
         available = self._fitted_count
@@ -242,9 +266,12 @@ class Trainer:
         if not wanted:
             return None
         # A census of all views decides what to remove, which fine detail does not change: low resolution is enough.
-        reduction = self._schedule.coarsest if wanted == available else self._schedule.reduction(step)
+        reduction = self._schedule.coarsest if self._is_census(step) else self._schedule.reduction(step)
         chosen = np.sort(self._rng.choice(available, wanted, replace=False))
         return self._evidence(chosen.tolist(), reduction)
+
+    def _is_census(self, step: int) -> bool:
+        return self._strategy.views_wanted(step, self._plan.steps, self._fitted_count) == self._fitted_count
 
     def _evidence(self, views: Sequence[int], reduction: int) -> ViewEvidence:
         return gather_view_evidence(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
+from ..gaussians import Gaussians
 from ..raster import LearningRates
-from .decisions import ShDegreeRule
+from .decisions import GrowthTrial, ShDegreeRule
 from .fitting import Fit
 
 
@@ -21,6 +23,23 @@ def correction_gain(fit: Fit, branch: Callable[[bool], float]) -> float:
         fit.restart(start)
         psnr.append(branch(corrected))
     return psnr[1] - psnr[0]
+
+
+def growth_gain(fit: Fit, grown: Gaussians, branch: Callable[[], tuple[float, float]]) -> GrowthTrial:
+    """What more Gaussians gain; `fit` is left at the end of the branch that has them.
+
+    Args:
+        grown: more of them than `fit` has.
+        branch: fits for a while; returns PSNR and CCPR of the validation views.
+    """
+    start = fit.parameters.to_gaussians()
+    doublings = math.log2(len(grown) / len(start))
+    measured = []
+    for gaussians in (start, grown):
+        fit.restart(gaussians)
+        measured.append(branch())
+    (psnr, contrast), (grown_psnr, grown_contrast) = measured
+    return GrowthTrial((grown_psnr - psnr) / doublings, (grown_contrast - contrast) / doublings)
 
 
 def choose_degree(

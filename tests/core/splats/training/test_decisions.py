@@ -6,7 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cvdgs.core.splats.strategy import Schedule
-from cvdgs.core.splats.training.decisions import GrowthRule, Measurement, ShDegreeRule, StopRule, split_views
+from cvdgs.core.splats.training.decisions import (
+    GrowthRule,
+    GrowthTrial,
+    Measurement,
+    ShDegreeRule,
+    StopRule,
+    split_views,
+)
 from cvdgs.core.splats.training.plan import TrainingPlan
 from cvdgs.core.splats.training.schedule import TrainingSchedule
 
@@ -35,6 +42,23 @@ def test_growth_ends_when_time_gains_too_little_though_the_number_hardly_changes
 
 def test_growth_is_not_judged_by_its_first_rounds():
     assert GrowthRule(window=3).verdict(rounds([1000, 2000, 4000], [24.0, 24.0, 24.0])) is None
+
+
+def test_gaussians_are_worth_it_for_psnr_or_for_contrast():
+    rule = GrowthRule(doubling_gain=0.4, contrast_gain=0.01)
+    assert rule.pays(GrowthTrial(psnr=0.5, contrast=0.0))
+    assert rule.pays(GrowthTrial(psnr=-0.1, contrast=0.02))
+    assert not rule.pays(GrowthTrial(psnr=0.3, contrast=0.005))
+
+
+def test_a_trial_of_growth_is_made_where_it_can_tell_and_takes_a_small_share_of_the_run():
+    rule = GrowthRule()
+    assert rule.trial_steps(100) == 0
+    assert 0 < rule.trial_steps(1000) <= 100
+    assert rule.trial_steps(10_000) == pytest.approx(10 * rule.trial_steps(1000), rel=0.01)
+    assert rule.tells(1000, 1300)
+    assert not rule.tells(1000, 1010)
+    assert not rule.tells(1000, 900)
 
 
 @given(st.lists(st.floats(5, 40), min_size=5, max_size=12))

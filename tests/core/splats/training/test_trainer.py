@@ -14,10 +14,11 @@ from cvdgs.core.splats.renderer import SceneRenderer
 from cvdgs.core.splats.scene_frame import SceneFrame
 from cvdgs.core.splats.strategy import MultiViewConsistent
 from cvdgs.core.splats.targets import Background, prepare_targets
-from cvdgs.core.splats.training.decisions import ShDegreeRule
+from cvdgs.core.splats.training.decisions import GrowthRule, ShDegreeRule
 from cvdgs.core.splats.training.fitting import Fit
 from cvdgs.core.splats.training.layers import LayerPlan, fit_layer
 from cvdgs.core.splats.training.plan import TrainingPlan
+from cvdgs.core.splats.training.start import StartRule
 from cvdgs.core.splats.training.trainer import Trainer
 from cvdgs.scripts.benchmarks.strategies import CloneSplitPrune, Relocation
 
@@ -181,6 +182,18 @@ def test_without_a_limit_a_run_decides_by_validation_views_and_reports_its_decis
     assert result.gaussians.sh_degree == 0
     assert result.curve[-1]["psnr"] > 24
     assert result.curve[-1]["gaussians"] == len(result.gaussians)
+
+
+def test_when_psnr_says_enough_a_trial_of_contrast_may_say_more(scene, views):
+    def result(contrast_gain: float):
+        rule = GrowthRule(1e9, 1e9, contrast_gain, fewest_trial_steps=20, window=1, pixels_per_gaussian=20)
+        run = TrainingPlan(steps=480, growth=rule, stopping=None, sh_degree=0, start=StartRule(dense=None))
+        return train(views, scene.means, run)
+
+    enough, more = result(1e9), result(-1e9)
+    assert "of the contrast in a trial" in enough.decision["gaussians"]
+    assert "growth paid" in more.decision["gaussians"]
+    assert len(more.gaussians) > len(enough.gaussians)
 
 
 def test_view_dependent_colours_are_detected(views):
