@@ -1,7 +1,7 @@
 """Recolours photographs so that people with a colour vision deficiency can tell apart what others can."""
 
 from .cgan import CganEnhancer
-from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer, SceneEnhancer, enhance_bytes
+from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer, SceneEnhancer, enhance_bytes, enhance_finite
 from .lut import ColorLut
 from .registry import make_enhancer
 from .scene.enhancer import SceneNetworkEnhancer
@@ -15,5 +15,6 @@ __all__ = [
     "SceneEnhancer",
     "SceneNetworkEnhancer",
     "enhance_bytes",
+    "enhance_finite",
     "make_enhancer",
 ]

@@ -142,9 +142,20 @@ class LutEnhancer(SceneEnhancer):
 
 def enhance_bytes(enhancer: Enhancer, image: NDArray, alpha: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
     """`SceneEnhancer.enhance_bytes` of any enhancer; a plug-in's is not told the coverage."""
+    return enhance_finite(enhancer, image, alpha)[0]
+
+
+def enhance_finite(
+    enhancer: Enhancer, image: NDArray, alpha: NDArray[np.uint8] | None = None
+) -> tuple[NDArray[np.uint8], int]:
+    """`enhance_bytes`, and the number of pixels that a plug-in gave no finite colour: these stay as they are."""
     if isinstance(enhancer, SceneEnhancer):
-        return enhancer.enhance_bytes(image, alpha)
-    return to_bytes(enhancer(image))
+        return enhancer.enhance_bytes(image, alpha), 0
+    enhanced = np.asarray(enhancer(image))
+    broken = ~np.isfinite(enhanced).all(axis=-1)
+    if not broken.any():
+        return to_bytes(enhanced), 0
+    return to_bytes(np.where(broken[..., None], as_float(image), enhanced)), int(broken.sum())
 
 
 def check_strength(strength: float) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.model import Capture, View
+from ..color.metrics import CCPR_THRESHOLD
 from ..color.simulation import Observer
 from ..color.srgb import simulate_bytes
 from ..consistency import (
@@ -110,6 +111,8 @@ class Evaluation:
             layer.name: self._layer(layer, picture, tested, scored, unenhanced, matches)
             for layer, picture in layers.items()
         }
+        if not any(layer["pairs"] > 0.0 for layer in figures.values()):
+            notes["contrast"] = f"no neighbouring pixels of the measured photographs differ by ΔE {CCPR_THRESHOLD:g}"
         surfaces = SceneCorrespondences(
             self.capture.views, lambda index: self.scene.depth(original, index), CorrespondenceSettings()
         )

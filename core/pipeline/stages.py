@@ -31,9 +31,10 @@ from ..enhance import (
     SceneEnhancer,
     SceneNetworkEnhancer,
     enhance_bytes,
+    enhance_finite,
 )
 from ..evaluate.evaluation import Evaluation, SceneMatches, Split, enhanced_path, render_path
-from ..files.images import read_png, to_bytes, write_png
+from ..files.images import read_png, write_png
 from ..runs.layout import GAUSSIANS_FILE, layer_cube_file, layer_gaussians_file, layer_network_file
 from ..runtime.protocol import Reporter, StageSpan
 from ..settings import Layer, Settings
@@ -201,13 +202,22 @@ class Stages:
             if isinstance(enhancer, SceneNetworkEnhancer) and not enhancer.is_identity:
                 enhancer.save(self.folder / layer_network_file(layer.name))
             done += fit_cost
+            broken = 0
             for view in self.capture.views:
-                write_png(enhanced_path(self.folder, layer, view), enhance_bytes(enhancer, view.image, view.alpha))
+                enhanced, pixels = enhance_finite(enhancer, view.image, view.alpha)
+                broken += pixels
+                write_png(enhanced_path(self.folder, layer, view), enhanced)
                 if view.again is not None:
                     again = enhance_bytes(enhancer, view.again, view.alpha)
                     write_png(enhanced_path(self.folder, layer, view, again=True), again)
                 done += 1
                 self.reporter.progress("enhance", done / total, f"{layer.name}: {view.key}")
+            if broken:
+                self.reporter.warning(
+                    "enhancer-not-finite",
+                    f"{layer.name}: the enhancer gave no finite colour for {broken:,} pixels, which stay as "
+                    "photographed; ask its authors, or use another --enhancer",
+                )
 
     def train(self) -> TrainingResult:
         """Fit the geometry."""
@@ -369,7 +379,7 @@ class Stages:
     def _enhance_renderings(self, original: Gaussians, layer: Layer, enhancer: Enhancer) -> None:
         """Write ``renders/<layer>/<view>.png`` for every view: the original colours' rendering, enhanced on its own."""
         for index, view in enumerate(self.capture.views):
-            picture = to_bytes(enhancer(self.scene.color(original, index)))
+            picture = enhance_bytes(enhancer, self.scene.color(original, index))
             write_png(render_path(self.folder, layer, view), picture)
 
     def _picture(self, layer: Layer, gaussians: Gaussians) -> Picture:
