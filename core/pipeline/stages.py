@@ -191,33 +191,29 @@ class Stages:
         costs = {layer: _fit_cost(enhancer) for layer, enhancer in enhancers.items()}
         total, done = sum(costs.values()) + len(enhancers) * len(self.capture.views), 0
         for layer, enhancer in enhancers.items():
-            fit_cost = costs[layer]
             self.reporter.status("enhance", f"{layer.name}: fitting the enhancer")
-            span = StageSpan(
-                self.reporter, "enhance", done / total, (done + fit_cost) / total, f"{layer.name}: fitting"
-            )
+            ends = done / total, (done + costs[layer]) / total
+            span = StageSpan(self.reporter, "enhance", *ends, f"{layer.name}: fitting")
             enhancer.fit([view.image for view in training], span, alphas=[view.shown for view in training])
             if isinstance(enhancer, SceneEnhancer) and enhancer.lut is not None:
                 enhancer.export_cube(self.folder / layer_cube_file(layer.name), f"cvdgs {layer.name}")
             if isinstance(enhancer, SceneNetworkEnhancer) and not enhancer.is_identity:
                 enhancer.save(self.folder / layer_network_file(layer.name))
-            done += fit_cost
+            done += costs[layer]
             broken = 0
             for view in self.capture.views:
-                enhanced, pixels = enhance_finite(enhancer, view.image, view.alpha)
-                broken += pixels
+                enhanced, spoilt = enhance_finite(enhancer, view.image, view.alpha)
+                broken += spoilt
                 write_png(enhanced_path(self.folder, layer, view), enhanced)
                 if view.again is not None:
-                    again = enhance_bytes(enhancer, view.again, view.alpha)
-                    write_png(enhanced_path(self.folder, layer, view, again=True), again)
+                    enhanced = enhance_bytes(enhancer, view.again, view.alpha)
+                    write_png(enhanced_path(self.folder, layer, view, again=True), enhanced)
                 done += 1
                 self.reporter.progress("enhance", done / total, f"{layer.name}: {view.key}")
             if broken:
-                self.reporter.warning(
-                    "enhancer-not-finite",
-                    f"{layer.name}: the enhancer gave no finite colour for {broken:,} pixels, which stay as "
-                    "photographed; ask its authors, or use another --enhancer",
-                )
+                found = f"{layer.name}: the enhancer gave no finite colour for {broken:,} pixels"
+                remedy = "which stay as photographed; ask its authors, or use another --enhancer"
+                self.reporter.warning("enhancer-not-finite", f"{found}, {remedy}")
 
     def train(self) -> TrainingResult:
         """Fit the geometry."""

@@ -115,7 +115,7 @@ class GrowthRule:
     doubling_gain: float = 0.4
     work_gain: float = 0.4
     contrast_gain: float = 0.01
-    trial: float = 0.08
+    trial: float = 0.05
     fewest_trial_steps: int = 60
     largest_trial: float = 0.1
     window: int = 2

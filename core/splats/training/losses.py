@@ -15,7 +15,7 @@ from ...capture.model import View
 from ...color.matrices import LinearSimulation
 from ...consistency import Consensus
 from ..raster import ContrastHinge, ContrastPlan, Frame, Loss, Mask, Rasterizer
-from ..targets import Background
+from ..targets import Background, TrainingView
 
 # The annotations of kernels are values that Warp evaluates.
 # mypy: disable-error-code="valid-type, misc, index"
@@ -121,6 +121,14 @@ class GuidedLoss:
             for guide in guides or ()
         ]
         self._contrast = contrast
+
+    @classmethod
+    def of_photographs(
+        cls, rasterizer: Rasterizer, views: Sequence[TrainingView], ssim_weight: float, plan: ContrastPlan
+    ) -> GuidedLoss:
+        """The photometric loss of `views` with the contrast hinge for normal vision."""
+        contrast = KeptContrast(rasterizer, plan, ((view.at(1)[0], view.looked_at()) for view in views))
+        return cls(rasterizer, None, ssim_weight, 0.0, contrast)
 
     def of(self, view: int) -> Callable[[Frame, wp.array, Mask | None], Loss]:
         """The loss of a view, by its index, which fills `frame.grad_color`; guides take the place of a mask.

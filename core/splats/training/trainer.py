@@ -29,13 +29,13 @@ from .checkpoints import Checkpoints, fingerprint, watched
 from .decisions import DecisionLog, Measurement, split_views
 from .evidence import gather_view_evidence
 from .fitting import Fit
-from .losses import GuidedLoss, KeptContrast
+from .losses import GuidedLoss
 from .outcome import moved_poses, smears, warn
 from .plan import TrainingPlan, TrainingResult
 from .schedule import TrainingSchedule
 from .start import StartChoice, StartTrial, choose_start, means_reach
-from .trials import choose_degree, correction_gain, growth_gain
-from .validation import Curve, HeldOut, Validation
+from .trials import choose_degree, correction_gain, more_pay
+from .validation import Curve, HeldOut, Validation, curve_entry
 
 __all__ = ["STAGE", "Trainer"]
 
@@ -161,16 +161,12 @@ class Trainer:
         decision = self._log.in_words(self._step, self.fit) | self._corrections.in_words()
         if self._held_out.poses:
             decision["poses"] += "; the held-out views were then aligned with the finished scene"
-        return TrainingResult(
-            self.gaussians,
-            self._curve.entries,
-            self._curve.seconds,
-            self._log.initial,
-            decision,
-            self.fit.skipped,
+        measured = self._curve.entries, self._curve.seconds, self._log.initial
+        found = (
             moved_poses(self._corrections, self._keys, self._held_out, self._frame),
             smears(self._corrections, self._keys, self._held_out),
         )
+        return TrainingResult(self.gaussians, *measured, decision, self.fit.skipped, *found)
 
     @property
     def gaussians(self) -> Gaussians:
@@ -185,7 +181,8 @@ class Trainer:
             if self._validation:
                 self._try(proposal, step)
         if self._loss is None and self._plan.contrast is not None and schedule.contrast(step):
-            self._keep_contrast(self._plan.contrast)
+            self._loss = self._contrast_loss(self._plan.contrast)
+            self._log.forget_best()  # it gives up a little PSNR for contrast
         gather = growing and _due(strategy.gradient_every, step)
         self._fit_next(schedule.reduction(step), learning_rates, gather_gradient=gather)
         if growing and _due(strategy.perturb_every, step):
@@ -210,14 +207,8 @@ class Trainer:
             loss=None if self._loss is None else self._loss.of(view),
         )
 
-    def _keep_contrast(self, plan: ContrastPlan) -> None:
-        """From now on, add the contrast hinge to the loss, for normal vision."""
-        self._loss = self._contrast_loss(plan)
-        self._log.forget_best()  # it gives up a little PSNR for contrast
-
     def _contrast_loss(self, plan: ContrastPlan) -> GuidedLoss:
-        contrast = KeptContrast(self._rasterizer, plan, ((view.at(1)[0], view.looked_at()) for view in self._targets))
-        return GuidedLoss(self._rasterizer, None, self._plan.ssim_weight, 0.0, contrast)
+        return GuidedLoss.of_photographs(self._rasterizer, self._targets, self._plan.ssim_weight, plan)
 
     # Densification
 
@@ -228,9 +219,24 @@ class Trainer:
             self._log.rounds.append(self._measure(step))
             verdict = plan.growth.verdict(self._log.rounds)
             if verdict is not None and not self._is_census(step):  # which removes, so that nothing can be tried
-                self._end_growth(step, verdict)
+                grown, branch = self._refinement(step).gaussians, partial(self._growth_branch, step)
+                pays, words = more_pay(self.fit, plan.growth, plan.steps, grown, branch)
+                self._log.rounds.clear()  # where it pays, asked again after as many rounds as a verdict needs
+                if not pays:
+                    self._schedule.end_growth()
+                    self._log.growth = f"{verdict}, and {words}" if words else verdict
                 return
         self.fit.apply(self._refinement(step))
+
+    def _growth_branch(self, step: int, steps: int) -> tuple[float, float]:
+        self._fit_trial(step, steps)
+        return self._validation_psnr(), self.fit.contrast(self._validation.views)
+
+    def _fit_trial(self, step: int, steps: int) -> None:
+        """Fit `steps` views as at `step`, the same ones in each branch of a trial."""
+        order = ViewOrder(self._fitted_count, np.random.default_rng(step))
+        for _ in range(steps):
+            self._fit_next(self._schedule.reduction(step), self._schedule.learning_rates(step), order=order)
 
     def _refinement(self, step: int) -> Refinement:
         strategy = self._strategy
@@ -238,27 +244,6 @@ class Trainer:
         evidence = Evidence(self.fit.mean_gradient, self._sample_evidence(step))
         gaussians = self.fit.parameters.to_gaussians()
         return in_morton_order(strategy.refine(gaussians, evidence, budget, self._rng))
-
-    def _end_growth(self, step: int, verdict: str) -> None:
-        """End growth, unless a trial finds that more Gaussians gain contrast that PSNR does not see."""
-        rule, before = self._plan.growth, self.fit.state
-        steps, grown = rule.trial_steps(self._plan.steps), self._refinement(step).gaussians
-        if steps and rule.tells(len(self.fit), len(grown)):
-            gained = growth_gain(self.fit, grown, partial(self._grown_branch, step, steps))
-            if rule.pays(gained):
-                self._log.rounds.clear()  # asked again after as many rounds as a verdict needs
-                return
-            self.fit.state = before  # as if there had been no trial
-            verdict += f", and {gained.words}"
-        self._schedule.end_growth()
-        self._log.growth = verdict
-
-    def _grown_branch(self, step: int, steps: int) -> tuple[float, float]:
-        """PSNR and CCPR of the validation views after `steps` on the same views as in the other branch."""
-        order = ViewOrder(self._fitted_count, np.random.default_rng(step))
-        for _ in range(steps):
-            self._fit_next(self._schedule.reduction(step), self._schedule.learning_rates(step), order=order)
-        return self._validation_psnr(), self.fit.contrast(self._validation.views)
 
     def _sample_evidence(self, step: int) -> ViewEvidence | None:
         available = self._fitted_count
@@ -305,9 +290,7 @@ class Trainer:
 
         def branch(corrected: bool) -> float:
             self._corrections.switch(proposal, corrected)
-            order = ViewOrder(self._fitted_count, np.random.default_rng(step))
-            for _ in range(steps):
-                self._fit_next(self._schedule.reduction(step), self._schedule.learning_rates(step), order=order)
+            self._fit_trial(step, steps)
             poses = proposal is Proposal.POSES
             views = self._validation.matched(self.fit.parameters) if poses else self._validation.views
             views = self.fit.smeared(views) if proposal is Proposal.BLUR else views
@@ -370,17 +353,10 @@ class Trainer:
         self._extend_curve(step)
 
     def _extend_curve(self, step: int) -> None:
-        self._curve.extend(lambda: self._entry(step))
-
-    def _entry(self, step: int) -> dict[str, float | None]:
-        shown, blurred = self._held_out.shown, self._corrections.blur.active
-        psnr = self.fit.psnr(shown) if shown else None
-        entry = {"step": step, "psnr": psnr, "gaussians": len(self.fit)}
-        if self._split.validation and self._validation:
-            entry["deciding_psnr"] = self._validation_psnr()  # the name in existing reports
-        if shown and self._corrections.exposure.active:
-            entry["psnr_any_exposure"] = self.fit.psnr(shown, any_exposure=True)
-        return entry | ({"psnr_any_blur": self.fit.psnr(self.fit.smeared(shown))} if shown and blurred else {})
+        shown, corrections = self._held_out.shown, self._corrections
+        deciding = self._validation.views if self._split.validation else ()
+        suited = {"any_exposure": corrections.exposure.active, "any_blur": corrections.blur.active}
+        self._curve.extend(lambda: curve_entry(self.fit, step, shown, deciding, **suited))
 
     # Checkpoints
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from ..gaussians import Gaussians
 from ..raster import LearningRates
-from .decisions import GrowthTrial, ShDegreeRule
+from .decisions import GrowthRule, GrowthTrial, ShDegreeRule
 from .fitting import Fit
 
 
@@ -23,6 +23,25 @@ def correction_gain(fit: Fit, branch: Callable[[bool], float]) -> float:
         fit.restart(start)
         psnr.append(branch(corrected))
     return psnr[1] - psnr[0]
+
+
+def more_pay(
+    fit: Fit, rule: GrowthRule, steps: int, grown: Gaussians, branch: Callable[[int], tuple[float, float]]
+) -> tuple[bool, str]:
+    """Whether `grown` are worth more than the Gaussians of `fit` in a run of `steps`, and what they gained, in words.
+
+    `fit` is left at the end of the branch that has them, or as it was; there are no words without a trial.
+
+    Args:
+        branch: fits for so many steps; returns PSNR and CCPR of the validation views.
+    """
+    before, trial = fit.state, rule.trial_steps(steps)
+    if not trial or not rule.tells(len(fit), len(grown)):
+        return False, ""
+    gained = growth_gain(fit, grown, lambda: branch(trial))
+    if not rule.pays(gained):
+        fit.state = before
+    return rule.pays(gained), gained.words
 
 
 def growth_gain(fit: Fit, grown: Gaussians, branch: Callable[[], tuple[float, float]]) -> GrowthTrial:

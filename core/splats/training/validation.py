@@ -14,6 +14,7 @@ from ...files.states import SavedState, State
 from ..calibration.poses import AlignedViews
 from ..raster import ParameterSet
 from ..targets import TrainingView
+from .fitting import Fit
 
 Preparer = Callable[[Sequence[View]], list[TrainingView]]
 Aligner = Callable[[Sequence[TrainingView]], AlignedViews]
@@ -115,6 +116,32 @@ class Curve:
                 saved.refuse("entries are unusable")
         self.entries = entries
         self._started = time.perf_counter() - self._measuring - saved.value("seconds", float)
+
+
+def curve_entry(
+    fit: Fit,
+    step: int,
+    shown: Sequence[TrainingView],
+    deciding: Sequence[TrainingView],
+    *,
+    any_exposure: bool,
+    any_blur: bool,
+) -> dict[str, float | None]:
+    """What the curve says of `step`, without the time.
+
+    Args:
+        shown: held-out views of the curve.
+        deciding: training views that validate.
+        any_exposure, any_blur: whether the scene is kept free of the photographs' exposures and motion blur.
+    """
+    entry: dict[str, float | None] = {"step": step, "psnr": fit.psnr(shown) if shown else None, "gaussians": len(fit)}
+    if deciding:
+        entry["deciding_psnr"] = fit.psnr(deciding, any_exposure=any_exposure)  # the name in existing reports
+    if shown and any_exposure:
+        entry["psnr_any_exposure"] = fit.psnr(shown, any_exposure=True)
+    if shown and any_blur:
+        entry["psnr_any_blur"] = fit.psnr(fit.smeared(shown))
+    return entry
 
 
 class HeldOut:

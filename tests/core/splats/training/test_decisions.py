@@ -55,7 +55,7 @@ def test_a_trial_of_growth_is_made_where_it_can_tell_and_takes_a_small_share_of_
     rule = GrowthRule()
     assert rule.trial_steps(100) == 0
     assert 0 < rule.trial_steps(1000) <= 100
-    assert rule.trial_steps(10_000) == pytest.approx(10 * rule.trial_steps(1000), rel=0.01)
+    assert rule.trial_steps(20_000) == 2 * rule.trial_steps(10_000)
     assert rule.tells(1000, 1300)
     assert not rule.tells(1000, 1010)
     assert not rule.tells(1000, 900)
