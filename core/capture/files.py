@@ -13,6 +13,7 @@ from pathlib import Path, PurePosixPath
 from ..errors import InputError
 from ..files.untrusted import is_file, is_there
 from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS
+from ..intake.panoramas import PANORAMA_EXTENSIONS
 
 # What is read and what telephones, cameras, scanners and renderers write.
 IMAGE_EXTENSIONS = (
@@ -28,7 +29,7 @@ it."""
 
 # What cameras and editors leave beside them and is not read.
 SPLAT_EXTENSION = ".ply"
-FOREIGN_EXTENSIONS = (".jxl", ".gif", ".psd", ".raf", ".rw2", ".orf", ".pef", ".insv", ".insp")
+FOREIGN_EXTENSIONS = (".jxl", ".gif", ".psd", ".raf", ".rw2", ".orf", ".pef", ".r3d", *PANORAMA_EXTENSIONS)
 
 _UNSAFE_IN_KEY = re.compile(r"[^A-Za-z0-9._-]+")
 # Names that Windows keeps for devices, with or without an extension.

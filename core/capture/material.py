@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -17,8 +17,10 @@ from PIL import Image
 from ..errors import InputError
 from ..files.untrusted import is_file
 from ..intake.archive import unpack
-from ..intake.heif import read_heif_header
+from ..intake.heif import HeifHeader, read_heif_header
 from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file
+from ..intake.panoramas import PANORAMA_EXTENSIONS
+from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 from ..intake.raw import Development
 from ..intake.selection import choose
 from ..intake.video import Look, extract, look_through
@@ -34,15 +36,21 @@ STAGE = "capture"
 _QUALITY = 98
 _CONVERTED = ("heif", "avif", "raw")
 _LOOK_SHARE = 0.5  # of the time that a video takes
+# Where scanners of telephones (Stray Scanner, Polycam, 3D Scanner App) and datasets put what is no photograph.
+_DEPTH_FOLDERS = frozenset(("depth", "depths", "depth_maps", "confidence", "normals"))
+_REMEDIES = dict.fromkeys(PANORAMA_EXTENSIONS, f"360° pictures are not supported: {PANORAMA_REMEDY}") | {
+    ".r3d": "Record3D's depth is not supported: export an MP4 video from the app, and give that"
+}
 
 
 @dataclass(frozen=True)
 class Material:
-    """Photographs and videos, by their names in `folder` and in order."""
+    """Photographs and videos, by their names in `folder` and in order; `depths` are depth maps beside them."""
 
     folder: Path
     photographs: tuple[str, ...]
     videos: tuple[str, ...] = ()
+    depths: int = 0
 
 
 @dataclass(frozen=True)
@@ -109,6 +117,9 @@ def find_material(path: Path) -> Material:
     inside = next((name for name in IMAGE_FOLDERS if (path / name).is_dir()), "")
     names = [f"{inside}/{name}" if inside else name for name in list_images(path / inside)]
     names = [name for name in names if not name.startswith(f"{MASKS_FOLDER}/")]
+    pictures = [name for name in names if not _DEPTH_FOLDERS & set(PurePosixPath(name.lower()).parent.parts)]
+    depths = len(names) - len(pictures) if pictures or videos else 0
+    names = pictures if depths else names
     what = remedy = ""
     if not names and not videos:
         unreadable = list_images(path, FOREIGN_EXTENSIONS)
@@ -119,12 +130,12 @@ def find_material(path: Path) -> Material:
             remedy = "give the photographs or the video that they were made from"
         if unreadable:
             what = f"no photographs that can be read, only {quote_first(unreadable)}"
-            remedy = "export them as JPEG, PNG or TIFF"
+            remedy = _REMEDIES.get(Path(unreadable[0]).suffix.lower(), "export them as JPEG, PNG or TIFF")
     if what:
         raise InputError(what, where=path, remedy=remedy)
     for name in (*names, *videos):
         resolve_inside(path, name, where=path, root=path)
-    return Material(path, tuple(names), tuple(videos))
+    return Material(path, tuple(names), tuple(videos), depths)
 
 
 def make_photographs(material: Material, workspace: Path, reporter: Reporter) -> Photographs:
@@ -138,7 +149,8 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter) ->
     _refuse_videos(material, kinds)
     if not material.videos and not any(kind in _CONVERTED for kind in kinds.values()):
         folder, names = _common_folder(material)
-        return Photographs(folder, names, originals=dict(zip(names, material.photographs, strict=True)))
+        originals = dict(zip(names, material.photographs, strict=True))
+        return Photographs(folder, names, originals=originals, warnings=_depth_warning(material, material.depths))
     made = Photographs(workspace, [])
     frames = _extract_frames(material, made, reporter)
     _convert_photographs(material, kinds, made, reporter)
@@ -228,27 +240,43 @@ def _warnings_about(look: Look) -> Iterator[CaptureWarning]:
 
 def _convert_photographs(material: Material, kinds: dict[str, str], made: Photographs, reporter: Reporter) -> None:
     if not material.photographs:
+        made.warnings.extend(_depth_warning(material, material.depths))
         return
     reporter.status(STAGE, f"converting {len(material.photographs)} photographs")
     development = Development.common([material.folder / name for name in material.photographs])
     taken = set(material.photographs)
-    gain_maps = 0
+    headers: list[HeifHeader] = []
     for done, name in enumerate(material.photographs):
         source, kind = material.folder / name, kinds[name]
         if kind in _CONVERTED:
             name = _free_name(name, taken)
             exif = b""
             if kind != "raw":
-                header = read_heif_header(source, kind)
-                exif, gain_maps = header.exif, gain_maps + header.gain_map
+                headers.append(read_heif_header(source, kind))
+                exif = headers[-1].exif
             _write_jpeg(made.folder / name, source, exif, development)
         else:
             _link(source, made.folder / name)
         made.names.append(name)
         reporter.progress(STAGE, (done + 1) / len(material.photographs), f"photograph {done + 1}")
-    if gain_maps:
+    made.warnings.extend(_warnings_about_photographs(material, headers))
+
+
+def _warnings_about_photographs(material: Material, headers: Sequence[HeifHeader]) -> Iterator[CaptureWarning]:
+    if gain_maps := sum(header.gain_map for header in headers):
         what = f"{material.folder}: the HDR gain maps of {gain_maps} photographs are not used"
-        made.warnings.append(CaptureWarning("gain-map", what))
+        yield CaptureWarning("gain-map", what)
+    if hdr := sum(bool(header.transfer) for header in headers):
+        what = f"{material.folder}: {hdr} HDR photographs (PQ or HLG), brought into the range of sRGB"
+        yield CaptureWarning("photograph-hdr", what)
+    yield from _depth_warning(material, material.depths + sum(header.depth for header in headers))
+
+
+def _depth_warning(material: Material, count: int) -> list[CaptureWarning]:
+    if not count:
+        return []
+    what = f"{material.folder}: {count} depth maps are not used; depths are found from the photographs"
+    return [CaptureWarning("depth-maps", what)]
 
 
 def _free_name(name: str, taken: set[str]) -> str:

@@ -17,6 +17,7 @@ from ..errors import InputError
 from ..files.images import write_png
 from ..files.untrusted import is_file, is_folder, is_there
 from ..intake.kinds import is_video, kind_of_file
+from ..intake.panoramas import refuse_panorama
 from ..intake.video import read_video_header, some_frames
 from ..runtime.protocol import Reporter
 from ..settings import AUTO, ESTIMATE, GIVEN
@@ -174,9 +175,14 @@ def _sizes(material: Material) -> Counter[tuple[int, int]]:
     """How many of the photographs are (width, height) upright.
 
     Raises:
-        InputError: one is no image, or beyond the limits.
+        InputError: one is no image, beyond the limits, or all around.
     """
-    return Counter(read_header(material.folder / name).upright_size for name in material.photographs)
+    sizes: Counter[tuple[int, int]] = Counter()
+    for path in (material.folder / name for name in material.photographs):
+        size = read_header(path).upright_size
+        refuse_panorama(path, size)
+        sizes[size] += 1
+    return sizes
 
 
 def _drop_unusable_points(model: SourceModel) -> None:

@@ -19,6 +19,8 @@ from torch import Tensor
 from .matrices import RGB_TO_XYZ
 from .spaces import apply_matrix, linear_to_srgb
 
+TRANSFERS = {16: "pq", 18: "hlg"}
+"""By ITU-T H.273's number of the transfer characteristics."""
 REFERENCE_WHITE = 203.0
 """cd/m² of diffuse white (BT.2408, table 1), which becomes the white of sRGB before the roll-off."""
 PEAK = 1000.0

@@ -1,4 +1,4 @@
-"""HEIC, HEIF and AVIF photographs: upright, in sRGB. Depth maps and gain maps in them are left alone."""
+"""HEIC, HEIF and AVIF photographs: upright, in sRGB, HDR tone-mapped. Depth and gain maps in them are left alone."""
 
 from __future__ import annotations
 
@@ -8,15 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
+from ..color.hdr import TRANSFERS, tone_map
 from ..color.profiles import DISPLAY_P3, convert_to_srgb
 from ..errors import InputError
 
 _COPY_AGAIN = "copy or export the image again"
 _GAIN_MAP = ("gainmap", "iso:ts:21496")
-_P3_PRIMARIES = 12  # ITU-T H.273
+_BT2020_PRIMARIES, _P3_PRIMARIES = 9, 12  # ITU-T H.273
+_SEARCHED_BYTES = 1 << 16  # of an AVIF, in which its colour description stands
+_BAND_PIXELS = 1 << 20  # that are tone-mapped at a time
 # Whatever goes wrong in a decoder that is given a damaged file.
 _DAMAGE: tuple[type[Exception], ...] = (
     *(OSError, ValueError, SyntaxError, RuntimeError, EOFError, IndexError, KeyError, TypeError),
@@ -34,6 +38,8 @@ class HeifHeader:
         bits: of a channel.
         exif: the raw EXIF data, or nothing.
         gain_map: whether there is one.
+        depth: whether there is a depth map.
+        transfer: "hlg", "pq" or "" (not HDR).
     """
 
     width: int
@@ -41,26 +47,34 @@ class HeifHeader:
     bits: int
     exif: bytes
     gain_map: bool
+    depth: bool = False
+    transfer: str = ""
 
 
 def read_heif_header(path: Path, kind: str) -> HeifHeader:
     """Size and EXIF data without the pixels; `kind` is "heif" or "avif".
 
     Raises:
-        InputError: it is damaged, or a package is missing.
+        InputError: it is damaged, HDR of a kind that is not read, or a package is missing.
     """
     try:
-        return _header(_open(path, kind), kind)
+        header = _header(_open(path, kind), kind, path)
     except _DAMAGE as error:
         raise _damaged(path, error) from None
+    if header.transfer and kind == "avif":
+        raise _unread_hdr(path, "AVIF")
+    return header
 
 
 def read_heif(path: Path, kind: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """(H, W, 3) sRGB and (H, W) coverage or None; the caller has looked at the size.
 
     Raises:
-        InputError: it is damaged, or a package is missing.
+        InputError: as for `read_heif_header`.
     """
+    transfer = read_heif_header(path, kind).transfer
+    if transfer:
+        return _read_hdr(path, transfer)
     try:
         opened = _open(path, kind)
         picture = opened.to_pillow() if kind == "heif" else ImageOps.exif_transpose(opened)
@@ -76,7 +90,32 @@ def read_heif(path: Path, kind: str) -> tuple[NDArray[np.uint8], NDArray[np.uint
     return color, coverage
 
 
-def _open(path: Path, kind: str) -> Any:
+def _read_hdr(path: Path, transfer: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """A HEIF of HLG or PQ, as cameras write it: `color.hdr` with its reference white, the same for all photographs."""
+    try:
+        opened = _open(path, "heif", convert_hdr_to_8bit=False)
+        primaries, codes = opened.info["nclx_profile"]["color_primaries"], np.asarray(opened)
+    except _DAMAGE as error:
+        raise _damaged(path, error) from None
+    if primaries != _BT2020_PRIMARIES or codes.ndim != 3 or codes.shape[2] not in (3, 4):
+        raise _unread_hdr(path, "HEIF without the primaries of BT.2020")
+    most = float(np.iinfo(codes.dtype).max)
+    height, width = codes.shape[:2]
+    color, rows = np.empty((height, width, 3), np.uint8), max(1, _BAND_PIXELS // width)
+    for top in range(0, height, rows):
+        encoded = torch.from_numpy(codes[top : top + rows, :, :3].astype(np.float32) / most).permute(2, 0, 1)
+        mapped = tone_map(encoded, transfer)
+        color[top : top + rows] = (mapped * 255.0).round().to(torch.uint8).permute(1, 2, 0).numpy()
+    coverage = np.rint(codes[..., 3] / most * 255.0).astype(np.uint8) if codes.shape[2] == 4 else None
+    return color, coverage
+
+
+def _unread_hdr(path: Path, kind: str) -> InputError:
+    what = f"HDR photographs (PQ or HLG) as {kind} are not read"
+    return InputError(what, where=path, remedy="export it as JPEG, or as HEIF of BT.2020")
+
+
+def _open(path: Path, kind: str, **options: Any) -> Any:
     if kind == "avif":
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the caller looks at the size
@@ -86,17 +125,31 @@ def _open(path: Path, kind: str) -> Any:
     except ImportError:
         remedy = "install pillow-heif (run.py --doctor says how), or export JPEG"
         raise InputError("HEIC photographs need the package pillow-heif", where=path, remedy=remedy) from None
-    return pillow_heif.open_heif(path)
+    return pillow_heif.open_heif(path, **options)
 
 
-def _header(opened: Any, kind: str) -> HeifHeader:
+def _header(opened: Any, kind: str, path: Path) -> HeifHeader:
     width, height = opened.size
     exif = bytes(opened.info.get("exif") or b"")
     if kind == "avif" and opened.getexif().get(0x0112, 1) >= 5:  # Pillow makes an orientation of irot and imir
         width, height = height, width
     auxiliary = [str(name).lower() for name in opened.info.get("aux", {})]
     gain_map = any(word in name for name in auxiliary for word in _GAIN_MAP)
-    return HeifHeader(width, height, int(opened.info.get("bit_depth", 8)), exif, gain_map)
+    transfer = TRANSFERS.get(_transfer_of_avif(path) if kind == "avif" else _transfer_of(opened), "")
+    depth, bits = bool(opened.info.get("depth_images")), int(opened.info.get("bit_depth", 8))
+    return HeifHeader(width, height, bits, exif, gain_map, depth, transfer)
+
+
+def _transfer_of(opened: Any) -> int:
+    nclx = opened.info.get("nclx_profile")
+    return int(nclx.get("transfer_characteristics", 0)) if isinstance(nclx, dict) else 0
+
+
+def _transfer_of_avif(path: Path) -> int:
+    """What its colour description says (ISO/IEC 14496-12, 12.1.5), which Pillow does not hand on."""
+    with open(path, "rb") as file:
+        _, found, described = file.read(_SEARCHED_BYTES).partition(b"colrnclx")
+    return int.from_bytes(described[2:4], "big") if found else 0
 
 
 def _damaged(path: Path, error: BaseException) -> InputError:

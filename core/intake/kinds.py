@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..files.untrusted import opened
 
-HEIF_EXTENSIONS = (".heic", ".heif", ".avif")
+HEIF_EXTENSIONS = (".heic", ".heif", ".hif", ".avif")
 RAW_EXTENSIONS = (".dng", ".cr2", ".cr3", ".nef", ".arw")
 VIDEO_EXTENSIONS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".mts", ".m2ts")
 ARCHIVE_EXTENSION = ".zip"

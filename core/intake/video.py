@@ -24,6 +24,7 @@ from ..files.untrusted import opened
 from ..runtime.threads import one_thread
 from .kinds import MAX_VIDEO_BYTES, is_plain_image, kind_of
 from .motion import WIDTH, Followed, Follower
+from .panoramas import refuse_spherical_video
 from .selection import Film, Frame
 from .video_color import frame_colors, small_light, transfer_of
 
@@ -215,6 +216,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         raise InputError("the file is empty", where=path, remedy="copy it again")
     if is_plain_image(start) or kind_of(start, path.name) in ("heif", "avif", "raw"):
         raise InputError("is a photograph, not a video", where=path, remedy="rename it, or remove it")
+    refuse_spherical_video(path)
     av.logging.set_level(None)
     try:
         container = av.open(

@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..color.hdr import REFERENCE_WHITE, to_light, tone_map
+from ..color.hdr import REFERENCE_WHITE, TRANSFERS, to_light, tone_map
 from ..color.profiles import DISPLAY_P3, convert_to_srgb
 
 # Weights of red and blue in luma, by H.273's number of the matrix.
@@ -23,7 +23,6 @@ _BT601, _BT709, _BT2020 = (0.299, 0.114), (0.2126, 0.0722), (0.2627, 0.0593)
 _MATRICES = {1: _BT709, 5: _BT601, 6: _BT601, 9: _BT2020, 10: _BT2020}
 _HD_HEIGHT = 720  # from here on what says nothing is BT.709
 _FULL_RANGE = 2
-_TRANSFERS = {16: "pq", 18: "hlg"}
 _DISPLAY_P3_PRIMARIES = 12
 _SMALL_SIDE = 240  # pixels
 _PLANAR = {"yuv420p": 8, "yuvj420p": 8, "yuv422p": 8, "yuvj422p": 8, "yuv444p": 8, "yuvj444p": 8} | {
@@ -56,7 +55,7 @@ def frame_colors(frame: Any, white: float = REFERENCE_WHITE) -> NDArray[np.uint8
 
 def transfer_of(frame: Any) -> str:
     """ "hlg", "pq" or "" (not HDR), as the frame says."""
-    return _TRANSFERS.get(int(frame.color_trc or 0), "")
+    return TRANSFERS.get(int(frame.color_trc or 0), "")
 
 
 def small_light(frame: Any) -> Tensor | None:

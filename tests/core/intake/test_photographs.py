@@ -10,11 +10,14 @@ import colour
 import numpy as np
 import pillow_heif
 import pytest
+import torch
 from PIL import Image, ImageOps
 from scipy.ndimage import gaussian_filter
 
 from cvdgs.core.capture.images import read_header, read_pixels
 from cvdgs.core.capture.material import find_material, make_photographs
+from cvdgs.core.capture.reader import inspect_capture
+from cvdgs.core.color.hdr import tone_map
 from cvdgs.core.color.profiles import DISPLAY_P3
 from cvdgs.core.errors import InputError
 from cvdgs.core.intake.heif import read_heif_header
@@ -259,3 +262,65 @@ def test_the_header_of_a_telephones_photograph_tells_of_its_gain_map() -> None:
         pytest.skip("needs the photographs of telephones")
     assert read_heif_header(DATA / "pug_iphone13pro.heic", "heif").gain_map
     assert not read_heif_header(DATA / "arrow_iphone8plus.heic", "heif").gain_map
+
+
+@pytest.mark.parametrize(("transfer", "number"), [("pq", 16), ("hlg", 18)])
+def test_an_hdr_photograph_is_tone_mapped_like_a_video(tmp_path: Path, transfer: str, number: int) -> None:
+    codes = (soft_picture() / 255.0 * 40_000).astype(np.uint16)
+    path = tmp_path / "x.hif"
+    save_hdr(path, codes, number)
+    color, coverage = read_pixels(path)
+    expected = tone_map(torch.from_numpy(codes.astype(np.float32) / 65_535).permute(2, 0, 1), transfer)
+    assert coverage is None
+    assert delta_e(color / 255.0, expected.permute(1, 2, 0).numpy().astype(np.float64)) < 1.0
+    made = make_photographs(find_material(tmp_path), (tmp_path / "out"), Reporter())
+    assert [warning.name for warning in made.warnings] == ["photograph-hdr"]
+
+
+def save_hdr(path: Path, codes: np.ndarray, transfer: int) -> None:
+    """A HEIF of 10 bits, BT.2020, of (H, W, 3) 16-bit codes."""
+    described = {"color_primaries": 9, "transfer_characteristics": transfer, "matrix_coefficients": 9}
+    size, options = (codes.shape[1], codes.shape[0]), {"quality": -1, "chroma": 444, "save_nclx_profile": True}
+    with open(path, "wb") as file:
+        pillow_heif.encode("RGB;16", size, codes.tobytes(), file, **described, **options)
+
+
+def test_hdr_that_is_not_read_is_refused(tmp_path: Path) -> None:
+    plain = save(tmp_path / "plain.avif", soft_picture(), profile=None).read_bytes()
+    place = plain.index(b"colrnclx") + 8
+    (tmp_path / "hdr.avif").write_bytes(plain[:place] + bytes((0, 9, 0, 16)) + plain[place + 4 :])
+    assert read_pixels(tmp_path / "plain.avif")[0].shape == (96, 128, 3)
+    with pytest.raises(InputError, match="as AVIF are not read"):
+        read_header(tmp_path / "hdr.avif")
+
+
+def test_depth_maps_are_left_alone_and_said(tmp_path: Path) -> None:
+    for folder in ("", "Depth", "scan/confidence"):
+        (tmp_path / folder).mkdir(parents=True, exist_ok=True)
+        Image.fromarray(soft_picture()).save(tmp_path / folder / "1.png")
+    found = find_material(tmp_path)
+    assert found.photographs == ("1.png",)
+    (warning,) = make_photographs(found, tmp_path, Reporter()).warnings
+    assert (warning.name, "2 depth maps are not used" in warning.message) == ("depth-maps", True)
+    assert find_material(tmp_path / "Depth").photographs == (
+        "1.png",
+    )  # whose photographs are where they were asked for
+
+
+def test_360_degree_photographs_are_named_with_the_way_round(tmp_path: Path) -> None:
+    sphere = b"http://ns.adobe.com/xap/1.0/\0<x GPano:ProjectionType='equirectangular'/>"
+    for name, shape in (("flat.jpg", (64, 96)), ("wide.jpg", (64, 128))):
+        Image.fromarray(soft_picture(*shape)).save(tmp_path / name)
+    inspect_capture(tmp_path)
+    jpeg = (tmp_path / "wide.jpg").read_bytes()
+    segment = b"\xff\xe1" + (len(sphere) + 2).to_bytes(2, "big") + sphere
+    (tmp_path / "wide.jpg").write_bytes(jpeg[:2] + segment + jpeg[2:])
+    with pytest.raises(InputError, match=r"wide.jpg: is a 360° photograph.*export flat pictures"):
+        inspect_capture(tmp_path)
+
+
+@pytest.mark.parametrize(("name", "way_round"), [("a.insp", "reframed, 90° wide"), ("scan.r3d", "export an MP4 video")])
+def test_files_of_scanners_and_360_degree_cameras_are_named(tmp_path: Path, name: str, way_round: str) -> None:
+    (tmp_path / name).write_bytes(b"x" * 100)
+    with pytest.raises(InputError, match=f"{name}.*{way_round}"):
+        find_material(tmp_path)
