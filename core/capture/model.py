@@ -51,6 +51,10 @@ class View:
         """The same photograph from another (4, 4) pose."""
         return replace(self, world_to_camera=world_to_camera)
 
+    def without(self, region: NDArray[np.bool_]) -> View:
+        """The same photograph, of which an (H, W) region is not looked at, either."""
+        return replace(self, mask=~region if self.mask is None else self.mask & ~region)
+
     @property
     def shown(self) -> NDArray[np.uint8] | None:
         """(H, W) uint8 `alpha` that is 0 where the photograph is masked: what counts of its colours; None for all."""
@@ -151,6 +155,13 @@ class Capture:
     def smeared(self, lines: Mapping[str, NDArray[np.float64]]) -> Capture:
         """The same photographs, those of the given keys known to be smeared along these (2,) lines."""
         views = tuple(replace(view, smear=lines[view.key]) if view.key in lines else view for view in self.views)
+        return replace(self, views=views)
+
+    def without(self, regions: Mapping[str, NDArray[np.bool_]]) -> Capture:
+        """The same photographs, of which (H, W) regions, by key, are not looked at, either."""
+        if not regions:
+            return self
+        views = tuple(view.without(regions[view.key]) if view.key in regions else view for view in self.views)
         return replace(self, views=views)
 
     def zoomed(self, factor: float) -> Capture:

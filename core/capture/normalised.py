@@ -29,11 +29,21 @@ def write_capture(capture: Capture, folder: str | Path) -> None:
     (folder / IMAGES_FOLDER).mkdir(parents=True, exist_ok=True)
     for view in capture.views:
         write_png(folder / _image_name(view), view.image, view.alpha)
-        if view.mask is not None:
-            write_png(folder / _mask_name(view), np.repeat(np.where(view.mask, 255, 0)[..., None], 3, axis=2))
+        write_mask(view, folder)
     if len(capture.points):
         write_point_cloud(folder / POINTS_FILE, capture.points, capture.point_colors)
     write_cameras(capture, folder)
+
+
+def write_mask(view: View, folder: Path) -> None:
+    """Write the mask of a view, if it has one, where `write_capture` writes it.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    if view.mask is not None:
+        pixels = np.where(view.mask, 255, 0).astype(np.uint8)
+        write_png(folder / _mask_name(view), np.repeat(pixels[..., None], 3, axis=2))
 
 
 def write_cameras(capture: Capture, folder: Path) -> None:

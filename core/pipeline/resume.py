@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -114,8 +114,11 @@ class EarlierRun:
         size = max(max(view.camera.width, view.camera.height) for view in self.capture.views)
         quiet = _ProgressOnly(reporter, "capture", 0.0, 1.0, "comparing with the finished run")
         given = read_capture(folder, max_size=size, cameras=self.settings.cameras_from, reporter=quiet)
+        found_to_move = self.report.get("moving", {}).get("views", [])
         _compare(
-            given.views, self.capture.views, folder, poses=self._as_given("poses"), lens=self._as_given(FOCAL_LENGTH)
+            *(given.views, self.capture.views, folder, found_to_move),
+            poses=self._as_given("poses"),
+            lens=self._as_given(FOCAL_LENGTH),
         )
 
     def _as_given(self, what: str) -> bool:
@@ -174,7 +177,10 @@ def _shown(value: Any) -> str:
     return AUTO if value is None else str(value)
 
 
-def _compare(given: Sequence[View], used: Sequence[View], folder: Path, *, poses: bool, lens: bool) -> None:
+def _compare(
+    given: Sequence[View], used: Sequence[View], folder: Path, moving: Collection[str], *, poses: bool, lens: bool
+) -> None:
+    """Views called in `moving` have masks of the run's own beside those that were given."""
     _require(len(given) == len(used), f"{len(given)} views, the finished run has {len(used)}", folder)
     for new, old in zip(given, used, strict=True):
         _require(new.key == old.key, f"view '{new.key}' where the finished run has '{old.key}'", folder)
@@ -187,6 +193,8 @@ def _compare(given: Sequence[View], used: Sequence[View], folder: Path, *, poses
         )
         _require(same, f"view '{new.key}' has another camera than in the finished run", folder)
         new_mask, old_mask = (np.ones(0, bool) if view.mask is None else view.mask for view in (new, old))
+        if old.key in moving and old.mask is not None:
+            new_mask = old_mask if new.mask is None else old_mask & new.mask
         _require(np.array_equal(new_mask, old_mask), f"the mask of '{new.key}' has changed since the run", folder)
         _require(np.array_equal(new.image, old.image), f"photograph '{new.key}' has changed since the run", folder)
 

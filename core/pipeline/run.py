@@ -27,6 +27,7 @@ from .cleaning import Cleaned
 from .continuation import CheckpointRequest, describe_run
 from .device import choose_warp_device, describe_device, versions
 from .kept_capture import digest_of, from_state, to_state
+from .moving import keep_moving
 from .resume import EarlierRun
 from .stages import Reconstruction, Stages
 
@@ -86,6 +87,7 @@ def run(
         stages.enhance(enhancers)
     trained: TrainingResult | None = None
     cleaned: Cleaned | None = None
+    moving: dict[str, Any] = {}
     if earlier:
         with clock.measure("layers"):
             made = stages.reconstruction(earlier.gaussians, "layers", 0.0)
@@ -95,6 +97,7 @@ def run(
             stages = stages.after(trained)
             if lens.was_off or trained.moved_poses or trained.smears:
                 write_cameras(stages.capture, folder / CAPTURE_FOLDER)
+            moving = keep_moving(stages.capture, trained.moving, folder, recorder)
             cleaned = stages.clean(trained)
             trained = replace(trained, gaussians=cleaned.gaussians, decision={**trained.decision, **cleaned.in_words})
             made = stages.reconstruct(trained, cleaned.scores)
@@ -118,6 +121,7 @@ def run(
         "warnings": recorder.warnings,
         **(_describe_training(lens, trained, made) if trained else {}),
         **({"clean": cleaned.figures} if cleaned and cleaned.figures else {}),
+        **({"moving": moving} if moving else {}),
         **figures,
     }
     report = without_non_finite(report)

@@ -222,10 +222,14 @@ class Stages:
         return self._train_on_photographs()
 
     def after(self, result: TrainingResult) -> Stages:
-        """The stages that follow, on the capture with the poses and the motion blur that training found."""
-        if not result.moved_poses and not result.smears:
+        """The stages that follow, on the capture with the poses and the motion blur that training found.
+
+        What training left out, because it moves, they do not look at either.
+        """
+        if not (result.moved_poses or result.smears or result.moving):
             return self
-        return self._on(self.capture.moved(result.moved_poses).smeared(result.smears))
+        corrected = self.capture.moved(result.moved_poses).smeared(result.smears)
+        return self._on(corrected.without(result.moving))
 
     def clean(self, result: TrainingResult) -> Cleaned:
         """What training gave, scored and without the floaters that the settings ask to remove."""

@@ -25,6 +25,7 @@ POINTS_FILE = "points.ply"
 IMAGES_FOLDER = "images"
 MASKS_FOLDER = "masks"
 PLACED_FILE = "placed.png"  # which photographs have estimated cameras, where some have not
+MOVING_FILE = "moving.png"  # what of photographs was left out of training because it moves, where something was
 
 # What a run that was broken off leaves, in a folder of its own: about the run, and from then on either is enough to go
 # on from: the photographs with the cameras that were estimated for them, and the trainer's state.

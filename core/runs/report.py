@@ -55,7 +55,9 @@ _SHAPE: Mapping[str, Any] = {
     "curve": [{...: _NUMBER, "seconds": (int, float)}],
     "notes": {...: _TEXT},
     "warnings": [{"name": _TEXT, "message": _TEXT}],
+    "moving": {"views": [_TEXT], "share": _NUMBER},
 }
+_OPTIONAL = ("report.moving",)
 
 
 def check_report(report: Any) -> None:
@@ -79,7 +81,7 @@ def _check_shape(value: Any, shape: Any, path: str) -> None:
             _check_shape(entry, shape[0], f"{path}[{index}]")
         return
     for name in shape:
-        if name is not ... and name not in value:
+        if name is not ... and name not in value and f"{path}.{name}" not in _OPTIONAL:
             raise ValueError(f"{path}.{name} is missing")
     for name, entry in value.items():
         if name in shape or ... in shape:

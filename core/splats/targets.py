@@ -78,6 +78,15 @@ class TrainingView:
         """(2,) the line in pixels of the image that `at` gives; None where the photograph is sharp."""
         return None if self.smear is None else self.smear / (reduction if reduction in self.levels else 1)
 
+    def without(self, region: NDArray[np.bool_] | None) -> TrainingView:
+        """The same photograph, of which an (H, W) region of the full image is not looked at, either."""
+        if region is None:
+            return self
+        looked_at = self.looked_at()
+        shown = ~region if looked_at is None else looked_at & ~region
+        device = self.levels[1][0].device
+        return TrainingView(self.levels, {factor: Mask.of(_block_all(shown, factor), device) for factor in self.levels})
+
     def moved(self, world_to_camera: NDArray[np.float64]) -> TrainingView:
         """The same photograph from another (4, 4) pose."""
         return TrainingView(

@@ -14,7 +14,7 @@ matter.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -184,7 +184,7 @@ class AlignedViews:
         self, rasterizer: Rasterizer, views: Sequence[TrainingView], background: Background, plan: PosePlan
     ) -> None:
         self._rasterizer = rasterizer
-        self._given = views
+        self._given = list(views)
         self._background = background
         self._plan = plan
         self._cameras = [view.at(1)[1] for view in views]
@@ -200,6 +200,10 @@ class AlignedViews:
     def views(self) -> list[TrainingView]:
         """The views in these poses."""
         return [view.moved(pose) for view, pose in zip(self._given, self.poses, strict=True)]
+
+    def leave_out(self, regions: Mapping[int, NDArray[np.bool_]]) -> None:
+        """Look no longer at (H, W) regions of views, by their indices."""
+        self._given = [view.without(regions.get(index)) for index, view in enumerate(self._given)]
 
     def snapshot(self) -> State:
         """What `restore` continues from."""

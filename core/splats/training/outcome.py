@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,18 @@ from numpy.typing import NDArray
 from ...runtime.protocol import Reporter
 from ..calibration.corrections import ViewCorrections
 from ..scene_frame import SceneFrame
+from .moving import MovingThings
 from .validation import HeldOut
 
 
-def warn(reporter: Reporter, steps: int, skipped: int, corrections: ViewCorrections) -> None:
-    """Report steps that were skipped, of so many, and cameras and motion blur that were corrected."""
+def conclude(
+    reporter: Reporter, steps: int, skipped: int, corrections: ViewCorrections, moving: MovingThings, *, aligned: bool
+) -> dict[str, Any]:
+    """Report steps that were skipped, of so many, and what was corrected; returns decisions about the views.
+
+    Args:
+        aligned: whether held-out views were aligned with the scene.
+    """
     if skipped:
         reporter.warning(
             "skipped-steps",
@@ -33,6 +41,10 @@ def warn(reporter: Reporter, steps: int, skipped: int, corrections: ViewCorrecti
             f"motion smeared a quarter of the photographs by {corrections.blur.length:.1f} pixels or more, which was "
             "kept out of the scene; a steadier camera or more light gives a sharper one",
         )
+    decision = corrections.in_words() | moving.in_words()
+    if aligned:
+        decision["poses"] += "; the held-out views were then aligned with the finished scene"
+    return decision
 
 
 def moved_poses(

@@ -22,11 +22,53 @@ from .start import StartRule
 
 T = TypeVar("T")
 _CORRECTED_BY = 0.25  # of the run: corrections have been tried
+Region = NDArray[np.bool_]
+"""(H, W) of a view's image: what moves."""
 
 
 def _geometry_contrast() -> ContrastPlan:
     # Every difference counts, to its full size; half as much against what the photographs do not show.
     return ContrastPlan(weight=1.0, listed=0.0, threshold=5.0, cap=math.inf, invented=0.5)
+
+
+@dataclass(frozen=True)
+class MovingPlan:
+    """When and how things that move are looked for. Residuals are means over channels of sRGB values in [0, 1].
+
+    Attributes:
+        looks: fractions of the run after which to look.
+        outlying: of a view's median residual, how many times that a suspected pixel differs by.
+        belonging: likewise of the pixels around that belong to it.
+        agreeing: how many times their own median residual witnesses may differ by at the same place (median over them).
+        floor: least median residual, so that a scene that fits all but perfectly suspects no noise.
+        witnesses: views asked about each view, evenly spread; a pixel needs `fewest_witnesses` that see its place.
+        same_depth: relative difference of depths up to which two views see the same place.
+        least_area: share of the photograph that something which moves takes at least.
+        smooth: width of the window that residuals are averaged over, in pixels.
+        margin: around what was found, as a share of the longer side.
+        trial: share of the run's steps in each branch of a trial, at least `fewest_trial_steps`.
+        least_gain: dB that the validation views have to gain in it. So short a fit hardly mends what has been spoilt,
+            so it is enough if nothing is lost, up to noise.
+    """
+
+    looks: tuple[float, ...] = (0.25, 0.4, 0.6)
+    outlying: float = 12.0
+    belonging: float = 5.0
+    agreeing: float = 4.0
+    floor: float = 0.01
+    witnesses: int = 16
+    fewest_witnesses: int = 3
+    same_depth: float = 0.05
+    least_area: float = 0.002
+    smooth: int = 3
+    margin: float = 0.012
+    trial: float = 0.04
+    fewest_trial_steps: int = 100
+    least_gain: float = -0.02
+
+    def trial_steps(self, steps: int) -> int:
+        """Steps of each branch of a trial in a run of `steps`."""
+        return max(round(self.trial * steps), self.fewest_trial_steps)
 
 
 @dataclass(frozen=True)
@@ -57,6 +99,7 @@ class TrainingPlan:
         poses: how bad poses are refined; None to leave them. Validation views are then aligned with the scene before
             they are measured.
         blur: how motion blur is kept out of the scene; None to leave it in.
+        moving: how things that move are left out; None leaves them in.
         contrast: hinge that brings back weak contrast in the last part of the run; None leaves it out.
         contrast_from: fraction of the run from which it counts.
         curve_points: measurements on the held-out views.
@@ -86,6 +129,7 @@ class TrainingPlan:
     exposure: ExposurePlan | None = field(default_factory=ExposurePlan)
     poses: PosePlan | None = field(default_factory=PosePlan)
     blur: MotionBlurPlan | None = field(default_factory=MotionBlurPlan)
+    moving: MovingPlan | None = field(default_factory=MovingPlan)
     contrast: ContrastPlan | None = field(default_factory=_geometry_contrast)
     contrast_from: float = 0.8
     curve_points: int = 10
@@ -124,12 +168,13 @@ class TrainingResult:
         seconds: of the loop and its preparation, without the measurements for the curve.
         initial: number of Gaussians at the start.
         decision: automatic decisions and their reasons in plain words: views, strategy, gaussians, steps, sh_degree,
-            exposure, poses.
+            exposure, poses, moving.
         skipped: steps skipped, entirely or for some Gaussians, because of non-finite numbers.
         moved_poses: (4, 4) world-to-camera by view key, if poses were refined. Held-out views are then aligned with
             the finished scene, which is not fitted to them.
         smears: `View.smear` by view key, if motion blur was kept out of the scene; those of held-out views suit the
             finished scene.
+        moving: by view key, what of a training view moves and was left out.
     """
 
     gaussians: Gaussians
@@ -140,3 +185,4 @@ class TrainingResult:
     skipped: int = 0
     moved_poses: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     smears: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    moving: dict[str, Region] = field(default_factory=dict)

@@ -3,7 +3,7 @@
 A run follows its `TrainingPlan`. Each step fits one view (`fitting.Fit`), at the resolution and learning rates of the
 `TrainingSchedule`; every so often the `Strategy` densifies and prunes. Validation views, which are not fitted, decide
 when growth and training end and which SH degree pays (`decisions`); near the end of the run they are fitted, too.
-Exposures and poses are corrected on the way, if they need it (`ViewCorrections`).
+Exposures and poses are corrected on the way, if they need it (`ViewCorrections`), and what moves is left out.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from .decisions import DecisionLog, Measurement, split_views
 from .evidence import gather_view_evidence
 from .fitting import Fit
 from .losses import GuidedLoss
-from .outcome import moved_poses, smears, warn
+from .moving import MovingThings
+from .outcome import conclude, moved_poses, smears
 from .plan import TrainingPlan, TrainingResult
 from .schedule import TrainingSchedule
 from .start import StartChoice, StartTrial, choose_start, means_reach
@@ -90,6 +91,7 @@ class Trainer:
         self._corrections = ViewCorrections(
             rasterizer, self._targets, background, plan.exposure, plan.poses, plan.blur, plan.steps
         )
+        self._moving = MovingThings(rasterizer, background, plan, self._targets, self._fitted_count, self._validation)
         self._order = ViewOrder(self._fitted_count, self._rng)
         self._loss: GuidedLoss | None = None
         self._degree_undecided = plan.sh_degree is None
@@ -157,14 +159,15 @@ class Trainer:
                 between_steps(self._snapshot, self._ended or step == schedule.steps)
         self._finish(self._step)
         reporter.progress(STAGE, 1.0, f"{len(self.fit):,} Gaussians")
-        warn(reporter, self._step, self.fit.skipped, self._corrections)
-        decision = self._log.in_words(self._step, self.fit) | self._corrections.in_words()
-        if self._held_out.poses:
-            decision["poses"] += "; the held-out views were then aligned with the finished scene"
+        decision = self._log.in_words(self._step, self.fit) | conclude(
+            *(reporter, self._step, self.fit.skipped, self._corrections, self._moving),
+            aligned=bool(self._held_out.poses),
+        )
         measured = self._curve.entries, self._curve.seconds, self._log.initial
         found = (
             moved_poses(self._corrections, self._keys, self._held_out, self._frame),
             smears(self._corrections, self._keys, self._held_out),
+            self._moving.of_targets(self._keys),
         )
         return TrainingResult(self.gaussians, *measured, decision, self.fit.skipped, *found)
 
@@ -180,6 +183,8 @@ class Trainer:
         for proposal in self._corrections.decide(schedule.progress(step), self.fit.parameters):
             if self._validation:
                 self._try(proposal, step)
+        if self._moving.look_if_due(step, schedule, self.fit.parameters, self._corrections):
+            self._log.forget_best()
         if self._loss is None and self._plan.contrast is not None and schedule.contrast(step):
             self._loss = self._contrast_loss(self._plan.contrast)
             self._log.forget_best()  # it gives up a little PSNR for contrast
@@ -374,6 +379,7 @@ class Trainer:
 
     def _parts(self) -> dict[str, Restorable]:
         return {
+            "moving": self._moving,  # first: it changes views that others are of
             "fit": self.fit,
             "corrections": self._corrections,
             "order": self._order,
@@ -390,10 +396,10 @@ class Trainer:
         if saved.value("all_fitted", bool):
             self._fitted_count = len(self._targets)
             self._order = ViewOrder(self._fitted_count, self._rng)
-        if saved.value("contrast", bool) and self._plan.contrast is not None:
-            self._loss = self._contrast_loss(self._plan.contrast)
         for name, part in self._parts().items():
             part.restore(saved.part(name))
+        if saved.value("contrast", bool) and self._plan.contrast is not None:
+            self._loss = self._contrast_loss(self._plan.contrast)
         restore_random(self._rng, saved, "random")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -56,6 +56,12 @@ class Validation:
         aligned = self._aligner(self.views)
         aligned.align(scene)
         return aligned.views
+
+    def leave_out(self, regions: Mapping[int, NDArray[np.bool_]]) -> None:
+        """Look no longer at (H, W) regions of views, by their indices."""
+        self.views = [view.without(regions.get(index)) for index, view in enumerate(self.views)]
+        if self._aligned is not None:
+            self._aligned.leave_out(regions)
 
     def end(self) -> None:
         """Measure nothing from now on."""

@@ -10,7 +10,8 @@ import pytest
 from cvdgs.core.capture.model import Capture, PinholeCamera, View
 from cvdgs.core.capture.normalised import write_capture
 from cvdgs.core.errors import InputError
-from cvdgs.core.files.images import write_png
+from cvdgs.core.files.images import read_png, write_png
+from cvdgs.core.pipeline.moving import keep_moving
 from cvdgs.core.pipeline.resume import EarlierRun
 from cvdgs.core.runs.report import SCHEMA
 from cvdgs.core.runtime.protocol import Reporter
@@ -243,3 +244,32 @@ def test_the_report_keeps_everything_and_gains_the_layer(run):
     assert addition["seconds"]["layers"] == 2.5
     again = replace(run, report=extended).extend({**added, "layers": {"tritan-1.0": {}}})
     assert [item["layers"] for item in again["resumed"]] == [["protan-1.0"], ["tritan-1.0"]]
+
+
+def test_what_a_run_found_to_move_is_kept_told_and_no_changed_mask(run, folder, tmp_path):
+    class Heard(Reporter):
+        def warning(self, name: str, message: str) -> None:
+            heard.append((name, message))
+
+    heard: list[tuple[str, str]] = []
+    region = np.zeros((32, 48), bool)
+    region[8:24, 10:20] = True
+    regions = {"01": region, "03": region}
+    photographs = capture(tmp_path)
+    figures = keep_moving(photographs.without(regions), regions, folder, Heard())
+    assert figures == {"views": ["01", "03"], "share": pytest.approx(2 * 160 / (5 * 32 * 48), rel=1e-4)}
+    ((name, message),) = heard
+    assert name == "moving-things"
+    assert "2 of 5 photographs" in message
+    sheet = read_png(folder / "capture" / "moving.png")
+    vermilion = (sheet == (213, 94, 0)).all(axis=2)
+    assert vermilion[6:26, 8:22].any()
+    assert not vermilion[:, 24:48].any()
+    again = EarlierRun.read(folder, folder)
+    assert [view.key for view in again.capture.views if view.mask is not None] == ["01", "03"]
+    assert np.array_equal(again.capture.views[1].mask, ~region)
+    given = changed_capture(tmp_path / "given", lambda views: views)
+    with pytest.raises(InputError, match="the mask of '01' has changed"):
+        again.check_photographs(given, Reporter())
+    replace(again, report={**again.report, "moving": figures}).check_photographs(given, Reporter())
+    assert keep_moving(photographs, {}, folder, Heard()) == {}

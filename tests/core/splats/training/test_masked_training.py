@@ -80,7 +80,7 @@ def held_out_psnr(training: Sequence[View], held_out: Sequence[View], gaussians:
     """dB on clean photographs of a scene that was trained on `training`."""
     points = gaussians.means + np.random.default_rng(1).normal(0, 0.03, gaussians.means.shape).astype(np.float32)
     colors = np.full((len(points), 3), 128, np.uint8)
-    plan = TrainingPlan(steps=300, limit=600, sh_degree=0, contrast=ContrastPlan())
+    plan = TrainingPlan(steps=300, limit=600, sh_degree=0, contrast=ContrastPlan(), moving=None)
     result = Trainer(Rasterizer("cpu"), training, held_out, points, colors, plan, BLACK, 0).train(Reporter())
     renderer = SceneRenderer(Rasterizer("cpu"), held_out, BLACK)
     return float(
