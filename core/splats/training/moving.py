@@ -25,7 +25,7 @@ from .schedule import TrainingSchedule
 from .validation import Validation
 
 _OPAQUE = 0.5  # alpha from which a view's depth is that of a surface
-_PEAKS = 0.25  # of a region's pixels, that are beyond `MovingPlan.outlying`
+_PEAKS = 0.02  # of a region's pixels, that are beyond `MovingPlan.outlying`
 
 
 class MovingThings:

@@ -52,14 +52,14 @@ class MovingPlan:
     """
 
     looks: tuple[float, ...] = (0.25, 0.4, 0.6)
-    outlying: float = 12.0
+    outlying: float = 18.0
     belonging: float = 5.0
     agreeing: float = 4.0
     floor: float = 0.01
     witnesses: int = 16
     fewest_witnesses: int = 3
     same_depth: float = 0.05
-    least_area: float = 0.002
+    least_area: float = 0.004
     smooth: int = 3
     margin: float = 0.012
     trial: float = 0.04
