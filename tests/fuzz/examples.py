@@ -14,10 +14,12 @@ import OpenImageIO as oiio
 import pillow_heif
 import pycolmap
 from PIL import Image
+from scipy.ndimage import rotate
 
 from cvdgs.core.batch.records import fingerprint
 from cvdgs.core.batch.task import Task
 from cvdgs.core.capture.points import write_point_cloud
+from cvdgs.core.capture.tags import pattern
 from cvdgs.core.color.profiles import DISPLAY_P3
 from cvdgs.core.photographs.front import EnhanceRequest
 from cvdgs.core.runtime.protocol import JsonReporter
@@ -129,6 +131,44 @@ def write_picture(path: Path) -> None:
     assert file.open(str(path), spec)
     assert file.write_image(pixels)
     assert file.close()
+
+
+def photographs(suffix: str) -> list[bytes]:
+    """Small photographs as telephones and cameras write them; a HEIC in HDR, too."""
+    return [photograph(suffix), *([hdr_photograph()] if suffix == ".heic" else [])]
+
+
+def hdr_photograph() -> bytes:
+    """A HEIC of 10 bits, PQ in BT.2020."""
+    codes = np.linspace(0, 40_000, 32 * 32 * 3).astype(np.uint16).tobytes()
+    described = {"color_primaries": 9, "transfer_characteristics": 16, "matrix_coefficients": 9}
+    options = {"save_nclx_profile": True, "quality": -1}
+    return written("h.heic", lambda path: pillow_heif.encode("RGB;16", (32, 32), codes, path, **described, **options))
+
+
+def masks() -> list[bytes]:
+    """A mask of an upright photograph, as stored, and one as it is shown."""
+    shown = np.zeros((2 * SIDE, SIDE), np.uint8)
+    shown[5:30] = 255
+    return [
+        written("m.png", lambda path, mask=mask: Image.fromarray(mask).save(path)) for mask in (shown, shown.T.copy())
+    ]
+
+
+def tags() -> list[bytes]:
+    """A printed tag from in front, and askew, as a picture whose bytes are its pixels."""
+    cells = np.pad(pattern(3), 3, constant_values=True)
+    straight = np.where(cells, 215, 35).astype(np.uint8).repeat(6, axis=0).repeat(6, axis=1)
+    askew = rotate(straight, 17.0, order=1, cval=215).astype(np.uint8)
+    return [
+        written("t.ppm", lambda path, grey=grey: Image.fromarray(grey).convert("RGB").save(path))
+        for grey in (straight, askew)
+    ]
+
+
+FRAMES = json.dumps(
+    {"frames": [{"name": f"{index:06d}.jpg", "time": 0.5 * index, "video": "walk.mp4"} for index in range(4)]}
+).encode()
 
 
 def photograph(suffix: str) -> bytes:

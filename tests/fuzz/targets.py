@@ -21,9 +21,12 @@ from cvdgs.core.batch.records import is_done, record_path
 from cvdgs.core.batch.task import read_plan
 from cvdgs.core.batch.toml_reader import UnusableFile
 from cvdgs.core.capture.colmap import find_colmap, read_colmap
-from cvdgs.core.capture.images import MAX_SIDE, read_header, read_pixels
+from cvdgs.core.capture.images import MAX_SIDE, ImageHeader, read_header, read_pixels
+from cvdgs.core.capture.masks import read_mask, resized_mask
 from cvdgs.core.capture.points import read_point_cloud
+from cvdgs.core.capture.sfm_verdict import read_frames
 from cvdgs.core.capture.source import SourceModel
+from cvdgs.core.capture.tags import find_tags
 from cvdgs.core.capture.transforms import read_transforms
 from cvdgs.core.color.profiles import DISPLAY_P3, can_convert, convert_to_srgb
 from cvdgs.core.errors import MOST_CHARACTERS, InputError
@@ -44,6 +47,7 @@ from . import examples
 
 SECONDS = 5.0
 """Of processor time that reading one file of a fuzzer's size may take; more is a hang."""
+_MOST_TAG_SIDE = 1600  # pixels
 _ESCAPED_LENGTH = 10  # of a character's longest escape sequence: a backslash, U and eight digits
 
 
@@ -168,7 +172,30 @@ def _picture(suffix: str) -> Target:
 
 
 def _photograph(suffix: str) -> Target:
-    return Target(f"image{suffix}", _picture(suffix).read, lambda: [examples.photograph(suffix)])
+    return Target(f"image{suffix}", _picture(suffix).read, lambda: examples.photographs(suffix))
+
+
+def _read_mask(data: bytes) -> None:
+    header = ImageHeader(examples.SIDE, 2 * examples.SIDE, orientation=6)
+    for upright in (False, True):
+        mask = read_mask(_file("mask.png", data), header, upright=upright)
+        assert set(np.unique(mask)) <= {0, 255}
+        assert (mask.shape[0] > mask.shape[1]) != upright
+        assert resized_mask(mask, 8, 8).shape == (8, 8)
+
+
+def _read_tags(data: bytes) -> None:
+    path = _file("tags.ppm", data)
+    header = read_header(path)
+    if max(header.upright_size) > _MOST_TAG_SIDE:  # photographs are made smaller than that before
+        return
+    for tag in find_tags(read_pixels(path)[0]):
+        assert np.isfinite(tag.corners).all()
+
+
+def _read_frames(data: bytes) -> None:
+    folder = _file("frames/frames.json", data).parent
+    assert all(np.isfinite(frame.time) for frame in read_frames(folder).values())
 
 
 def _read_video(data: bytes) -> None:
@@ -306,6 +333,9 @@ TARGETS: tuple[Target, ...] = (
     _gaussians(".glb", examples.glbs),
     *(_picture(suffix) for suffix in (".png", ".jpg", ".tif", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm")),
     *(_photograph(suffix) for suffix in (".heic", ".avif", ".dng")),
+    Target("mask.png", _read_mask, examples.masks),
+    Target("tags.ppm", _read_tags, examples.tags),
+    Target("frames.json", _read_frames, lambda: [examples.FRAMES]),
     Target("video.mp4", _read_video, examples.videos),
     Target("capture.zip", _read_zip, examples.archives),
     Target("profile.icc", _read_profile, lambda: [DISPLAY_P3]),
