@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..files.untrusted import is_file
 from ..intake.archive import unpack
 from ..intake.heif import HeifHeader, read_heif_header
-from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file
+from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file, video_with_wrong_name
 from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 from ..intake.raw import Development
@@ -130,12 +130,17 @@ def find_material(path: Path) -> Material:
             remedy = "give the photographs or the video that they were made from"
         if unreadable:
             what = f"no photographs that can be read, only {quote_first(unreadable)}"
-            remedy = _REMEDIES.get(Path(unreadable[0]).suffix.lower(), "export them as JPEG, PNG or TIFF")
+            remedy = way_round(Path(unreadable[0])) or "export them as JPEG, PNG or TIFF"
     if what:
         raise InputError(what, where=path, remedy=remedy)
     for name in (*names, *videos):
         resolve_inside(path, name, where=path, root=path)
     return Material(path, tuple(names), tuple(videos), depths)
+
+
+def way_round(path: Path) -> str:
+    """What to do with a file of a scanner or a 360° camera, by its name; empty for others."""
+    return _REMEDIES.get(path.suffix.lower(), "")
 
 
 def make_photographs(material: Material, workspace: Path, reporter: Reporter) -> Photographs:
@@ -146,7 +151,8 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter) ->
         OSError: the disk is full.
     """
     kinds = {name: kind_of_file(material.folder / name) for name in material.photographs}
-    _refuse_videos(material, kinds)
+    if videos := [name for name, kind in kinds.items() if kind == "video"]:
+        raise video_with_wrong_name(material.folder / videos[0])
     if not material.videos and not any(kind in _CONVERTED for kind in kinds.values()):
         folder, names = _common_folder(material)
         originals = dict(zip(names, material.photographs, strict=True))
@@ -178,14 +184,6 @@ def describe(material: Material) -> str:
     parts = [f"{photographs:,} photographs"] if photographs else []
     parts += [f"{videos} video{'s' if videos > 1 else ''}"] if videos else []
     return " and ".join(parts)
-
-
-def _refuse_videos(material: Material, kinds: dict[str, str]) -> None:
-    for name, kind in kinds.items():
-        if kind == "video":
-            raise InputError(
-                "is a video with a photograph's name", where=material.folder / name, remedy="name it .mp4, or remove it"
-            )
 
 
 def _common_folder(material: Material) -> tuple[Path, list[str]]:

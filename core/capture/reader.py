@@ -25,7 +25,7 @@ from .colmap import find_colmap, read_colmap
 from .foreign import find_foreign_cameras
 from .images import MIN_SIDE, read_header, read_pixels
 from .masks import find_masks, usable_views, warn_about_unused
-from .material import Material, describe, find_material, make_photographs, masks_of, named_after, unpacked
+from .material import Material, describe, find_material, make_photographs, masks_of, named_after, unpacked, way_round
 from .model import MIN_VIEWS, Capture, CaptureSummary, CaptureWarning, View
 from .scaling import downscale_with_alpha, fit_size
 from .sfm import estimate_cameras
@@ -245,7 +245,8 @@ def read_cameras(
     if not is_folder(path):
         if is_file(path) and kind_of_file(path) == "video":
             return None
-        raise InputError("not a capture", where=path, remedy="give a video, a zip or the folder with the photographs")
+        remedy = way_round(path) or "give a video, a zip or the folder with the photographs"
+        raise InputError("not a capture", where=path, remedy=remedy)
     transforms_file = find_transforms(path)
     colmap_folder = find_colmap(path, search=transforms_file is None)
     colmap = read_colmap(colmap_folder, reporter, adjusted=adjusted) if colmap_folder else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..errors import InputError
 from ..files.untrusted import opened
 
 HEIF_EXTENSIONS = (".heic", ".heif", ".hif", ".avif")
@@ -49,6 +50,11 @@ def kind_of_file(path: Path) -> str:
     """
     with opened(path, most_bytes=MAX_VIDEO_BYTES) as file:
         return kind_of(file.read(_START_BYTES), path.name)
+
+
+def video_with_wrong_name(path: Path) -> InputError:
+    """The refusal of a video that is called like a photograph."""
+    return InputError("is a video with a photograph's name", where=path, remedy="name it .mp4, or remove it")
 
 
 def is_plain_image(start: bytes) -> bool:

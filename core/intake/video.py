@@ -240,12 +240,13 @@ def _stream(container: Any, path: Path) -> Any:
     streams = [stream for stream in container.streams.video if not stream.disposition & _ATTACHED_PICTURE]
     if not streams:
         raise InputError("the file has no pictures, only sound or data", where=path, remedy="give a video")
-    stream = max(streams, key=lambda candidate: (candidate.width or 0) * (candidate.height or 0))
-    context = stream.codec_context
-    if context is None:
-        raise InputError("the video's codec is not known", where=path, remedy=_REMEDY)
-    if _is_encrypted(path, context):
+    known = [stream.codec_context for stream in streams if stream.codec_context is not None]
+    if _is_encrypted(path, known):
         raise InputError("the video is encrypted", where=path, remedy="export it without copy protection")
+    if not known:
+        raise InputError("the video's codec is not known", where=path, remedy=_REMEDY)
+    context = max(known, key=lambda candidate: (candidate.width or 0) * (candidate.height or 0))
+    stream = next(stream for stream in streams if stream.codec_context is context)
     width, height = context.width, context.height
     size = f"the video is {width} x {height} pixels"
     if width * height > MAX_PIXELS:
@@ -263,9 +264,9 @@ _ENCRYPTED_TAG = b"encv"
 _MOVIE_BYTES = 8 << 20
 
 
-def _is_encrypted(path: Path, context: Any) -> bool:
+def _is_encrypted(path: Path, contexts: Sequence[Any]) -> bool:
     """Whether the samples of an MP4 are (ISO/IEC 23001-7): decoders take them for noise."""
-    if str(context.codec_tag).lower() == _ENCRYPTED_TAG.decode():
+    if any(str(context.codec_tag).lower() == _ENCRYPTED_TAG.decode() for context in contexts):
         return True
     size = path.stat().st_size
     with open(path, "rb") as file:

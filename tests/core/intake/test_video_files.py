@@ -175,9 +175,35 @@ def encrypted(path: Path) -> Path:
     return write_video(path, WALK, container_options=options)
 
 
+def encrypted_by_another(path: Path) -> Path:
+    """Of a codec that decoders then do not know."""
+    data = bytearray(write_video(path, WALK).read_bytes())
+    place = data.index(b"avc1", data.index(b"stsd"))
+    data[place : place + 4] = b"encv"
+    path.write_bytes(bytes(data) + b"\0\0\0\x10schmcenc\0\0\0\0")
+    return path
+
+
+def of_no_known_codec(path: Path) -> Path:
+    data = bytearray(write_video(path, WALK).read_bytes())
+    place = data.index(b"avc1", data.index(b"stsd"))
+    data[place : place + 4] = b"zzzz"
+    path.write_bytes(data)
+    return path
+
+
+def all_around(path: Path) -> Path:
+    data = write_video(path, WALK).read_bytes()
+    path.write_bytes(data + b"\0\0\0\x31uuid<rdf><GSpherical:Spherical>true</GSpherical:Spherical>")
+    return path
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
+        (encrypted_by_another, "encrypted"),
+        (of_no_known_codec, "codec is not known"),
+        (all_around, "360° video, which is not supported - export a flat video"),
         (still_as_video, "is a photograph, not a video"),
         (one_frame, "no frames"),
         (empty, "empty"),
@@ -194,7 +220,7 @@ def test_what_is_no_usable_video_is_refused_in_one_line(
 def test_a_video_with_a_photographs_name_is_refused(tmp_path: Path) -> None:
     for name in ("1.jpg", "2.jpg"):
         write_video(tmp_path / "x.mp4", WALK).rename(tmp_path / name)
-    assert "cannot be opened" in refused(tmp_path)
+    assert "1.jpg: is a video with a photograph's name - name it .mp4" in refused(tmp_path)
 
 
 def test_a_video_a_folder_of_them_and_a_zip_are_captures(tmp_path: Path) -> None:
