@@ -90,7 +90,7 @@ class Estimate:
         placed: number of those that have a camera now.
         pieces: number of photographs in each piece that hangs together, largest first; the first one is used.
         focal_ratios: of each camera, its focal length as a multiple of the photographs' longer side.
-        method: "global" or "incremental".
+        method: "global", "incremental" or "pieces" (of either, joined).
         sheet: (H, W, 3) uint8 small pictures of all photographs, where some have no place.
     """
 

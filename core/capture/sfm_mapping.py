@@ -14,6 +14,7 @@ import pycolmap
 from .bundle import THREADS, adjust, extended_params
 from .sfm_images import PLAIN
 from .sfm_job import DATABASE, SfmSettings
+from .sfm_pieces import join_pieces
 from .sfm_support import Matches, Support, read_matches, support_of
 
 LENSES = (0.3, 5.0)
@@ -42,7 +43,7 @@ class Mapped:
     Attributes:
         model: of the largest piece.
         pieces: number of photographs in each piece, largest first.
-        method: "global" or "incremental".
+        method: "global", "incremental", or "pieces" (of either, joined).
         support: what the matches say of it.
     """
 
@@ -75,9 +76,9 @@ def map_photographs(database: Path, count: int, settings: SfmSettings, told: Cal
     """Place as many of the photographs as can be.
 
     Global mapping comes first: it sees all pairs at once, so that it neither depends on a first pair nor breaks where a
-    walk is held together by few matches. Where it leaves photographs out, incremental mapping is asked, too. What has
-    no place then, or a doubtful one, is placed anew by its matches with the rest. Of several reconstructions that one
-    is taken which explains the matches best that none was made from.
+    walk is held together by few matches. Where it leaves photographs out, incremental mapping is asked, too, and pieces
+    that hang together are joined. What has no place then, or a doubtful one, is placed anew by its matches with the
+    rest. Of several reconstructions that one is taken which explains the matches best that none was made from.
 
     Args:
         database: of matched features; not changed.
@@ -95,7 +96,9 @@ def map_photographs(database: Path, count: int, settings: SfmSettings, told: Cal
     shutil.copy(database, calibrated)
     usable = _calibrate(calibrated, settings)
     matches = read_matches(calibrated)
-    found = _checked(_map_globally(calibrated, images, count, settings, told), "global", matches, settings)
+    models = _map_globally(calibrated, images, count, settings, told)
+    in_pieces = [_copied(models)]
+    found = _checked(models, "global", matches, settings)
     if found:
         told(found.placed)
     for attempt in range(_ATTEMPTS):
@@ -107,11 +110,34 @@ def map_photographs(database: Path, count: int, settings: SfmSettings, told: Cal
         options.ba_refine_extra_params = attempt == 0
         source = calibrated if usable and attempt != 1 else database
         models = _map_one_by_one(source, images, workspace / f"incremental-{attempt}", options, told)
+        in_pieces.append(_copied(models))
         found = _better(found, _checked(models, "incremental", matches, settings), settings.enough * count)
+    for number, pieces in enumerate(in_pieces):
+        if found and found.placed < settings.enough * count and len(pieces) > 1:
+            joined = _joined(pieces, calibrated, images, workspace / f"joined-{number}", matches, settings)
+            found = _better(found, joined, settings.enough * count)
     if found and (found.is_bent or found.placed < count):
         again = _placed_anew(found, calibrated, images, workspace / "again", matches, settings)
         found = _better(found, again, settings.enough * count)
     return found
+
+
+def _copied(models: list[pycolmap.Reconstruction]) -> list[pycolmap.Reconstruction]:
+    """Models as they are before they are checked, where there are several."""
+    return [pycolmap.Reconstruction(model) for model in models] if len(models) > 1 else []
+
+
+def _joined(
+    pieces: list[pycolmap.Reconstruction],
+    database: Path,
+    images: Path,
+    workspace: Path,
+    matches: Matches,
+    settings: SfmSettings,
+) -> Mapped | None:
+    """What pieces become together; None where they have too little in common."""
+    whole = join_pieces(pieces, database, images, workspace, settings.seed)
+    return _checked([whole], "pieces", matches, settings) if whole else None
 
 
 def _better(first: Mapped | None, second: Mapped | None, enough: float) -> Mapped | None:
