@@ -1,6 +1,6 @@
 """Gaussians from file to file: 3DGS .ply, .spz (Niantic), .splat (web viewers), .glb (glTF), .usd, and a web page.
 
-    python scripts/convert.py IN OUT [--drop-damaged] [--clean 0..1]
+    python scripts/convert.py IN OUT [--drop-damaged] [--clean 0..1] [--crop "x,y,z radius"]
     python scripts/convert.py IN... OUT.glb|OUT.usd|OUT.html [--up AXIS]
 
 For example: python scripts/convert.py out/demo/splats.ply out/demo/splats.deutan-1.0.ply showroom.glb
@@ -33,6 +33,7 @@ from cvdgs.core.splats.io.files import (
     write_layers,
 )
 from cvdgs.core.splats.io.layers import TO_Y_UP, world_of_run
+from cvdgs.core.splats.subject import Subject
 from cvdgs.core.splats.web.finished_run import is_finished_run, surroundings_of
 from cvdgs.core.splats.web.page import SUFFIX as WEB_PAGE_SUFFIX
 from cvdgs.core.splats.web.page import write_web_page
@@ -78,6 +79,12 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="0..1",
         help="leave out Gaussians that look like floaters: 0 none, 0.5 the clear cases, 1 every suspicion",
     )
+    parser.add_argument(
+        "--crop",
+        default="",
+        metavar="SPHERE",
+        help='keep what is inside "x,y,z radius" alone; a run\'s report.json proposes one around what was photographed',
+    )
     return parser
 
 
@@ -89,6 +96,7 @@ def convert(options: argparse.Namespace) -> str:
         raise InputError("that leaves nothing to write", where="--gaussians", remedy="give a number from 1 on")
     if not 0.0 <= options.clean <= 1.0:  # also refuses NaN
         raise InputError(f"{options.clean:g} is out of range", where="--clean", remedy="give a number from 0 to 1")
+    subject = Subject.parse(options.crop) if options.crop else None
     for source in options.sources:
         if target.exists() and source.exists() and target.samefile(source):
             raise InputError("is also the input", where=target, remedy="name another file to write")
@@ -103,6 +111,10 @@ def convert(options: argparse.Namespace) -> str:
     if options.clean:
         layers = without_floaters(layers, options.sources, options.clean)
     cleaned = before - len(next(iter(layers.values())))
+    if subject is not None:
+        layers = {name: layer.take(subject.holds(layer)) for name, layer in layers.items()}
+        if not all(map(len, layers.values())):
+            raise InputError("nothing lies inside", where="--crop", remedy="give another centre or a larger radius")
     if options.gaussians:
         layers = most_important(layers, options.gaussians)
     folders = {source.resolve().parent for source in options.sources}

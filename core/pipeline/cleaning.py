@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.model import View
+from ..runs.layout import GAUSSIANS_FILE
 from ..splats.floaters import Sightings, floater_scores, kept_after
 from ..splats.gaussians import Gaussians
 from ..splats.raster import ParameterSet, Rasterizer
 from ..splats.renderer import SceneRenderer
 from ..splats.scene_frame import SceneFrame
+from ..splats.subject import find_subject
 from ..splats.targets import Background, prepare_targets
 from ..splats.training.evidence import gather_view_evidence
 
@@ -46,6 +48,26 @@ class Cleaned:
             before, after = self.figures["psnr_before"], self.figures["psnr_after"]
             words += f"; held-out views had {before:.2f} dB before and have {after:.2f} dB after"
         return {"clean": words}
+
+
+def propose_crop(views: Sequence[View], gaussians: Gaussians, figures: Mapping[str, Any]) -> dict[str, Any]:
+    """What a crop to the subject would keep, for the report, if there is one; also told in the ``notes`` of `figures`.
+
+    Args:
+        views: the training views.
+        gaussians: in world units.
+    """
+    subject = find_subject(views, gaussians)
+    if subject is None:
+        return {}
+    kept = int(subject.holds(gaussians).sum())
+    share = kept / len(gaussians)
+    figures["notes"]["subject"] = (
+        f"the photographs go around one thing; cropped to it, {kept:,} of {len(gaussians):,} Gaussians ({share:.0%}) "
+        f'would stay: convert.py {GAUSSIANS_FILE} subject.ply --crop "{subject}"'
+    )
+    center, radius = [round(value, 6) for value in subject.center.tolist()], round(subject.radius, 6)
+    return {"center": center, "radius": radius, "gaussians": kept, "share": round(share, 6)}
 
 
 def look(rasterizer: Rasterizer, gaussians: Gaussians, views: Sequence[View], background: Background) -> Sightings:

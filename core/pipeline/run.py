@@ -23,7 +23,7 @@ from ..splats import raster
 from ..splats.training.checkpoints import Checkpoints
 from ..splats.training.lens import FOCAL_LENGTH, FocalLength
 from ..splats.training.trainer import TrainingResult
-from .cleaning import Cleaned
+from .cleaning import Cleaned, propose_crop
 from .continuation import CheckpointRequest, describe_run
 from .device import choose_warp_device, describe_device, versions
 from .kept_capture import digest_of, from_state, to_state
@@ -110,6 +110,7 @@ def run(
     stages.end_previews()
     for layer in figures["layers"].values():
         layer.update(enhancer=settings.enhancer, strength=settings.strength)
+    subject = {} if earlier else propose_crop([stages.capture.views[i] for i in split.train], made.original, figures)
     report = {
         "schema": SCHEMA,
         "versions": versions(),
@@ -122,6 +123,7 @@ def run(
         **(_describe_training(lens, trained, made) if trained else {}),
         **({"clean": cleaned.figures} if cleaned and cleaned.figures else {}),
         **({"moving": moving} if moving else {}),
+        **({"subject": subject} if subject else {}),
         **figures,
     }
     report = without_non_finite(report)
