@@ -59,7 +59,7 @@ def _usable(opened: zipfile.ZipFile, archive: Path) -> list[zipfile.ZipInfo]:
     for info in infos:
         name = info.filename.replace("\\", "/")
         path = PurePosixPath(name)
-        if path.is_absolute() or ".." in path.parts or ":" in name or not name.isprintable():
+        if not name or path.is_absolute() or ".." in path.parts or ":" in name or not name.isprintable():
             raise _refusal(archive, f"the zip has a file with the path {name[:80]!r}")
         mode = info.external_attr >> 16
         if stat.S_IFMT(mode) not in (0, stat.S_IFREG, stat.S_IFDIR):

@@ -72,9 +72,14 @@ def read_heif(path: Path, kind: str) -> tuple[NDArray[np.uint8], NDArray[np.uint
     Raises:
         InputError: as for `read_heif_header`.
     """
-    transfer = read_heif_header(path, kind).transfer
-    if transfer:
-        return _read_hdr(path, transfer)
+    header = read_heif_header(path, kind)
+    color, coverage = _read_hdr(path, header.transfer) if header.transfer else _read_plain(path, kind)
+    if color.shape[:2] != (header.height, header.width):
+        raise _damaged(path, ValueError())
+    return color, coverage
+
+
+def _read_plain(path: Path, kind: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     try:
         opened = _open(path, kind)
         picture = opened.to_pillow() if kind == "heif" else ImageOps.exif_transpose(opened)

@@ -56,7 +56,8 @@ class Subject:
         return cls(center, radius)
 
     def __str__(self) -> str:
-        return f"{','.join(f'{value:.4g}' for value in self.center.tolist())} {self.radius:.4g}"
+        step = self.radius / 1000.0
+        return f"{','.join(f'{round(value / step) * step:.6g}' for value in self.center.tolist())} {self.radius:.4g}"
 
     def holds(self, gaussians: Gaussians) -> NDArray[np.bool_]:
         """(N,) whose middles lie inside."""
