@@ -94,6 +94,7 @@ def _put_right(*_: object) -> None:
         for window in bpy.context.window_manager.windows:
             leave_slow_views(window.scene)
             catch_up(window.scene)
+        WATCHER.look_again()
 
 
 @bpy.app.handlers.persistent

@@ -53,6 +53,10 @@ class ViewWatcher:
         wants = closer and scene.cvdgs.display.automatic and not has_graphics_card()
         self._awaited = (scene.session_uid, time.monotonic(), ()) if wants else None
 
+    def look_again(self) -> None:
+        """Follow the views anew at the next look: undo brings forms back, but not what views show."""
+        self._seen = ()
+
     def look(self) -> float:
         """One look at the views; for the timer."""
         views = tuple(_views())

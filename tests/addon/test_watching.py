@@ -47,3 +47,16 @@ def test_who_chose_another_form_is_left_alone(addon, shown):
     splats.add_gaussians(cloud(5), {}, scene.collection)
     watcher.look()
     assert shown == []
+
+
+def test_views_are_followed_anew_after_an_undo(addon, monkeypatch):
+    followed: list[str] = []
+    monkeypatch.setattr(watching, "follow_shading", lambda scene, _views: followed.append(scene.name))
+    splats.add_gaussians(cloud(5), {}, bpy.context.scene.collection)
+    watcher = watching.ViewWatcher()
+    watcher.look()
+    watcher.look()
+    assert len(followed) == 1, "nothing has changed"
+    watcher.look_again()
+    watcher.look()
+    assert len(followed) == 2
