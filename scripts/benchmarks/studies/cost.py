@@ -28,6 +28,7 @@ from .jobs import Job, run_jobs
 from .recipe import Recipe, Trial, failures, with_derived
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 NAME = "cost"
@@ -39,7 +40,9 @@ CONFIDENCE = 0.95
 OVER = {"views": "photographs", "pixels": "pixels of a photograph"}
 """What grows, with its name in tables and charts."""
 
-_PANEL, _HEIGHT = 4.2, 9.0  # inches
+_PANEL, _HEIGHT = 4.2, 7.5  # inches
+_LEAST_RATIO = 1.2  # of two numbers below a chart
+_LEAST_RANGE = 10.0  # of a y axis, its top by its bottom
 _FIGURES: tuple[Column, ...] = (
     ("geometry_seconds", "geometry, s", ".1f"),
     ("enhance_seconds", "enhancement, s", ".1f"),
@@ -200,14 +203,39 @@ def _draw(figure: Figure, theme: Theme, trials: pd.DataFrame) -> None:
             panel = axes[row, column]
             panel.set_title(what)
             logarithmic(panel)
-            panel.set_yscale("log")
             for capture, style in zip(captures, theme.series, strict=False):
                 mine = trials[(trials.capture == capture) & (trials.over == over)]
                 means = mine.groupby("amount")[name].mean()
                 plot_series(panel, means.index, means, style, capture)
+        shown = _apart(trials.amount[trials.over == over])
+        axes[-1, column].set_xticks(shown, [f"{amount / 1000:.0f}k" if amount > 9999 else amount for amount in shown])
         axes[-1, column].set_xlabel(title)
+    for panel in axes[:, 0]:
+        _plain_and_wide(panel)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+
+
+def _apart(amounts: Sequence[float]) -> list[float]:
+    """The amounts from the smallest on, without those that are too close to another to be written beside it."""
+    shown: list[float] = []
+    for amount in sorted(set(amounts)):
+        if not shown or amount >= _LEAST_RATIO * shown[-1]:
+            shown.append(amount)
+    return shown
+
+
+def _plain_and_wide(panel: Axes) -> None:
+    """A logarithmic y axis with plain numbers, wide enough that what hardly grows looks like that."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    panel.set_yscale("log")
+    low, high = panel.get_ylim()
+    wider = max((_LEAST_RANGE / (high / low)) ** 0.5, 1.0)
+    panel.set_ylim(low / wider, high * wider)
+    panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    panel.yaxis.set_minor_locator(NullLocator())
+    panel.yaxis.set_major_formatter("{x:,g}")
 
 
 def _whole(text: str) -> tuple[int, ...]:
