@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -9,6 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from ...files.images import to_bytes
+from ...runtime.threads import one_thread
 from .network import (
     REFERENCE_SIDE,
     SceneNetwork,
@@ -21,6 +24,8 @@ from .network import (
 
 TILE_SIDE = 256
 """Pixels; 30 MB of intermediate results, of which each fits into a processor's cache."""
+
+_MOST_THREADS = 4  # each with a tile's intermediate results
 
 
 def recolour(
@@ -41,13 +46,22 @@ def recolour(
     """
     with torch.inference_mode():
         tiles = _Tiles(network, image_surroundings(network, image, alpha), image.shape[:2])
-        for top in range(0, image.shape[0], tile_side):
-            for left in range(0, image.shape[1], tile_side):
-                place = np.s_[top : top + tile_side, left : left + tile_side]
-                colors = _as_tensor(image[place])
-                shown = tiles.shown(colors, top, left).clamp_(0.0, 1.0)
-                tile = torch.lerp(colors, shown, strength).permute(1, 2, 0).numpy()
-                result[place] = to_bytes(tile) if result.dtype == np.uint8 else tile
+    corners = [
+        (top, left) for top in range(0, image.shape[0], tile_side) for left in range(0, image.shape[1], tile_side)
+    ]
+
+    def recolour_tile(corner: tuple[int, int]) -> None:
+        place = tuple(slice(first, first + tile_side) for first in corner)
+        with torch.inference_mode():  # which is a thread's own
+            colors = _as_tensor(image[place])
+            shown = tiles.shown(colors, *corner).clamp_(0.0, 1.0)
+            tile = torch.lerp(colors, shown, strength).permute(1, 2, 0).numpy()
+        result[place] = to_bytes(tile) if result.dtype == np.uint8 else tile
+
+    # A tile a thread instead of all threads on each tile, which would wait for each other after every operation.
+    threads = min(torch.get_num_threads(), _MOST_THREADS, len(corners))
+    with one_thread(), ThreadPoolExecutor(max(threads, 1), "recolour") as pool:
+        list(pool.map(recolour_tile, corners))
 
 
 def image_surroundings(network: SceneNetwork, image: NDArray, alpha: NDArray[np.uint8] | None) -> Surroundings:
