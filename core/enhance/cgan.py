@@ -8,11 +8,14 @@ from pathlib import Path
 from ..errors import InputError
 from ..runtime.protocol import Reporter
 from ..settings import Settings
-from .gan.prediction import predict_network
+from .gan.prediction import predict_networks
 from .gan.weights import load_generator, load_shipped
 from .pairs import Alphas, Images
 from .scene.enhancer import SceneNetworkEnhancer
 from .scene.fit import FitSettings, default_budget, fit_network
+
+_SHORT_FIT = FitSettings(ramp=3)
+_LONG_STEPS, _MOST_FACTOR = 100, 2.0  # a fit of fewer steps takes longer ones, by this factor at most
 
 
 class CganEnhancer(SceneNetworkEnhancer):
@@ -40,10 +43,11 @@ class CganEnhancer(SceneNetworkEnhancer):
         weights: Path | None = None,
         fit_steps: int = Settings.fit,
     ) -> None:
-        usual = FitSettings()
         if fit_steps < 0:
             raise InputError(f"{fit_steps} steps are out of range", where="--fit", remedy="give 0 or more")
-        settings = replace(usual, steps=fit_steps, table_steps=min(fit_steps, usual.table_steps))
+        rate = _SHORT_FIT.rate * min(max(_LONG_STEPS / max(fit_steps, 1), 1.0), _MOST_FACTOR)
+        table_steps = min(fit_steps, _SHORT_FIT.table_steps)
+        settings = replace(_SHORT_FIT, steps=fit_steps, table_steps=table_steps, rate=rate)
         super().__init__(cvd, severity, simulation, strength, seed, budget, settings)
         self._generator = load_generator(weights) if weights else load_shipped()
 
@@ -57,7 +61,7 @@ class CganEnhancer(SceneNetworkEnhancer):
                 self._observer,
                 alphas=alphas,
                 budget=budget,
-                start=predict_network(self._generator, images, self._observer, budget, alphas),
+                starts=predict_networks(self._generator, images, self._observer, budget, alphas),
                 settings=self._settings,
                 seed=self._seed,
                 reporter=reporter,

@@ -5,10 +5,17 @@ observer, the scene's palette and the budget (feature-wise modulation, Perez et 
 of attention and some features; each attention takes the mean of features and colours over what it points at. What the
 views have in common by that, their mean, becomes one code of the scene, and the code the network's parameters:
 
-    parameters = base + basis · code          table = share · (what the observer loses, made visible) + basis · code
+    parameters = base + direction · base' + basis · code
+    table += direction · share · (what the observer loses, made visible)
+    table += Σ shift · exp(-|color - attended color|² / 2 width²)
 
-One prediction holds for the whole scene, so that all views agree as they do after a fit. Its change is to be scaled to
-the budget, so the generator decides about directions and places only.
+The last sum, over the attentions, moves just those colours that an attention has found: cloth has few colours, and
+those that look alike have to be moved apart.
+
+One prediction holds for the whole scene, so that all views agree as they do after a fit. There are two of them: colours
+that look alike can be moved apart in either direction, as a fit tries both, and which is better the objective tells
+better than a generator could guess. Their change is to be scaled to the budget, so the generator decides about colours
+and places only.
 """
 
 from __future__ import annotations
@@ -26,6 +33,9 @@ from ...color.simulation import Observer
 from ..scene.network import SceneNetwork
 from .conditioning import CONDITION_FEATURES
 
+DIRECTIONS = (1.0, -1.0)
+"""Of the two predictions: along the start that makes visible what an observer loses, and against it."""
+
 STRIDE = 16
 """Sides of the generator's views are multiples of this, in pixels."""
 
@@ -34,6 +44,8 @@ _SLOPE = 0.2  # of leaky ReLUs, as in pix2pix
 _HIDDEN = 128  # between the summary of the views and the code
 _TABLE_SCALE, _PERCEPTRON_SCALE = 0.05, 0.3  # bring both parts of the parameters to the order of 1
 _LAST_SCALE = 0.01  # of the perceptron's last layer at first: next to nothing
+_SHIFT_SCALE, _SLOT_SCALE = 0.05, 0.3  # of the shifts of attended colours; of the layer that gives them, at first
+_WIDTHS = (0.1, 0.5)  # around an attended colour, the least and the most, in units of sRGB: no less than a table's cell
 _TABLE = "table"
 
 
@@ -49,7 +61,7 @@ class GeneratorConfig:
     """
 
     widths: tuple[int, ...] = (16, 24, 32, 48)
-    attentions: int = 8
+    attentions: int = 12
     embedding: int = 48
     code: int = 48
 
@@ -91,12 +103,12 @@ class Generator(nn.Module):
         self.up = nn.ModuleList(_Steered(below + beside, beside, embedding) for below, beside in rising)
         self.attention = nn.Conv2d(widths[0], config.attentions, 1)
         summary = config.attentions * (widths[0] + _SEEN)
-        self.code = nn.Sequential(
-            nn.Linear(summary + embedding, _HIDDEN), nn.SiLU(), nn.Linear(_HIDDEN, config.code), nn.SiLU()
-        )
+        self.hidden = nn.Sequential(nn.Linear(summary + embedding + 1, _HIDDEN), nn.SiLU())
+        self.code = nn.Sequential(nn.Linear(_HIDDEN, config.code), nn.SiLU())
         self.share = nn.Linear(config.code, 1)
+        self.slots = nn.Linear(_HIDDEN, 4 * config.attentions)
         self._shapes = {name: value.shape for name, value in SceneNetwork(Observer("deutan", 1.0)).state_dict().items()}
-        self.parameters_of = nn.Linear(config.code, sum(math.prod(shape) for shape in self._shapes.values()))
+        self.parameters_of = nn.Linear(config.code + 1, sum(math.prod(shape) for shape in self._shapes.values()))
         self._initialise()
 
     def _initialise(self) -> None:
@@ -109,6 +121,8 @@ class Generator(nn.Module):
             self.parameters_of.weight[: math.prod(self._shapes[_TABLE])] = 0.0
             self.share.weight.mul_(0.1)
             self.share.bias.fill_(1.0)
+            self.slots.weight.mul_(_SLOT_SCALE)
+            self.slots.bias.zero_()
 
     def summary(self, views: Tensor, condition: Tensor, coverage: Tensor | None = None) -> Tensor:
         """(V, S) what the attentions find in each view.
@@ -134,20 +148,41 @@ class Generator(nn.Module):
         values = torch.cat([found, functional.avg_pool2d(views, 2)], 1).flatten(2)
         return torch.einsum("vap,vcp->vac", weight, values).flatten(1)
 
-    def forward(self, summary: Tensor, condition: Tensor, start: Tensor) -> dict[str, Tensor]:
+    def forward(self, summary: Tensor, condition: Tensor, start: Tensor, direction: float) -> dict[str, Tensor]:
         """The state of a `SceneNetwork` for each scene, by name, with a first axis for the scenes.
 
         Args:
             summary: (B, S) mean `summary` of each scene's views.
             condition: (B, CONDITION_FEATURES).
             start: (B, N, N, N, 3) tables that make visible what each observer loses.
+            direction: one of `DIRECTIONS`.
         """
-        code = self.code(torch.cat([summary, self.steer(condition)], 1))
+        towards = torch.full_like(summary[:, :1], direction)
+        hidden = self.hidden(torch.cat([summary, self.steer(condition), towards], 1))
+        code = self.code(hidden)
         sizes = [math.prod(shape) for shape in self._shapes.values()]
-        parts = zip(self._shapes.items(), self.parameters_of(code).split(sizes, 1), strict=True)
+        parts = zip(
+            self._shapes.items(), self.parameters_of(torch.cat([code, towards], 1)).split(sizes, 1), strict=True
+        )
         state = {name: _scale(name) * values.reshape(-1, *shape) for (name, shape), values in parts}
-        state[_TABLE] = state[_TABLE] + self.share(code)[:, :, None, None, None] * start
+        state[_TABLE] = state[_TABLE] + direction * self.share(code)[:, :, None, None, None] * start
+        state[_TABLE] = state[_TABLE] + self._shifts(hidden, self._attended(summary))
         return state
+
+    def _attended(self, summary: Tensor) -> Tensor:
+        """(B, A, 3) mean colour, in sRGB, of what each attention points at."""
+        return summary.reshape(len(summary), self.config.attentions, -1)[..., -_SEEN:][..., :3] + 0.5
+
+    def _shifts(self, hidden: Tensor, colors: Tensor) -> Tensor:
+        """(B, N, N, N, 3) table that shifts what lies around each of the (B, A, 3) colours."""
+        slots = self.slots(hidden).unflatten(1, (self.config.attentions, 4))
+        least, most = _WIDTHS
+        width = least + (most - least) * torch.sigmoid(slots[..., 3] - 1.0)
+        nodes = torch.linspace(0.0, 1.0, self._shapes[_TABLE][0])
+        # A Gaussian of three coordinates is the product of one of each.
+        along = torch.exp(-0.5 * ((nodes - colors[..., None]) / width[..., None, None]) ** 2)
+        red, green, blue = along.unbind(2)
+        return torch.einsum("bar,bag,bac,bav->brgcv", red, green, blue, _SHIFT_SCALE * slots[..., :3])
 
 
 class _Steered(nn.Module):

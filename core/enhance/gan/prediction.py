@@ -1,4 +1,4 @@
-"""Predicts a scene network: one for all views of a scene."""
+"""Predicts scene networks: one for all views of a scene, in each of two directions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..pairs import Alphas, Images
 from ..scene.network import NODES, SceneNetwork, seen_features
 from ..scene.views import chosen_views, reduced
 from .conditioning import condition, palette
-from .networks import STRIDE, Generator
+from .networks import DIRECTIONS, STRIDE, Generator
 
 SIDE = 112
 """Longer side, in pixels, of the views that the generator sees."""
@@ -26,10 +26,10 @@ _VIEWS = 6  # at most that it looks at
 _START = 0.3  # share of what is lost that the start makes visible, as the fit's first start
 
 
-def predict_network(
+def predict_networks(
     generator: Generator, images: Images, observer: Observer, budget: float, alphas: Alphas = None
-) -> SceneNetwork:
-    """The network for a scene, not yet scaled to the budget.
+) -> list[SceneNetwork]:
+    """The networks for a scene, one of each of `DIRECTIONS`, not yet scaled to the budget.
 
     Args:
         images: (H, W, 3) uint8 views; at most six are looked at, spread over the scene.
@@ -44,10 +44,14 @@ def predict_network(
         views = [reduced(image, alpha, SIDE) for image, alpha in chosen_views(images, alphas, _VIEWS)]
         told = scene_condition(views, observer, budget)[None]
         summaries = [generator.summary(*_resized(pixels, observer, told, coverage)) for pixels, coverage in views]
-        state = generator(torch.stack(summaries).mean(0), told, start_table(observer)[None])
-    network = SceneNetwork(observer)
-    network.load_state_dict({name: values[0].clone() for name, values in state.items()})
-    return network
+        summary, start = torch.stack(summaries).mean(0), start_table(observer)[None]
+        states = [generator(summary, told, start, direction) for direction in DIRECTIONS]
+    networks = []
+    for state in states:
+        network = SceneNetwork(observer)
+        network.load_state_dict({name: values[0].clone() for name, values in state.items()})
+        networks.append(network)
+    return networks
 
 
 def scene_condition(views: Sequence[tuple[Tensor, Tensor | None]], observer: Observer, budget: float) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ class SceneNetworkEnhancer(SceneEnhancer):
     Args:
         budget: mean ΔE00 by which colours may change; None to take it from the photographs.
         settings: constants of the fit; None for the defaults.
-        start: a network for this observer, such as a predicted one, from which the fit goes on.
+        starts: networks for this observer, such as predicted ones, from the best of which the fit goes on.
         fitted: a network that is fitted already: `fit` leaves it as it is.
 
     Raises:
@@ -43,13 +44,13 @@ class SceneNetworkEnhancer(SceneEnhancer):
         seed: int = 0,
         budget: float | None = None,
         settings: FitSettings | None = None,
-        start: SceneNetwork | None = None,
+        starts: Sequence[SceneNetwork] = (),
         fitted: FittedNetwork | None = None,
     ) -> None:
         super().__init__(cvd, severity, simulation, strength, seed)
         if budget is not None and not 0.0 < budget < np.inf:  # also refuses NaN
             raise InputError(f"a budget of {budget:g} is out of range", remedy="give a mean ΔE00 above 0, e.g. 2")
-        self._budget, self._settings, self._start = budget, settings or FitSettings(), start
+        self._budget, self._settings, self._starts = budget, settings or FitSettings(), starts
         self._is_given, self._fitted = fitted is not None, fitted
         if fitted is not None:
             self._take(fitted)
@@ -91,7 +92,7 @@ class SceneNetworkEnhancer(SceneEnhancer):
                 self._observer,
                 alphas=alphas,
                 budget=self._budget,
-                start=self._start,
+                starts=self._starts,
                 settings=self._settings,
                 seed=self._seed,
                 reporter=reporter,

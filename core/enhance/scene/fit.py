@@ -40,7 +40,7 @@ class FitSettings:
         start_steps, start_rate: Adam steps with the table alone from each start, and their rate.
         table_steps: with the table alone from the better one; what they give is the scene's LUT.
         steps: with the whole network.
-        rate: of Adam, at its highest.
+        rate, ramp: of Adam, at its highest; steps over which it rises to that.
         start_weight: of naturalness for the starts.
         weight: of naturalness at first.
         roughness: weight of the table's roughness.
@@ -60,6 +60,7 @@ class FitSettings:
     table_steps: int = 24
     steps: int = 120
     rate: float = 4e-3
+    ramp: int = 10
     start_weight: float = 0.05
     weight: float = 0.1
     roughness: float = 1000.0
@@ -69,7 +70,6 @@ class FitSettings:
     objective: ObjectiveWeights = field(default_factory=ObjectiveWeights)
 
 
-_RAMP = 10  # steps over which the rate rises
 _BETAS = (0.9, 0.99)  # of Adam; short, because a fit is
 _SLOWNESS = 0.8  # of the mean change that the weight of naturalness follows
 _GAIN, _MOST_EXCESS = 0.1, 0.5  # how fast that weight follows, and the relative excess beyond which no faster
@@ -79,7 +79,7 @@ _LEAST_EASE = 0.5
 _SCALINGS = 4  # at most, of a change to the budget; ΔE00 is not quite proportional to it
 _NEARLY = 0.98  # of the budget is near enough
 _LEAST_CHANGE = 1e-6  # mean ΔE00
-_LEAST_SCALE, _MOST_SCALE = 0.2, 3.0  # of a start's change
+_LEAST_SCALE, _MOST_SCALE = 0.01, 3.0  # of a start's change
 _BUDGET_PARTS = (1.0, 0.85, 0.7, 0.55, 0.4)  # of the budget that are tried for a start, the largest first
 
 
@@ -106,7 +106,7 @@ def fit_network(
     *,
     alphas: Alphas = None,
     budget: float | None = None,
-    start: SceneNetwork | None = None,
+    starts: Sequence[SceneNetwork] = (),
     settings: FitSettings = FitSettings(),
     seed: int = 0,
     reporter: Reporter | None = None,
@@ -117,14 +117,14 @@ def fit_network(
         images, alphas: the views; at most `settings.views` of them are looked at.
         observer: who is to tell things apart, of a severity above 0.
         budget: mean ΔE00 by which colours may change; None to take it from how much contrast the observer loses.
-        start: a network for the observer, such as a predicted one, to go on from once its change is scaled to the
-            budget or to what part of it is enough; it is left as it is.
+        starts: networks for the observer, such as predicted ones. The fit goes on from the best of them, once their
+            change is scaled to the budget or to what part of it is enough; they are left as they are.
 
     Raises:
         InputError: no view has a covered pixel.
     """
     with one_thread():
-        return _Fit(images, observer, alphas, budget, settings, seed, reporter or Reporter()).run(start)
+        return _Fit(images, observer, alphas, budget, settings, seed, reporter or Reporter()).run(starts)
 
 
 def default_budget(
@@ -184,23 +184,24 @@ class _Fit:
         self._total = len(settings.shifts) * settings.start_steps + settings.table_steps + settings.steps
         self._done = 0
 
-    def run(self, start: SceneNetwork | None) -> FittedNetwork:
-        """Fit, from a start or from the better of the settings' own."""
+    def run(self, starts: Sequence[SceneNetwork]) -> FittedNetwork:
+        """Fit, from the best of some starts or of the settings' own."""
         network, alone = SceneNetwork(self._observer), SceneNetwork(self._observer)
-        if start is None:
+        if not starts:
             self._initialise(network)
             alone.table.data.copy_(self._best_start())
         else:
-            network = self._best_scaled(start)
+            # From less than the budget where that serves: a short fit finds its way back from too much more slowly.
+            network = self._best_scaled(self._nearest(starts))
             alone.table.data.copy_(network.table.data)
         self._optimise(alone, [alone.table], self._settings.table_steps, whole=False)
-        if start is None:
+        if not starts:
             network.table.data.copy_(alone.table.data)
         table = self._at_budget(alone, whole=False).table.detach()
         self._weight, self._mean_change = self._settings.weight, None
         self._optimise(network, list(network.parameters()), self._settings.steps, whole=True)
         # A short fit ends before the weight of naturalness has found what the scene needs.
-        network = self._at_budget(network, whole=True) if start is None else self._best_scaled(network)
+        network = self._at_budget(network, whole=True) if not starts else self._best_scaled(network)
         self._reporter.progress(STAGE, 1.0)
         return FittedNetwork(network.requires_grad_(False), table, self._budget, self._change(network, whole=True))
 
@@ -242,7 +243,7 @@ class _Fit:
         """Adam on one view a step, while the weight of naturalness follows the budget."""
         optimiser = torch.optim.Adam(parameters, self._settings.rate, _BETAS)
         for step in range(steps):
-            rate = self._settings.rate * min(1.0, (step + 1) / _RAMP, 2.0 * (1.0 - step / steps) + 0.02)
+            rate = self._settings.rate * min(1.0, (step + 1) / self._settings.ramp, 2.0 * (1.0 - step / steps) + 0.02)
             for group in optimiser.param_groups:
                 group["lr"] = rate
             view = self._views[self._generator.integers(len(self._views))]
@@ -277,6 +278,11 @@ class _Fit:
             factor = wanted
         return copy
 
+    def _nearest(self, starts: Sequence[SceneNetwork]) -> SceneNetwork:
+        """A copy of the start that has the least objective once its change is scaled to the budget."""
+        scaled = [self._at_budget(start, whole=True, least=_LEAST_SCALE, most=_MOST_SCALE) for start in starts]
+        return min(scaled, key=self._score) if len(scaled) > 1 else scaled[0]
+
     def _best_scaled(self, network: SceneNetwork) -> SceneNetwork:
         """A copy whose change is scaled to the budget, or to a part of it where that is enough for the objective."""
         whole = self._at_budget(network, whole=True, least=_LEAST_SCALE, most=_MOST_SCALE)
@@ -285,10 +291,14 @@ class _Fit:
             copy = SceneNetwork(self._observer)
             copy.load_state_dict(whole.state_dict())
             copy.scale(part)
-            with torch.no_grad():
-                shown = [(view.objective, view.shown(copy, whole=True)) for view in self._views]
-                scaled.append((sum(float(objective(one, _LAX_WEIGHT)) for objective, one in shown), copy))
-        return min(scaled, key=lambda pair: pair[0])[1]
+            scaled.append(copy)
+        return min(scaled, key=self._score)
+
+    def _score(self, network: SceneNetwork) -> float:
+        """The objective of all views."""
+        with torch.no_grad():
+            shown = [(view.objective, view.shown(network, whole=True)) for view in self._views]
+            return sum(float(objective(one, _LAX_WEIGHT)) for objective, one in shown)
 
     def _change(self, network: SceneNetwork, *, whole: bool) -> float:
         with torch.no_grad():

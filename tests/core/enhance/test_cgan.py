@@ -53,7 +53,7 @@ def test_an_image_changes_by_no_more_than_the_budget(weights, fit_steps):
 def test_a_fit_improves_on_the_prediction(weights):
     image, kept = textiles.tartan(), []
     for fit_steps in (0, 25):
-        enhancer = CganEnhancer("deutan", 1.0, weights=weights, budget=0.8, fit_steps=fit_steps)
+        enhancer = CganEnhancer("deutan", 1.0, weights=weights, budget=1.5, fit_steps=fit_steps)
         enhancer.fit([image])
         kept.append(ccpr(image_to_tensor(image), simulate(image_to_tensor(enhancer(image)), "deutan", 1.0))[0])
     assert kept[1] > kept[0]

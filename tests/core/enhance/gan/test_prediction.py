@@ -1,6 +1,8 @@
-"""One network is predicted for a whole scene, from what its views show and for whom."""
+"""Networks are predicted for a whole scene, from what its views show and for whom, one in each direction."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
@@ -10,8 +12,8 @@ from hypothesis import strategies as st
 
 from cvdgs.core.color.simulation import Observer
 from cvdgs.core.enhance.gan.conditioning import CONDITION_FEATURES, condition, palette
-from cvdgs.core.enhance.gan.networks import STRIDE, Generator
-from cvdgs.core.enhance.gan.prediction import predict_network, start_table
+from cvdgs.core.enhance.gan.networks import DIRECTIONS, STRIDE, Generator
+from cvdgs.core.enhance.gan.prediction import predict_networks, start_table
 from cvdgs.core.enhance.scene.network import SceneNetwork
 from cvdgs.core.errors import InputError
 
@@ -24,27 +26,40 @@ def noise(height: int, width: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 256, (height, width, 3), np.uint8)
 
 
-def values(network: SceneNetwork) -> torch.Tensor:
-    return torch.cat([value.flatten() for value in network.state_dict().values()])
+def values(networks: Sequence[SceneNetwork]) -> torch.Tensor:
+    return torch.cat([value.flatten() for network in networks for value in network.state_dict().values()])
 
 
-def test_an_untrained_generator_predicts_the_direction_that_the_fit_tries_first():
+def test_an_untrained_generator_predicts_the_two_directions_that_the_fit_tries():
     torch.manual_seed(0)
-    network = predict_network(Generator(), [noise(40, 50)], DEUTAN, 2.0)
-    expected = start_table(DEUTAN)
-    assert float(torch.cosine_similarity(network.table.detach().flatten(), expected.flatten(), 0)) > 0.999
+    expected = start_table(DEUTAN).flatten()
+    networks = predict_networks(Generator(), [noise(40, 50)], DEUTAN, 2.0)
+    for network, direction in zip(networks, DIRECTIONS, strict=True):
+        found = network.table.detach().flatten()
+        assert float(torch.cosine_similarity(found, direction * expected, 0)) > 0.99
 
 
 @settings(max_examples=12, deadline=None)
 @given(st.integers(1, 70), st.integers(1, 70))
 def test_views_of_any_size_give_a_network(height, width):
-    network = predict_network(random_generator(), [noise(height, width)], DEUTAN, 2.0)
-    assert torch.isfinite(values(network)).all()
+    networks = predict_networks(random_generator(), [noise(height, width)], DEUTAN, 2.0)
+    assert torch.isfinite(values(networks)).all()
+
+
+def test_what_an_attention_finds_moves_and_other_colours_hardly():
+    generator, color = random_generator(), torch.tensor([0.75, 0.25, 0.25])
+    with torch.no_grad():
+        generator.slots.weight.zero_()
+        generator.slots.bias.copy_(torch.tensor([1.0, 0.0, 0.0, -20.0]).repeat(generator.config.attentions))
+    moved = generator._shifts(torch.zeros(1, generator.slots.in_features), color.expand(1, 3, 3))[0]
+    assert torch.all(moved[..., 1:] == 0.0)
+    assert int(moved[..., 0].argmax()) == (6 * 9 + 2) * 9 + 2  # the node of that colour
+    assert float(moved[1, 6, 6, 0]) < 0.01 * float(moved[6, 2, 2, 0])
 
 
 def test_the_order_of_the_views_does_not_matter():
     views = [noise(30, 40, 1), noise(48, 32, 2), noise(33, 33, 3)]
-    one, other = (values(predict_network(random_generator(), v, DEUTAN, 2.0)) for v in (views, views[::-1]))
+    one, other = (values(predict_networks(random_generator(), v, DEUTAN, 2.0)) for v in (views, views[::-1]))
     assert torch.allclose(one, other, atol=1e-4)
 
 
@@ -53,8 +68,8 @@ def test_the_order_of_the_views_does_not_matter():
 )
 def test_observer_and_budget_matter(observer, budget):
     view = noise(40, 40)
-    usual = values(predict_network(random_generator(), [view], DEUTAN, 2.0))
-    assert (usual - values(predict_network(random_generator(), [view], observer, budget))).abs().max() > 1e-5
+    usual = values(predict_networks(random_generator(), [view], DEUTAN, 2.0))
+    assert (usual - values(predict_networks(random_generator(), [view], observer, budget))).abs().max() > 1e-5
 
 
 def test_what_is_not_covered_does_not_steer():
@@ -63,13 +78,13 @@ def test_what_is_not_covered_does_not_steer():
     view = noise(*alpha.shape)
     other = view.copy()
     other[:, STRIDE + 8 :] = 255
-    one, two = (values(predict_network(random_generator(), [v], DEUTAN, 2.0, [alpha])) for v in (view, other))
+    one, two = (values(predict_networks(random_generator(), [v], DEUTAN, 2.0, [alpha])) for v in (view, other))
     assert torch.equal(one, two)
 
 
 def test_a_scene_that_cannot_be_seen_is_refused():
     with pytest.raises(InputError, match="no view has a visible pixel"):
-        predict_network(random_generator(), [noise(8, 8)], DEUTAN, 2.0, [np.zeros((8, 8), np.uint8)])
+        predict_networks(random_generator(), [noise(8, 8)], DEUTAN, 2.0, [np.zeros((8, 8), np.uint8)])
 
 
 def test_attention_finds_no_features_where_nothing_is_covered():

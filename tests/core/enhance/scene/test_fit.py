@@ -173,11 +173,13 @@ def test_uncovered_pixels_do_not_steer() -> None:
         fit_network([image], DEUTAN, alphas=[0 * alpha], settings=BRIEF)
 
 
-def test_a_fit_goes_on_from_a_start_and_leaves_it_as_it_was() -> None:
-    start = fitted("deutan").network
+def test_a_fit_goes_on_from_the_best_of_some_starts_and_leaves_them_as_they_were() -> None:
+    start, reversed_ = fitted("deutan").network, SceneNetwork(DEUTAN)
+    reversed_.load_state_dict(start.state_dict())
+    reversed_.scale(-1.0)
     before = {name: value.clone() for name, value in start.state_dict().items()}
     short = replace(LEAN, shifts=(0.0,), start_steps=1, table_steps=1, steps=4, rate=1e-3)
-    found = fit_network(views(), DEUTAN, start=start, budget=fitted("deutan").budget, settings=short)
+    found = fit_network(views(), DEUTAN, starts=[reversed_, start], budget=fitted("deutan").budget, settings=short)
     from_nothing = fit_network(views(), DEUTAN, budget=fitted("deutan").budget, settings=short)
     assert all(torch.equal(before[name], value) for name, value in start.state_dict().items())
     gained, nothing = (seen_contrast(views()[0], apply(one, views()[0]), DEUTAN) for one in (found, from_nothing))

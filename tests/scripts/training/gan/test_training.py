@@ -54,15 +54,19 @@ def weights(folder: Path) -> list[torch.Tensor]:
 def test_an_interrupted_training_ends_where_an_uninterrupted_one_does(tmp_path, pairs):
     Training(tmp_path, QUICK).run(Reporter())
     whole = weights(tmp_path)
-    for path in (CHECKPOINT, WEIGHTS):
+    for path in (CHECKPOINT, WEIGHTS, LOG):
         (tmp_path / path).unlink()
     with pytest.raises(KeyboardInterrupt):
         Training(tmp_path, QUICK).run(Interrupts(3))
+    with open(tmp_path / LOG, "a", encoding="utf-8") as file:
+        file.write("4,1,1.0,1.0,1.0,1.0,1.0,1.0\n")  # of a step that the checkpoint does not hold
     resumed = Training(tmp_path, QUICK)
     assert resumed.step == 2  # what the checkpoint before the interruption says
     resumed.run(Reporter())
     for one, other in zip(whole, weights(tmp_path), strict=True):
         assert torch.allclose(one, other, atol=1e-6)
+    with open(tmp_path / LOG, newline="", encoding="utf-8") as file:
+        assert [int(row["step"]) for row in csv.DictReader(file)] == [2, 4]
 
 
 def test_training_improves_on_the_scenes_it_sees(tmp_path, pairs):
