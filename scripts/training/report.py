@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _OBSERVER, _MODEL = Layer("deutan", 1.0), "machado"
 _SAMPLES = ("still life", "print", "foliage")
 _JPEG_QUALITY = 88
+_HIGHEST = 1.2  # of the relative objectives that are shown; a single picture that is spoilt would hide all others
 _SAMPLE_SEED, _SAMPLE_SIDE = 30_000_001, 256  # training counts up from small seeds; pixels
 
 
@@ -56,7 +57,7 @@ def _draw(rows: list[dict[str, str]], figure: Figure, theme: Theme) -> None:
     ):
         told = [row for row in rows if row[key]]  # without an adversary there is nothing
         plot_series(right, [int(row["step"]) for row in told], [float(row[key]) for row in told], style, label)
-    left.set(title="objective over the untouched picture's", xlabel="step")
+    left.set(title="objective over the untouched picture's", xlabel="step", ylim=(0.0, _HIGHEST))
     right.set(title="cross entropy of the adversaries", xlabel="step")
     left.legend()
     right.legend()
