@@ -14,9 +14,9 @@ from ..errors import InputError, one_line
 from .files import quote_first
 from .model import CaptureWarning, Estimate
 
-# Of a capture; all views are in memory together, and 20,000 of one megapixel have 60 GB.
 SMEAR_KEY = "motion_blur"
 """Of a frame in our camera files: `View.smear`."""
+# Of a capture; all views are in memory together, and 20,000 of one megapixel have 60 GB.
 MOST_VIEWS = 20_000
 
 

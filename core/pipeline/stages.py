@@ -24,18 +24,10 @@ from numpy.typing import NDArray
 from ..capture.model import Capture, View
 from ..color.matrices import linear_simulation
 from ..consistency import SceneAgreement, SceneCorrespondences
-from ..enhance import (
-    Enhancer,
-    IdentityEnhancer,
-    LutEnhancer,
-    SceneEnhancer,
-    SceneNetworkEnhancer,
-    enhance_bytes,
-    enhance_finite,
-)
+from ..enhance import Enhancer, enhance_bytes
 from ..evaluate.evaluation import Evaluation, SceneMatches, Split, enhanced_path, render_path
 from ..files.images import read_png, write_png
-from ..runs.layout import GAUSSIANS_FILE, layer_cube_file, layer_gaussians_file, layer_network_file
+from ..runs.layout import GAUSSIANS_FILE, layer_gaussians_file
 from ..runtime.protocol import Reporter, StageSpan
 from ..settings import Layer, Settings
 from ..splats import raster
@@ -52,12 +44,9 @@ from ..splats.training.losses import SeenContrast, ViewGuide
 from ..splats.training.plan import TrainingPlan, TrainingResult
 from ..splats.training.trainer import Trainer
 from .cleaning import Cleaned, clean, look
+from .enhancement import enhance_views
 from .guides import view_guides
 from .preview import Preview, PreviewedTraining
-
-# A LUT's fit takes as long as applying it to so many views of 640 pixels.
-LUT_FIT_VIEWS = 100
-NETWORK_FIT_VIEWS = 20  # the same fit, but applying takes longer
 
 # What readers of the report have to know about a mode.
 MODE_NOTES = {
@@ -187,33 +176,7 @@ class Stages:
         The scene's LUT is also written as ``layer.<layer>.cube``, for grading tools, and its network as
         ``layer.<layer>.safetensors``.
         """
-        training = self._views(self.split.train)
-        costs = {layer: _fit_cost(enhancer) for layer, enhancer in enhancers.items()}
-        total, done = sum(costs.values()) + len(enhancers) * len(self.capture.views), 0
-        for layer, enhancer in enhancers.items():
-            self.reporter.status("enhance", f"{layer.name}: fitting the enhancer")
-            ends = done / total, (done + costs[layer]) / total
-            span = StageSpan(self.reporter, "enhance", *ends, f"{layer.name}: fitting")
-            enhancer.fit([view.image for view in training], span, alphas=[view.shown for view in training])
-            if isinstance(enhancer, SceneEnhancer) and enhancer.lut is not None:
-                enhancer.export_cube(self.folder / layer_cube_file(layer.name), f"cvdgs {layer.name}")
-            if isinstance(enhancer, SceneNetworkEnhancer) and not enhancer.is_identity:
-                enhancer.save(self.folder / layer_network_file(layer.name))
-            done += costs[layer]
-            broken = 0
-            for view in self.capture.views:
-                enhanced, spoilt = enhance_finite(enhancer, view.image, view.alpha)
-                broken += spoilt
-                write_png(enhanced_path(self.folder, layer, view), enhanced)
-                if view.again is not None:
-                    enhanced = enhance_bytes(enhancer, view.again, view.alpha)
-                    write_png(enhanced_path(self.folder, layer, view, again=True), enhanced)
-                done += 1
-                self.reporter.progress("enhance", done / total, f"{layer.name}: {view.key}")
-            if broken:
-                found = f"{layer.name}: the enhancer gave no finite colour for {broken:,} pixels"
-                remedy = "which stay as photographed; ask its authors, or use another --enhancer"
-                self.reporter.warning("enhancer-not-finite", f"{found}, {remedy}")
+        enhance_views(enhancers, self.capture.views, self._views(self.split.train), self.folder, self.reporter)
 
     def train(self) -> TrainingResult:
         """Fit the geometry."""
@@ -395,10 +358,3 @@ class Stages:
     ) -> list[View]:
         """The views with the layer's images of `place` instead of the photographs."""
         return [replace(view, image=read_png(place(self.folder, layer, view))) for view in self._views(indices)]
-
-
-def _fit_cost(enhancer: Enhancer) -> int:
-    """As how many applications to a view a fit counts for the progress."""
-    if isinstance(enhancer, IdentityEnhancer):
-        return 0
-    return LUT_FIT_VIEWS if isinstance(enhancer, LutEnhancer) else NETWORK_FIT_VIEWS

@@ -12,6 +12,7 @@ from ...runtime.protocol import Reporter
 from ..calibration.corrections import ViewCorrections
 from ..scene_frame import SceneFrame
 from .moving import MovingThings
+from .plan import Region
 from .validation import HeldOut
 
 
@@ -47,10 +48,18 @@ def conclude(
     return decision
 
 
-def moved_poses(
+def found_in_views(
+    corrections: ViewCorrections, moving: MovingThings, keys: Sequence[str], held_out: HeldOut, frame: SceneFrame
+) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.float64]], dict[str, Region]]:
+    """`moved_poses`, `smears` and `moving` of a `TrainingResult`; the fitted views have `keys`."""
+    smears = _smears(corrections, keys, held_out)
+    return _moved_poses(corrections, keys, held_out, frame), smears, moving.of_targets(keys)
+
+
+def _moved_poses(
     corrections: ViewCorrections, keys: Sequence[str], held_out: HeldOut, frame: SceneFrame
 ) -> dict[str, NDArray[np.float64]]:
-    """(4, 4) world-to-camera of all views by key, the fitted ones having `keys`; none if poses are as given."""
+    """(4, 4) world-to-camera of all views by key; none if poses are as given."""
     moved = corrections.moved_poses
     if moved is None:
         return {}
@@ -58,7 +67,7 @@ def moved_poses(
     return {key: frame.pose_to_world(pose) for key, pose in poses.items()}
 
 
-def smears(corrections: ViewCorrections, keys: Sequence[str], held_out: HeldOut) -> dict[str, NDArray[np.float64]]:
+def _smears(corrections: ViewCorrections, keys: Sequence[str], held_out: HeldOut) -> dict[str, NDArray[np.float64]]:
     """`View.smear` of all views by key; none if photographs were taken to be sharp."""
     found = corrections.smears
     return {} if found is None else {**dict(zip(keys, found, strict=True)), **held_out.smears}

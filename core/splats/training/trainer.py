@@ -31,7 +31,7 @@ from .evidence import gather_view_evidence
 from .fitting import Fit
 from .losses import GuidedLoss
 from .moving import MovingThings
-from .outcome import conclude, moved_poses, smears
+from .outcome import conclude, found_in_views
 from .plan import TrainingPlan, TrainingResult
 from .schedule import TrainingSchedule
 from .start import StartChoice, StartTrial, choose_start, means_reach
@@ -164,11 +164,7 @@ class Trainer:
             aligned=bool(self._held_out.poses),
         )
         measured = self._curve.entries, self._curve.seconds, self._log.initial
-        found = (
-            moved_poses(self._corrections, self._keys, self._held_out, self._frame),
-            smears(self._corrections, self._keys, self._held_out),
-            self._moving.of_targets(self._keys),
-        )
+        found = found_in_views(self._corrections, self._moving, self._keys, self._held_out, self._frame)
         return TrainingResult(self.gaussians, *measured, decision, self.fit.skipped, *found)
 
     @property
@@ -265,10 +261,7 @@ class Trainer:
 
     def _evidence(self, views: Sequence[int], reduction: int) -> ViewEvidence:
         return gather_view_evidence(
-            self._rasterizer,
-            self.fit.parameters,
-            self._corrections.seen(views, reduction),
-            self._background,
+            *(self._rasterizer, self.fit.parameters, self._corrections.seen(views, reduction), self._background),
             complete=len(views) == self._fitted_count,
             reduction=reduction,
         )
