@@ -110,7 +110,7 @@ def figures_of(report: dict[str, Any]) -> dict[str, list[tuple[str, str]]]:
         layer = _part(_part(report, "layers"), name)
         contrast, natural, consistency = (_part(layer, part) for part in ("ccpr", "naturalness", "rwe"))
         tables[name] = [
-            ("Contrast left in the photographs", _change(contrast.get("input"), contrast.get("enhanced"))),
+            ("Contrast left in the photos", _change(contrast.get("input"), contrast.get("enhanced"))),
             ("Contrast left in the scene", _change(contrast.get("unenhanced"), contrast.get("rendered"))),
             ("Colour change, ΔE00", _shown(natural.get("delta_e"), "{:.1f}")),
             ("Colour drift between views (photos = 1, lower is better)", _shown(consistency.get("ratio"), "{:.2f}")),

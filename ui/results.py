@@ -8,7 +8,7 @@ from ..cvdgs_addon.results import figures_of, read_report
 from ..cvdgs_addon.shown import RUN_UNKNOWN, run_of, shown_layer
 from .layout import GaussiansPanel, say
 
-_LONGEST_NAME = 28  # characters beside a value; longer ones are wrapped
+_LONGEST_NAME = 34  # characters beside a value; longer ones are wrapped
 
 
 class CVDGS_PT_report(GaussiansPanel, bpy.types.Panel):
