@@ -47,6 +47,7 @@ MOST_ESTIMATED_VIEWS = 5
 # Consecutive views, so that pairs at the defined distance exist however many views there are.
 MOST_CONSISTENCY_VIEWS = 48
 
+_SMEARED = "for PSNR and SSIM of the original colours each rendering is smeared like its photograph first"
 _NOT_ESTIMATED = "not estimated at every size: too few places with contrast are seen in three photographs"
 
 
@@ -98,9 +99,11 @@ class Evaluation:
         """
         notes: dict[str, str] = {}
         tested = self.split.test or spread(self.split.train, MOST_SCORED_VIEWS // 3)
+        scored = spread(tested, MOST_SCORED_VIEWS)
         if not self.split.test:
             notes["reconstruction"] = "no view is held out: the figures come from training views and are optimistic"
-        scored = spread(tested, MOST_SCORED_VIEWS)
+        if any(self.capture.views[i].smear is not None for i in scored):
+            notes["motion blur"] = _SMEARED
         self._steps = len(tested) * (1 + len(layers)) + 2 * len(layers)
         self.reporter.status(STAGE, f"rendering {len(tested)} views")
         unenhanced = self._render_original(original, tested)
