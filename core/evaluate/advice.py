@@ -84,6 +84,22 @@ def advise(
     return found
 
 
+def note_exposure(curve: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """For the report's ``notes``: what PSNR means where exposures were corrected; empty where they were not.
+
+    Args:
+        curve: of the training.
+    """
+    last = curve[-1] if curve else {}
+    if last.get("psnr_any_exposure") is None:
+        return {}
+    return {
+        "exposure": "the scene is kept free of how the exposures of single photographs differ, which PSNR counts "
+        f"against it: at the end of training held-out views had {last['psnr']:.1f} dB as they were exposed, and "
+        f"{last['psnr_any_exposure']:.1f} dB with each one's exposure compensated"
+    }
+
+
 def _of_photographs(capture: Capture, limits: AdviceThresholds) -> Iterator[CaptureWarning]:
     chosen = spread(range(len(capture.views)), _MEASURED_PHOTOGRAPHS)
     views = [capture.views[i] for i in chosen]

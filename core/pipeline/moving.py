@@ -39,14 +39,15 @@ def keep_moving(capture: Capture, regions: Mapping[str, Region], folder: Path, r
         write_mask(view, folder / CAPTURE_FOLDER)
     write_cameras(capture, folder / CAPTURE_FOLDER)
     write_png(folder / CAPTURE_FOLDER / MOVING_FILE, moving_sheet(views, regions))
-    pixels = sum(view.camera.width * view.camera.height for view in capture.views)
-    share = sum(int(region.sum()) for region in regions.values()) / pixels
+    moving = sum(int(region.sum()) for region in regions.values())
+    theirs, pixels = (sum(v.camera.width * v.camera.height for v in some) for some in (views, capture.views))
     reporter.warning(
         "moving-things",
         f"{len(views)} of {len(capture.views)} photographs show something that others do not, such as people who walk "
-        f"by: {share:.1%} of all pixels, left out of training; {CAPTURE_FOLDER}/{MOVING_FILE} shows where",
+        f"by, or gloss: {moving / theirs:.1%} of their pixels, left out of training; {CAPTURE_FOLDER}/{MOVING_FILE} "
+        "shows where",
     )
-    return {"views": [view.key for view in views], "share": round(share, 6)}
+    return {"views": [view.key for view in views], "share": round(moving / pixels, 6)}
 
 
 def moving_sheet(views: list[View], regions: Mapping[str, Region]) -> NDArray[np.uint8]:

@@ -10,7 +10,7 @@ from ..capture.model import Capture, CaptureWarning
 from ..capture.normalised import write_cameras, write_capture
 from ..capture.reader import read_capture
 from ..enhance import Enhancer, make_enhancer
-from ..evaluate.advice import advise
+from ..evaluate.advice import advise, note_exposure
 from ..evaluate.evaluation import Split
 from ..files.images import write_png
 from ..runs.layout import CAPTURE_FOLDER, PLACED_FILE
@@ -107,6 +107,7 @@ def run(
         figures = stages.evaluate(made, pictures)
     for found in advise(stages.capture, split, folder, trained.curve if trained else (), figures):
         recorder.warning(found.name, found.message)
+    figures["notes"] |= note_exposure(trained.curve if trained else ())
     stages.end_previews()
     for layer in figures["layers"].values():
         layer.update(enhancer=settings.enhancer, strength=settings.strength)

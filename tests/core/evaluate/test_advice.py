@@ -16,7 +16,7 @@ from cvdgs.core.capture.model import Capture, PinholeCamera, View
 from cvdgs.core.capture.reader import read_capture
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.evaluate import advice
-from cvdgs.core.evaluate.advice import advise
+from cvdgs.core.evaluate.advice import advise, note_exposure
 from cvdgs.core.evaluate.evaluation import Split
 from cvdgs.core.files.images import write_png
 from cvdgs.scripts.benchmarks.stress.perturbations import compressed, dimly_lit, motion_blurred
@@ -81,6 +81,14 @@ def test_exposures_that_cost_held_out_views_are_told(showroom: Capture, tmp_path
     assert warning.name == "exposure-varies"
     assert "3.5 dB" in warning.message
     assert names(showroom, tmp_path, curve=[{"psnr": 27.0, "psnr_any_exposure": 27.5}]) == set()
+
+
+def test_a_note_tells_what_psnr_counts_against_a_scene_whose_exposures_were_corrected() -> None:
+    assert (
+        "24.0 dB as they were exposed, and 24.6 dB"
+        in note_exposure([{"psnr": 20.0}, {"psnr": 24.0, "psnr_any_exposure": 24.6}])["exposure"]
+    )
+    assert note_exposure([{"psnr": 24.0}]) == note_exposure([]) == {}
 
 
 @pytest.mark.parametrize(("pixels", "expected"), [(0.0, set()), (0.2, set()), (2.0, {"cameras-off"})])
