@@ -26,7 +26,7 @@ AT_REST = 0.15  # seconds of the processor a second; Cycles keeps all of it busy
 STILL = 4.0  # grey levels by which a picture of the same thing may differ from another in the mean
 LEAST_CONTRAST = 20.0  # deviation in grey levels; an empty view has less
 # Pixels below the header of Display, before and after the view is in colour.
-VIEW_IN_COLOR, SIMULATE_BELOW_DISPLAY = 57.0, 426.0
+VIEW_IN_COLOR, SIMULATE_BELOW_DISPLAY = 57.0, 447.0
 
 # Nothing in front of the picture, and room for it.
 CLEAR = """

@@ -19,8 +19,8 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 
 # Rows of the tab "CVD" that stay where they are as long as those above are closed.
 CAPTURE, VIEWER_WHEN_CAPTURE_IS_EMPTY, FOLDER = (50, 16), (50, 172), (110, 46)
-DRAFT, MAKE, CANCEL = (135, 103), (135, 170), (243, 123)
-ADD_LAYER = (135, 147)
+DRAFT, MAKE, CANCEL = (135, 168), (135, 241), (243, 123)
+ADD_LAYER = (135, 220)
 
 RUNNING, CANCELLED = "running", "cancelled"
 WORKER_MAY_TAKE = 900.0  # seconds; tens on an idle machine
@@ -67,8 +67,9 @@ def test_an_artist_makes_a_scene(installed):
     seconds = press_until(desktop, CANCEL, lambda state: run_state(state) == CANCELLED)
     print(f"cancelled {seconds:.1f} s after the click")
     assert worker_processes() == []
-    assert not (desktop.share / "small CVD").exists()
+    desktop.settle()
     desktop.picture("panel-cancelled")
+    assert not (desktop.share / "small CVD").exists()
 
     desktop.ask("seen['longest'] = 0.0")
     seconds = press_until(
