@@ -285,9 +285,10 @@ class Stages:
             self.checkpoints,
         )
 
-        def guides_of(geometry: Gaussians) -> Sequence[ViewGuide] | None:
-            agreement = self.reconstruction(geometry, "geometry", 1.0 - self.plans.joint.share).agreement
-            return self._guides(agreement, training.views)
+        def guides_of(first: TrainingResult) -> Sequence[ViewGuide] | None:
+            stages = self.after(first)
+            made = stages.reconstruction(first.gaussians, "geometry", 1.0 - self.plans.joint.share)
+            return stages._guides(made.agreement, training.views)
 
         return training.train(self.capture.points, self.capture.point_colors, guides_of, self.reporter)
 

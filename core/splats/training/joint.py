@@ -1,7 +1,7 @@
 """Geometry and colours fitted together to enhanced views, as Hu and Xiao (2026) do (Eq. 7-9).
 
 The first part of the run is ordinary training, on enhanced instead of original photographs. Its geometry shows which
-pixels of the views correspond; the last part adds the multi-view loss on those pixels, and fits shapes and colours
+pixels of the views correspond; the last part leaves out what the first part found to move, adds the multi-view loss on those pixels, and fits shapes and colours
 together at the low learning rates with which the first part ended.
 """
 
@@ -27,8 +27,8 @@ from .losses import GuidedLoss, KeptContrast, SeenContrast, ViewGuide
 from .plan import TrainingPlan, TrainingResult
 from .trainer import STAGE, Trainer
 
-GuidesOfGeometry = Callable[[Gaussians], Sequence[ViewGuide] | None]
-"""Guides of the views from a geometry, by which their pixels correspond; None for no guides."""
+GuidesOfResult = Callable[[TrainingResult], Sequence[ViewGuide] | None]
+"""Guides of the views from what the first part gave, by whose geometry their pixels correspond; None for no guides."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class JointTraining:
     checkpoints: Checkpoints | None = None
 
     def train(
-        self, points: NDArray[np.float32], colors: NDArray[np.uint8], guides_of: GuidesOfGeometry, reporter: Reporter
+        self, points: NDArray[np.float32], colors: NDArray[np.uint8], guides_of: GuidesOfResult, reporter: Reporter
     ) -> TrainingResult:
         """Train from (P, 3) sparse points in world units with (P, 3) uint8 sRGB colours; P may be 0.
 
@@ -97,15 +97,16 @@ class JointTraining:
         turn = before / self.plan.steps
         result = trainer.train(StageSpan(reporter, STAGE, 0.0, turn, "fitting enhanced views"))
         started = time.perf_counter()
-        guides = guides_of(result.gaussians)
+        guides = guides_of(result)
         kept = None
         if self.contrast is not None:
-            kept = KeptContrast.of(self.rasterizer, self.contrast, self.background)
+            photographs = [_still(view, result) for view in self.contrast.photographs]
+            kept = KeptContrast.of(self.rasterizer, replace(self.contrast, photographs=photographs), self.background)
         span = StageSpan(reporter, STAGE, turn, 1.0, "making the views agree")
         gaussians, skipped = fit_guided(
             self.rasterizer,
             result.gaussians,
-            [replace(view, smear=result.smears.get(view.key)) for view in self.views],
+            [replace(_still(view, result), smear=result.smears.get(view.key)) for view in self.views],
             self.background,
             GuidedLoss(self.rasterizer, guides, self.plan.ssim_weight, joint.multi_view_weight, kept),
             lambda done: joint.learning_rates.scaled(joint.lr_final_factor**done),
@@ -130,3 +131,8 @@ class JointTraining:
         shown = self.plan.curve_subset(self.held_out)
         scene = SceneRenderer(self.rasterizer, shown, self.background)
         return float(np.mean([scene.fidelity(i, scene.color(gaussians, i))["psnr"] for i in range(len(shown))]))
+
+
+def _still(view: View, result: TrainingResult) -> View:
+    """The view without what moves in it."""
+    return view.without(result.moving[view.key]) if view.key in result.moving else view

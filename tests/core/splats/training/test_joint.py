@@ -10,9 +10,14 @@ from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.core.splats.raster import Rasterizer
 from cvdgs.core.splats.renderer import SceneRenderer
 from cvdgs.core.splats.training.joint import JointPlan, JointTraining
-from cvdgs.core.splats.training.losses import ViewGuide
+from cvdgs.core.splats.training.losses import SeenContrast, ViewGuide
 from cvdgs.core.splats.training.plan import TrainingPlan
 
+from .test_masked_training import BLACK as DARK
+from .test_masked_training import photographs as photographs_of_wall
+from .test_masked_training import scene as wall_of_many
+from .test_moving import PLAN as MOVING
+from .test_moving import visited
 from .test_trainer import BLACK, photographs, wall
 
 
@@ -50,8 +55,8 @@ def test_shape_and_colours_are_recovered_from_the_views_alone(scene, views):
 def test_the_last_part_moves_shapes_too_and_asks_for_guides_once(scene, views):
     asked = []
 
-    def guides_of(geometry):
-        asked.append(geometry)
+    def guides_of(first):
+        asked.append(first.gaussians)
         return without_consensus(views)
 
     result = training(views, steps=40).train(scene.means, np.full((300, 3), 128, np.uint8), guides_of, Reporter())
@@ -86,3 +91,26 @@ def test_the_multi_view_loss_brings_the_sides_together(scene, views):
         shown = renderer.color(result.gaussians, 3).astype(float)
         errors.append((shown - views[3].image).mean())
     assert errors[0] < errors[1] < 3.0
+
+
+def test_what_moves_has_no_part_in_the_last_part_either():
+    """Whatever it shows then: it is painted over between the two parts."""
+    found, fitted = [], []
+    for color in ((255, 0, 255), (0, 255, 0)):
+        views, places = visited(photographs_of_wall(wall_of_many(), 30))
+
+        def painted(first, views=views, color=color):
+            found.append(first.moving)
+            for view in views:
+                if view.key in first.moving:
+                    view.image[first.moving[view.key]] = color
+
+        plan = TrainingPlan(steps=500, limit=600, moving=MOVING)
+        contrast = SeenContrast(plan.contrast, views)
+        joint = JointTraining(Rasterizer("cpu"), views, (), plan, JointPlan(share=0.2), DARK, 0, contrast)
+        points = wall_of_many().means
+        fitted.append(joint.train(points, np.full((len(points), 3), 128, np.uint8), painted, Reporter()).gaussians)
+        assert found[-1].keys() >= places.keys()
+    assert len(found[0]) >= 3
+    for name, values in vars(fitted[0]).items():
+        assert np.array_equal(values, getattr(fitted[1], name)), name
