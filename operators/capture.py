@@ -15,6 +15,7 @@ from ..cvdgs_addon.inspection import inspect_now, start_inspection
 from ..cvdgs_addon.scene.cameras import is_capture_camera, use_camera
 from ..cvdgs_addon.scene.import_capture import ImportOptions, capture_of, place_again
 from ..cvdgs_addon.scene.placement import Placing, Up, is_capture
+from ..cvdgs_addon.scene.ruler import add_ruler, ends_of, measure
 from .base import Action
 
 _UP_ITEMS = (
@@ -137,18 +138,57 @@ class CVDGS_OT_import_capture(_Placed, Action, bpy.types.Operator):
         return None
 
 
-class CVDGS_OT_place_capture(_Placed, Action, bpy.types.Operator):
-    """Turn the capture upright and rescale it; replaces the transform of its Empty"""
-
-    bl_idname = "cvdgs.place_capture"
-    bl_label = "Place Capture"
+class _OfCapture(Action):
+    """An operator on the capture that is in the scene."""
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str:
         return NO_CAPTURE if _shown_capture(context) is None else ""
 
+
+class CVDGS_OT_place_capture(_Placed, _OfCapture, bpy.types.Operator):
+    """Turn the capture upright and rescale it; replaces the transform of its Empty"""
+
+    bl_idname = "cvdgs.place_capture"
+    bl_label = "Place Capture"
+
     def act(self, context: bpy.types.Context) -> None:
         place_again(_shown_capture(context), self.placing())
+
+
+class CVDGS_OT_add_ruler(_OfCapture, bpy.types.Operator):
+    """Add two marks, A and B, to be moved to two places whose distance you know"""
+
+    bl_idname = "cvdgs.add_ruler"
+    bl_label = "Add Ruler"
+
+    def act(self, context: bpy.types.Context) -> None:
+        ends = add_ruler(_shown_capture(context))
+        self.report({"INFO"}, f"Move {ends[0].name} and {ends[1].name} to the ends of a length that you know")
+
+
+class CVDGS_OT_measure(_OfCapture, bpy.types.Operator):
+    """Give the capture its true size, by the distance between the two marks of its ruler"""
+
+    bl_idname = "cvdgs.measure"
+    bl_label = "Set Length"
+
+    metres: bpy.props.FloatProperty(
+        name="Length", description="From A to B, as measured", subtype="DISTANCE", unit="LENGTH", min=0.001, default=1.0
+    )
+
+    @classmethod
+    def missing(cls, context: bpy.types.Context) -> str:
+        reason = super().missing(context)
+        return reason or ("" if len(ends_of(_shown_capture(context))) == 2 else "Add a ruler first")
+
+    def on_click(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        return context.window_manager.invoke_props_dialog(self)
+
+    def act(self, context: bpy.types.Context) -> None:
+        kept = measure(_shown_capture(context), self.metres)
+        where = "the scene, and in its run for exports" if kept else "the scene"
+        self.report({"INFO"}, f"A to B is {self.metres:.3g} m now in {where}")
 
 
 class CVDGS_OT_look_through(Action, bpy.types.Operator):
@@ -185,5 +225,7 @@ CLASSES: tuple[type, ...] = (
     CVDGS_OT_use_demo,
     CVDGS_OT_import_capture,
     CVDGS_OT_place_capture,
+    CVDGS_OT_add_ruler,
+    CVDGS_OT_measure,
     CVDGS_OT_look_through,
 )

@@ -86,6 +86,9 @@ class CVDGS_PT_import_capture(SidePanel, bpy.types.Panel):
         column = layout.column()
         column.enabled = bpy.ops.cvdgs.place_capture.poll()  # a menu does not ask
         column.operator_menu_enum("cvdgs.place_capture", "up", text="Up Axis", icon="ORIENTATION_GLOBAL")
+        row = column.row(align=True)
+        row.operator("cvdgs.add_ruler", icon="ARROW_LEFTRIGHT")
+        row.operator("cvdgs.measure")
         row = layout.row(align=True)
         row.operator("cvdgs.look_through", text="Previous Camera", icon="TRIA_LEFT").step = -1
         row.operator("cvdgs.look_through", text="Next Camera", icon="TRIA_RIGHT").step = 1

@@ -143,19 +143,37 @@ def capture_of(candidate: bpy.types.Object | None) -> bpy.types.Object | None:
 
 def place_again(empty: bpy.types.Object, placing: Placing) -> None:
     """Set a capture that is in the scene up in another way; its Empty's own transform is replaced."""
-    views = [
-        CaptureView(camera.name, camera_intrinsics(camera), camera_to_world(camera))
-        for camera in empty.children
-        if is_capture_camera(camera)
-    ]
+    views = _views_of(empty)
     if not views:
         return
     matrix = placement(views, _center_of(empty, views), placing, found_of(empty))
     ratio = _scale_of(matrix) / _scale_of(np.array(empty.matrix_basis))
     empty.matrix_basis = mathutils.Matrix(matrix.tolist())
+    scale_ranges(empty, ratio)
+
+
+def scale_ranges(empty: bpy.types.Object, ratio: float) -> None:
+    """Let the cameras of a capture see as far as before, now that it is `ratio` times as large."""
     for camera in empty.children:
         if is_capture_camera(camera):
             camera.data.clip_start, camera.data.clip_end = camera.data.clip_start * ratio, camera.data.clip_end * ratio
+
+
+def middle_of(empty: bpy.types.Object) -> tuple[NDArray[np.float64], float]:
+    """(3,) centre of the subject in the capture's world, and how far its cameras are; the origin and 1 without any."""
+    views = _views_of(empty)
+    if not views:
+        return np.zeros(3), 1.0
+    center = _center_of(empty, views)
+    return center, camera_distance(views, center)
+
+
+def _views_of(empty: bpy.types.Object) -> list[CaptureView]:
+    return [
+        CaptureView(camera.name, camera_intrinsics(camera), camera_to_world(camera))
+        for camera in empty.children
+        if is_capture_camera(camera)
+    ]
 
 
 def _center_of(empty: bpy.types.Object, views: Sequence[CaptureView]) -> NDArray[np.float64]:

@@ -1,8 +1,8 @@
 """Geometry and colours fitted together to enhanced views, as Hu and Xiao (2026) do (Eq. 7-9).
 
 The first part of the run is ordinary training, on enhanced instead of original photographs. Its geometry shows which
-pixels of the views correspond; the last part leaves out what the first part found to move, adds the multi-view loss on those pixels, and fits shapes and colours
-together at the low learning rates with which the first part ended.
+pixels of the views correspond, and it finds what moves; the last part leaves that out, adds the multi-view loss on
+corresponding pixels, and fits shapes and colours together at the low learning rates with which the first part ended.
 """
 
 from __future__ import annotations

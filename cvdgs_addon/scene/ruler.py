@@ -1,0 +1,73 @@
+"""A capture's size from one distance that is known: between two marks, which an artist moves to its ends."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import mathutils
+import numpy as np
+
+from ...core.errors import InputError
+from ...core.runs.measured import note_metres
+from .finished_run import RUN_PROPERTY
+from .import_capture import middle_of, scale_ranges
+from .placement import set_metres
+
+_END = "cvdgs_ruler"  # custom property of an Empty: which end of the ruler it is
+_APART, _SIZE = 0.2, 0.02  # of new ends around the middle and of their spheres, in distances of the cameras
+_LONGEST = 1e6  # metres
+
+
+def add_ruler(empty: bpy.types.Object) -> list[bpy.types.Object]:
+    """The two ends of the ruler of the capture of `empty`, made where they are missing, around its middle."""
+    center, distance = middle_of(empty)
+    ends = ends_of(empty)
+    for number, name in enumerate("AB"):
+        if name not in ends:
+            end = bpy.data.objects.new(f"{name} of {empty.name}", None)
+            end[_END] = name
+            end.empty_display_type, end.empty_display_size = "SPHERE", _SIZE * distance
+            end.show_name = end.show_in_front = True
+            end.parent = empty
+            end.location = center + np.array([(number - 0.5) * _APART * distance, 0.0, 0.0])
+            empty.users_collection[0].objects.link(end)
+            ends[name] = end
+    return [ends[name] for name in "AB"]
+
+
+def ends_of(empty: bpy.types.Object) -> dict[str, bpy.types.Object]:
+    """The ends of a capture's ruler by name, those that are in the scene."""
+    return {found[_END]: found for found in empty.children if _END in found and found.users_scene}
+
+
+def measure(empty: bpy.types.Object, metres: float) -> bool:
+    """Resize a capture around the middle of its ruler so that the ends of it are so many metres apart.
+
+    The runs of its Gaussians keep that in their files, so that what is exported has it, too.
+
+    Returns:
+        Whether there are such runs.
+
+    Raises:
+        InputError: there is no ruler, its ends are in one place, or the length is none.
+        OSError: a run's file cannot be written.
+    """
+    bpy.context.view_layer.update()
+    ends = ends_of(empty)
+    if len(ends) < 2:
+        raise InputError("no ruler", where=empty.name, remedy="add one, and move its ends to two places")
+    first, second = (np.array(ends[name].matrix_world.translation, np.float64) for name in "AB")
+    apart = float(np.linalg.norm(second - first))
+    if not apart > 0.0 or not 0.0 < metres <= _LONGEST:
+        raise InputError("the ruler has no length", where=empty.name, remedy="move its ends to two places")
+    middle = mathutils.Matrix.Translation(((first + second) / 2.0).tolist())
+    larger = mathutils.Matrix.Scale(metres / apart, 4)
+    empty.matrix_world = middle @ larger @ middle.inverted() @ empty.matrix_world
+    scale_ranges(empty, metres / apart)
+    bpy.context.view_layer.update()
+    unit = max(empty.matrix_world.to_scale())
+    set_metres(empty, unit)
+    folders = {child[RUN_PROPERTY] for child in empty.children if isinstance(child.get(RUN_PROPERTY), str)}
+    told = [note_metres(Path(bpy.path.abspath(folder)), unit) for folder in sorted(folders)]
+    return any(told)

@@ -1,0 +1,85 @@
+"""A capture gets its true size from a length that is known; its run's files and exports then have it, too."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import bpy
+import mathutils
+import numpy as np
+import pytest
+
+from cvdgs.core.errors import InputError
+from cvdgs.core.runs.layout import CAPTURE_FOLDER
+from cvdgs.core.runs.measured import note_metres
+from cvdgs.core.splats.io.layers import world_of_run
+from cvdgs.cvdgs_addon.results import show_run
+from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
+from cvdgs.cvdgs_addon.scene.finished_run import read_run
+from cvdgs.cvdgs_addon.scene.placement import found_of
+from cvdgs.cvdgs_addon.scene.ruler import add_ruler, measure
+from cvdgs.ui.capture import CVDGS_PT_import_capture
+
+from .layouts import drawn
+from .scenes import synthetic_run
+from .test_neighbours import in_scene
+
+
+@pytest.fixture
+def run(addon, tmp_path: Path) -> Path:
+    folder = synthetic_run(tmp_path / "shop")
+    if not (folder / "report.json").is_file():
+        (folder / "report.json").write_text(json.dumps({"capture": {"up": [0, 0, 1], "metres_per_unit": None}}))
+    return folder
+
+
+@pytest.fixture
+def empty(run: Path) -> bpy.types.Object:
+    bpy.context.scene.cvdgs.capture.folder = ""
+    return show_run(str(run), bpy.context.scene).parent
+
+
+def test_the_ends_of_a_ruler_come_to_be_as_far_apart_as_was_measured(run: Path, empty: bpy.types.Object) -> None:
+    splats = next(child for child in empty.children if child.type != "CAMERA" and "cvdgs_run" in child)
+    before = in_scene(splats)
+    assert bpy.ops.cvdgs.add_ruler() == {"FINISHED"}
+    assert bpy.ops.cvdgs.add_ruler() == {"FINISHED"}  # it has one already
+    ends = add_ruler(empty)
+    assert len([child for child in empty.children if "cvdgs_ruler" in child]) == 2
+    for end, index in zip(ends, (3, 50), strict=True):
+        end.matrix_world = mathutils.Matrix.Translation(before[index].tolist())
+    camera = next(child for child in empty.children if is_capture_camera(child))
+    reach = camera.data.clip_end
+    assert bpy.ops.cvdgs.measure(metres=2.4) == {"FINISHED"}
+    after = in_scene(splats)
+    assert np.linalg.norm(after[3] - after[50]) == pytest.approx(2.4, rel=1e-4)
+    ratio = 2.4 / np.linalg.norm(before[3] - before[50])
+    np.testing.assert_allclose(after[3] + after[50], before[3] + before[50], atol=1e-3)  # resized around its middle
+    assert camera.data.clip_end == pytest.approx(reach * ratio, rel=1e-4)
+    unit = found_of(empty).metres_per_unit
+    assert unit == pytest.approx(max(empty.matrix_world.to_scale()), rel=1e-6)
+    assert read_run(run).metres_per_unit == pytest.approx(unit)
+    assert world_of_run(run / "splats.ply")[1] == pytest.approx(unit)
+    bpy.ops.cvdgs.place_capture(up="Z")  # and it keeps its size when it is placed anew
+    again = in_scene(splats)
+    assert np.linalg.norm(again[3] - again[50]) == pytest.approx(2.4, rel=1e-4)
+
+
+def test_without_a_ruler_or_with_one_of_no_length_nothing_is_measured(empty: bpy.types.Object) -> None:
+    assert not bpy.ops.cvdgs.measure.poll()
+    with pytest.raises(InputError, match="no ruler"):
+        measure(empty, 1.0)
+    first, second = add_ruler(empty)
+    assert bpy.ops.cvdgs.measure.poll()
+    second.location = first.location
+    with pytest.raises(InputError, match="no length"):
+        measure(empty, 1.0)
+    assert {"cvdgs.add_ruler", "cvdgs.measure"} <= set(drawn(CVDGS_PT_import_capture).operators)
+
+
+def test_a_folder_without_a_run_is_told_nothing_and_damaged_files_are_named(run: Path, tmp_path: Path) -> None:
+    assert not note_metres(tmp_path, 2.0)
+    (run / CAPTURE_FOLDER / "transforms.json").write_text("[]")
+    with pytest.raises(InputError, match="not the files of a run"):
+        note_metres(run, 2.0)
