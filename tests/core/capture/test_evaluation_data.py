@@ -190,6 +190,39 @@ def test_a_meeting_room_stands_on_its_green_floor() -> None:
     assert np.degrees(np.arccos(abs(normal @ capture.up.direction))) < 3.0
 
 
+# Of a picture's frame on the wall behind the fox, two places up and down its edge, in pixels of the photograph.
+EDGES = {"0018": ((271, 1), (291, 245)), "0077": ((217, 2), (208, 350)), "0089": ((301, 2), (317, 370))}
+
+
+def test_a_fox_hangs_upright_on_its_wall() -> None:
+    """The wall is upright, and so are the edges of a picture that hangs on it."""
+    capture = read_capture(DATA / "fox", max_size=32)
+    model = pycolmap.Reconstruction(str(DATA / "fox" / "sparse" / "0"))
+    points = capture.points.astype(float)
+    generator, extent, most = np.random.default_rng(0), np.ptp(np.percentile(points, [2, 98], axis=0), axis=0).max(), 0
+    for _ in range(1000):
+        three = points[generator.integers(0, len(points), 3)]
+        normal = np.cross(three[1] - three[0], three[2] - three[0])
+        near = np.abs((points - three[0]) @ normal) < 0.004 * extent * np.linalg.norm(normal)
+        if np.count_nonzero(near) > most:
+            wall, most = points[near], np.count_nonzero(near)
+    center = wall.mean(axis=0)
+    normal = np.linalg.svd(wall - center)[2][2]
+    assert capture.up is not None
+    assert most > 0.4 * len(points)
+    assert abs(np.degrees(np.arcsin(normal @ capture.up.direction))) < 3.0
+    edges = []
+    for image in model.images.values():
+        if (name := Path(image.name).stem) in EDGES:
+            rays = np.column_stack([image.camera.cam_from_img(np.array(EDGES[name], float)), np.ones(2)])
+            eye, rays = image.projection_center(), rays @ image.cam_from_world().rotation.matrix()
+            upper, lower = eye + rays * ((center - eye) @ normal / (rays @ normal))[:, None]
+            edges.append((upper - lower) / np.linalg.norm(upper - lower))
+    assert len(edges) == len(EDGES)
+    for edge in edges:
+        assert np.degrees(np.arccos(edge @ capture.up.direction)) < 3.0
+
+
 @pytest.mark.slow
 def test_photographs_round_a_doll_are_placed_by_a_lens_near_the_calibrated_one() -> None:
     capture = read_capture(DATA / "plush_bedroom", max_size=None, cameras="estimate")
