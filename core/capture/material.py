@@ -143,8 +143,11 @@ def way_round(path: Path) -> str:
     return _REMEDIES.get(path.suffix.lower(), "")
 
 
-def make_photographs(material: Material, workspace: Path, reporter: Reporter) -> Photographs:
+def make_photographs(material: Material, workspace: Path, reporter: Reporter, size: int | None = None) -> Photographs:
     """The photographs as files that everything reads; frames and converted ones are written into `workspace`.
+
+    Args:
+        size: longer side in pixels that they are used in, by which frames are chosen; None for their own.
 
     Raises:
         InputError: a photograph or a video cannot be used.
@@ -158,7 +161,7 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter) ->
         originals = dict(zip(names, material.photographs, strict=True))
         return Photographs(folder, names, originals=originals, warnings=_depth_warning(material, material.depths))
     made = Photographs(workspace, [])
-    frames = _extract_frames(material, made, reporter)
+    frames = _extract_frames(material, made, reporter, size)
     _convert_photographs(material, kinds, made, reporter)
     made.originals.update(zip(made.names, material.photographs, strict=True))
     made.originals.update((str(frame["name"]), str(frame["video"])) for frame in frames)
@@ -194,7 +197,9 @@ def _common_folder(material: Material) -> tuple[Path, list[str]]:
     return material.folder, list(material.photographs)
 
 
-def _extract_frames(material: Material, made: Photographs, reporter: Reporter) -> list[dict[str, str | float]]:
+def _extract_frames(
+    material: Material, made: Photographs, reporter: Reporter, size: int | None
+) -> list[dict[str, str | float]]:
     looks: list[Look] = []
     count = len(material.videos)
     for number, name in enumerate(material.videos):
@@ -207,7 +212,7 @@ def _extract_frames(material: Material, made: Photographs, reporter: Reporter) -
         for warning in _warnings_about(looks[-1]):
             made.warnings.append(warning)
             reporter.status(STAGE, warning.message)  # the warnings come at the end, which may be a refusal
-    chosen = choose([look.film for look in looks])
+    chosen = choose([look.film for look in looks], size=size)
     bright = [look.white for look in looks if look.transfer]
     total = max(sum(map(len, chosen)), 1)
     frames: list[dict[str, str | float]] = []

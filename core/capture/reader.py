@@ -88,7 +88,8 @@ def read_capture(
     Args:
         folder: a capture folder, a COLMAP model's folder, a transforms.json, a folder of photographs or videos, a
             video, or a zip of any of these.
-        max_size: longer side of the views in pixels; None keeps the photographs' size. Never enlarges.
+        max_size: longer side of the views in pixels; None keeps the photographs' size. Never enlarges. Small views take
+            fewer frames of a video.
         cameras: `AUTO` takes those that are given and otherwise estimates some, `GIVEN` and `ESTIMATE` do one alone;
             anything else is the path of a COLMAP model's folder or a transforms.json.
         reporter: told of progress and of every warning.
@@ -101,7 +102,7 @@ def read_capture(
     if max_size is not None and max_size < MIN_SIDE:
         raise InputError(f"{max_size} pixels are too few", where="--max-size", remedy=f"give at least {MIN_SIDE}")
     reporter.status(STAGE, f"reading the cameras of {folder.name}")
-    with unpacked(folder, reporter) as opened, _source_model(opened, cameras, reporter) as model:
+    with unpacked(folder, reporter) as opened, _source_model(opened, cameras, reporter, max_size) as model:
         plans = plan_views(model, max_size)
         reporter.status(STAGE, f"reading {len(plans)} photographs")
         views = usable_views(read_views(plans, reporter), model)
@@ -129,7 +130,7 @@ def _large_views(model: SourceModel, reporter: Reporter) -> Iterator[View]:
 
 
 @contextmanager
-def _source_model(folder: Path, cameras: str, reporter: Reporter) -> Iterator[SourceModel]:
+def _source_model(folder: Path, cameras: str, reporter: Reporter, max_size: int | None) -> Iterator[SourceModel]:
     """The cameras that the folder gives, else estimated ones while their temporary files exist."""
     model = read_cameras(folder, reporter, cameras, adjusted=True)
     if model is not None:
@@ -146,7 +147,7 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter) -> Iterator[So
         stack.enter_context(named_after(folder, str(extracted)))
         workspace.mkdir()
         extracted.mkdir()
-        photographs = make_photographs(material, extracted, reporter)
+        photographs = make_photographs(material, extracted, reporter, max_size)
         found = masks_of(material)
         originals = photographs.originals.items()
         masks = {name: found.files[original] for name, original in originals if original in found.files}

@@ -83,6 +83,34 @@ def test_a_fast_turn_has_more_frames_a_second_than_a_slow_one(tmp_path: Path) ->
     assert fast_rate > 1.5 * slow_rate
 
 
+def test_neighbours_share_most_of_what_they_show(tmp_path: Path) -> None:
+    """Whatever the speed, at most a fifth of the picture has passed between two of them."""
+    speeds = [2, 6, 10, 14]
+    places = np.cumsum([0, *(speed for speed in speeds for _ in range(RATE))]) + 50
+    numbers = chosen_numbers(write_video(tmp_path / "x.mp4", [window(WALL, x) for x in places]))
+    steps = np.diff(places[numbers]) / WIDTH
+    assert steps.max() <= 0.2
+    assert np.median(steps) <= 0.15
+
+
+def walk_past_two_depths(path: Path) -> Path:
+    """The lower half is near: what the two halves differ by, no turn explains."""
+    frames = []
+    for step in range(RATE * 6):
+        picture = window(WALL, 60 + 0.5 * step)
+        picture[HEIGHT // 2 :] = window(wall(1), 60 + 2 * step)[: HEIGHT - HEIGHT // 2]
+        frames.append(picture)
+    return write_video(path, frames)
+
+
+def test_a_draft_takes_fewer_frames_of_a_walk_and_knows_as_well_where_it_turns(tmp_path: Path) -> None:
+    film = look_through(walk_past_two_depths(tmp_path / "x.mp4")).film
+    draft, standard, as_filmed = (len(choose([film], size=size)[0]) for size in (320, 640, None))
+    assert draft <= standard == as_filmed
+    turn = look_through(write_video(tmp_path / "y.mp4", [window(WALL, 20 + 10 * n) for n in range(RATE * 4)])).film
+    assert choose([turn], size=320) == choose([turn], size=640)
+
+
 def test_of_frames_that_see_the_same_the_sharpest_is_taken(tmp_path: Path) -> None:
     walk = [window(WALL, 50 + 4 * step) for step in range(RATE * 4)]
     sharp = {number for number in range(len(walk)) if number % 3 == 1}
