@@ -95,10 +95,10 @@ def test_neighbours_share_most_of_what_they_show(tmp_path: Path) -> None:
 
 def walk_past_two_depths(path: Path) -> Path:
     """The lower half is near: what the two halves differ by, no turn explains."""
-    frames = []
-    for step in range(RATE * 6):
+    near, frames = wall(1), []
+    for step in range(RATE * 4):
         picture = window(WALL, 60 + 0.5 * step)
-        picture[HEIGHT // 2 :] = window(wall(1), 60 + 2 * step)[: HEIGHT - HEIGHT // 2]
+        picture[HEIGHT // 2 :] = window(near, 60 + 2 * step)[: HEIGHT - HEIGHT // 2]
         frames.append(picture)
     return write_video(path, frames)
 
