@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import bpy
 
 from ..cvdgs_addon.scene import masks
 from ..cvdgs_addon.scene.masks import Treatment, object_mode
-from ..cvdgs_addon.shown import shown_splats
+from ..cvdgs_addon.scene.recolor import Change, recolor, source_layer
+from ..cvdgs_addon.scene.splats import show_layer
+from ..cvdgs_addon.shown import shown_layer, shown_splats
 from .base import NeedsGaussians
 
-NOTHING_MASKED = "Nothing is removed or kept in its original colours"
+NOTHING_MASKED = "Nothing is removed, recoloured or kept in its original colours"
 
 
 class CVDGS_OT_edit_points(NeedsGaussians, bpy.types.Operator):
@@ -108,6 +112,36 @@ class CVDGS_OT_treat_selected(NeedsGaussians, bpy.types.Operator):
         self.report({"INFO"}, f"{count:,} Gaussians")
 
 
+class CVDGS_OT_recolor_selected(NeedsGaussians, bpy.types.Operator):
+    """Change the colours of the selected Gaussians in a layer of its own, beside the one that is shown"""
+
+    bl_idname = "cvdgs.recolor_selected"
+    bl_label = "Recolour Selected"
+
+    hue: bpy.props.FloatProperty(
+        name="Hue", description="Turn of the hue", subtype="ANGLE", min=-math.pi, max=math.pi, options={"SKIP_SAVE"}
+    )
+    saturation: bpy.props.FloatProperty(
+        name="Saturation", description="Factor", min=0.0, max=4.0, default=1.0, options={"SKIP_SAVE"}
+    )
+    value: bpy.props.FloatProperty(
+        name="Value", description="Factor of the brightness", min=0.0, max=4.0, default=1.0, options={"SKIP_SAVE"}
+    )
+
+    def on_click(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """A popup that shows every change at once."""
+        return context.window_manager.invoke_props_popup(self, event)
+
+    def act(self, context: bpy.types.Context) -> None:
+        splats = shown_splats(context)
+        layer, enhanced = shown_layer(splats)
+        with object_mode(splats):
+            change = Change(self.hue / (2.0 * math.pi), self.saturation, self.value)
+            name = recolor(splats, masks.selected(splats), layer, change)
+        show_layer(splats, name, enhanced or 1.0)
+        self.report({"INFO"}, f"Recoloured in the layer {name}")
+
+
 class CVDGS_OT_remove_floaters(NeedsGaussians, bpy.types.Operator):
     """Remove what is likely no part of the scene, by the scores of its run; Take All Back brings it back"""
 
@@ -145,6 +179,8 @@ class CVDGS_OT_take_all_back(NeedsGaussians, bpy.types.Operator):
         splats = shown_splats(context)
         with object_mode(splats):
             masks.take_all_back(splats)
+        layer, enhanced = shown_layer(splats)
+        show_layer(splats, source_layer(layer), enhanced)
 
 
 CLASSES: tuple[type, ...] = (
@@ -153,6 +189,7 @@ CLASSES: tuple[type, ...] = (
     CVDGS_OT_select_floaters,
     CVDGS_OT_select_box,
     CVDGS_OT_treat_selected,
+    CVDGS_OT_recolor_selected,
     CVDGS_OT_remove_floaters,
     CVDGS_OT_take_all_back,
 )

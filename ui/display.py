@@ -14,7 +14,7 @@ from ..cvdgs_addon.scene.neighbours import overlapping, partner_of
 from ..cvdgs_addon.scene.relight import is_relit
 from ..cvdgs_addon.scene.render_settings import fog_of, keeps_colors, view_transform_of
 from ..cvdgs_addon.scene.splat_nodes import Input
-from ..cvdgs_addon.scene.splats import input_property, layer_names
+from ..cvdgs_addon.scene.splats import get_input, input_property, layer_names
 from ..cvdgs_addon.shown import shown_layer
 from .layout import GaussiansPanel, draw_changes, say, split_column
 
@@ -94,7 +94,9 @@ def _draw_form(layout: bpy.types.UILayout, context: bpy.types.Context, splats: b
         button.enabled = form is not Form.NATIVE or has_native_splats()
         button.operator("cvdgs.show_form", text=label, depress=form is current).form = form.value
     if current is Form.INSTANCES:
-        _draw_input(layout, splats, Input.CAMERA_VIEW, "Fast Camera View (wrong from elsewhere)")
+        _draw_input(layout, splats, Input.CAMERA_VIEW, "Fast Camera View")
+        if get_input(splats, Input.CAMERA_VIEW):
+            say(layout, context, "Wrong from anywhere but the camera", "INFO")
     if current is Form.POINTS:
         _draw_input(layout, splats, Input.POINT_SIZE)
     if current is Form.NATIVE:
@@ -136,6 +138,9 @@ def _draw_clean_up(layout: bpy.types.UILayout) -> None:
     column = body.column(align=True)
     for treatment in Treatment:
         column.operator("cvdgs.treat_selected", text=_TREATMENTS[treatment]).treatment = treatment.value
+    popup = column.column(align=True)
+    popup.operator_context = "INVOKE_DEFAULT"
+    popup.operator("cvdgs.recolor_selected", icon="COLOR")
     column = body.column(align=True)
     column.operator("cvdgs.remove_floaters", icon="BRUSH_DATA")
     column.operator("cvdgs.take_all_back", icon="LOOP_BACK")

@@ -18,6 +18,7 @@ from ...core.errors import InputError
 from ...core.runs.layout import ORIGINAL
 from ...core.splats.floaters import kept_after
 from .crop import in_box
+from .recolor import edited_layers, remove_edited_layers, restore
 from .splat_attributes import (
     Attribute,
     color_attribute,
@@ -101,6 +102,7 @@ def treat_selected(splats: bpy.types.Object, treatment: Treatment) -> int:
         _write(splats, Attribute.KEPT_ORIGINAL, "FLOAT", _existing(splats, Attribute.KEPT_ORIGINAL) | chosen)
     elif treatment is Treatment.RESTORE:
         _write(splats, Attribute.KEPT_ORIGINAL, "FLOAT", _existing(splats, Attribute.KEPT_ORIGINAL) & ~chosen)
+        restore(splats, chosen)
     else:
         _remove(splats, _existing(splats, Attribute.REMOVED) | chosen)
     return int(chosen.sum())
@@ -128,12 +130,14 @@ def take_all_back(splats: bpy.types.Object) -> None:
         attribute = splats.data.attributes.get(name)
         if attribute is not None:
             splats.data.attributes.remove(attribute)
+    remove_edited_layers(splats)
     splats.data.update()
 
 
 def has_masks(splats: bpy.types.Object) -> bool:
-    """Whether something was removed or kept in its original colours."""
-    return any(name in splats.data.attributes for name in (Attribute.REMOVED, Attribute.KEPT_ORIGINAL))
+    """Whether something was removed, recoloured or kept in its original colours."""
+    masks = (Attribute.REMOVED, Attribute.KEPT_ORIGINAL)
+    return any(name in splats.data.attributes for name in masks) or bool(edited_layers(splats))
 
 
 @contextmanager
