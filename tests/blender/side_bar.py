@@ -22,7 +22,7 @@ MAKE, VIEWER, CAPTURE = (50.0, 358.0), (50.0, 172.0), (50.0, 16.0)
 HEADER_STEP = 28  # pixels from one closed sub-panel's header to the next one's
 _CLICKS, _CLICK_MAY_TAKE = 4, 12.0  # seconds
 _LEAST_CHANGE = 0.5  # grey levels in the mean; a sub-panel that opens changes several
-_PATH, _NAME, _CANCEL, _ACCEPT = (620, 48), (600, 757), (1071, 757), (1207, 757)
+_PATH, _CANCEL, _ACCEPT = (620, 48), (1071, 757), (1207, 757)
 _BROWSER = "FILE_BROWSER WINDOW"
 # What the browser has, in Blender's Python.
 _PARAMETERS = "next(a for a in bpy.context.screen.areas if a.type == 'FILE_BROWSER').spaces.active.params"
@@ -101,11 +101,7 @@ def save(desktop: Desktop) -> None:
 def save_as(desktop: Desktop, path: str) -> None:
     """Save a file that has no name yet."""
     save(desktop)
-    desktop.wait(lambda state: _BROWSER in state["places"], _CLICK_MAY_TAKE)
-    desktop.settle()  # else Return is heard by the browser, and saves under the name that it proposes
-    _enter(desktop, _PATH, path.rpartition("/")[0])
-    _enter(desktop, _NAME, path.rpartition("/")[2])
-    _accept(desktop)
+    choose_file(desktop, path)
 
 
 def choose_file(desktop: Desktop, path: str) -> None:
@@ -113,7 +109,7 @@ def choose_file(desktop: Desktop, path: str) -> None:
     desktop.wait(lambda state: _BROWSER in state["places"], _CLICK_MAY_TAKE)
     desktop.settle()
     folder, _, name = path.rpartition("/")
-    # Its list may take long, and a key that comes too early accepts what was proposed.
+    # Its list may take long, a click on a field may be lost, and then Return accepts what was proposed.
     desktop.ask(f"{_PARAMETERS}.directory = {f'{folder}/'.encode()!r}")
     if name:
         desktop.ask(f"{_PARAMETERS}.filename = {name!r}")
