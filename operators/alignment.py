@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import bpy
 
+from ..cvdgs_addon.picking_marks import Picking, ray_below
 from ..cvdgs_addon.scene.alignment import Alignment, add_marks, align_by_marks, align_by_photographs, metric
 from ..cvdgs_addon.scene.neighbours import partner_of
-from ..cvdgs_addon.shown import shown_splats
+from ..cvdgs_addon.shown import require_object_mode, shown_splats
 from .base import NeedsGaussians
 
 
@@ -56,6 +57,43 @@ class CVDGS_OT_align_marks(_Aligns, bpy.types.Operator):
         return align_by_marks(moved, fixed)
 
 
+class CVDGS_OT_pick_marks(_Aligns, bpy.types.Operator):
+    """Click three or more places of one run, then the same places of the other; they are aligned then"""
+
+    bl_idname = "cvdgs.pick_marks"
+    bl_label = "Pick Marks"
+
+    def on_click(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        owners = (shown_splats(context), _partner(context))
+        for owner in owners:
+            require_object_mode(owner)
+        self._pick = Picking(owners)  # type: ignore[attr-defined]
+        self._pick.show()
+        context.workspace.status_text_set(self._pick.in_words)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Clicks choose, Enter goes on, Esc takes back; all else is Blender's, so that the view can be turned."""
+        pick, is_press = self._pick, event.value == "PRESS"  # type: ignore[attr-defined]
+        ray = ray_below(context.window, event) if event.type == "LEFTMOUSE" and is_press else None
+        if event.type == "ESC" and is_press:
+            pick.take_back()
+        elif event.type in ("RET", "NUMPAD_ENTER") and is_press:
+            pick.go_on()
+        elif ray is not None:
+            pick.add(*ray)
+        else:
+            return {"PASS_THROUGH"}
+        context.workspace.status_text_set(None if pick.has_ended else pick.in_words)
+        if not pick.has_ended:
+            return {"RUNNING_MODAL"}
+        return self._attempt(self.act, context) if pick.is_complete else {"CANCELLED"}
+
+    def fit(self, moved: bpy.types.Object, fixed: bpy.types.Object) -> Alignment:
+        return align_by_marks(moved, fixed)
+
+
 class CVDGS_OT_align_photographs(_Aligns, bpy.types.Operator):
     """Move one run so that the cameras of photographs which both have, by name, come onto each other"""
 
@@ -70,5 +108,10 @@ def _partner(context: bpy.types.Context) -> bpy.types.Object | None:
     return partner_of(context.scene, shown_splats(context), context.scene.cvdgs.display.partner)
 
 
-CLASSES: tuple[type, ...] = (CVDGS_OT_add_marks, CVDGS_OT_align_marks, CVDGS_OT_align_photographs)
+CLASSES: tuple[type, ...] = (
+    CVDGS_OT_add_marks,
+    CVDGS_OT_pick_marks,
+    CVDGS_OT_align_marks,
+    CVDGS_OT_align_photographs,
+)
 """Reached from the panel and by search."""

@@ -77,9 +77,12 @@ def _draw_alignment(layout: bpy.types.UILayout, context: bpy.types.Context, spla
     split_column(body).prop(chosen, "partner")
     column = body.column(align=True)
     column.operator("cvdgs.align_photographs", icon="OUTLINER_OB_CAMERA")
+    pick = column.column(align=True)
+    pick.operator_context = "INVOKE_DEFAULT"
+    pick.operator("cvdgs.pick_marks", icon="RESTRICT_SELECT_OFF")
     column.operator("cvdgs.add_marks", icon="EMPTY_AXIS")
     column.operator("cvdgs.align_marks", icon="SNAP_ON")
-    say(body, context, "Move each pair of marks to the same place of both runs, then align", "INFO")
+    say(body, context, "Pick the same places in both runs, or move each pair of marks there, then align", "INFO")
 
 
 def _listed(names: list[str]) -> str:

@@ -54,7 +54,7 @@ class CVDGS_PT_export(GaussiansPanel, bpy.types.Panel):
     def draw_for(self, context: bpy.types.Context, splats: bpy.types.Object) -> None:
         layout = self.layout
         layer, enhanced = shown_layer(splats)
-        say(layout, context, f"{splats.name}: {layer}, {enhanced:.0%}", "OUTLINER_OB_POINTCLOUD")
+        say(layout, context, f"{splats.name} - Colours: {layer}, {enhanced:.0%}", "OUTLINER_OB_POINTCLOUD")
         column = layout.column(align=True)
         column.operator_context = "INVOKE_DEFAULT"
         column.operator("cvdgs.export_gaussians", text="Gaussians (.ply, .spz, .splat)", icon="EXPORT")

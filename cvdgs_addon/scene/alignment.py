@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import bpy
 import mathutils
@@ -59,6 +60,22 @@ def add_marks(splats: bpy.types.Object, other: bpy.types.Object) -> list[bpy.typ
     return made
 
 
+def set_marks(splats: bpy.types.Object, places: Iterable[mathutils.Vector]) -> None:
+    """Give `splats` marks at these places of the scene, numbered in their order, in place of those that it has."""
+    for mark in list(_marks_of(splats).values()):
+        bpy.data.objects.remove(mark)
+    for number, place in enumerate(places, start=1):
+        mark = _add_mark(splats, number)
+        bpy.context.view_layer.update()
+        mark.matrix_world = mathutils.Matrix.Translation(place)
+
+
+def places_of_marks(splats: bpy.types.Object) -> list[mathutils.Vector]:
+    """Where the marks of `splats` are in the scene, by their numbers."""
+    marks = _marks_of(splats)
+    return [marks[number].matrix_world.translation.copy() for number in sorted(marks)]
+
+
 def align_by_marks(moved: bpy.types.Object, fixed: bpy.types.Object) -> Alignment:
     """Move `moved`, with its capture, so that its marks come onto those of `fixed` of the same number.
 
@@ -85,8 +102,8 @@ def metric(splats: bpy.types.Object) -> bool:
 def _align(
     moved: bpy.types.Object,
     fixed: bpy.types.Object,
-    sources: dict[object, bpy.types.Object],
-    targets: dict[object, bpy.types.Object],
+    sources: Mapping[Any, bpy.types.Object],
+    targets: Mapping[Any, bpy.types.Object],
     what: str,
     most: float = np.inf,
 ) -> Alignment:
@@ -118,7 +135,7 @@ def _family(splats: bpy.types.Object) -> Iterable[bpy.types.Object]:
     return (splats.parent or splats).children
 
 
-def _marks_of(splats: bpy.types.Object) -> dict[object, bpy.types.Object]:
+def _marks_of(splats: bpy.types.Object) -> dict[int, bpy.types.Object]:
     return {found[_MARK]: found for found in _family(splats) if _MARK in found and found.users_scene}
 
 
