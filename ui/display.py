@@ -14,7 +14,7 @@ from ..cvdgs_addon.scene.neighbours import overlapping, partner_of
 from ..cvdgs_addon.scene.relight import is_relit
 from ..cvdgs_addon.scene.render_settings import fog_of, keeps_colors, view_transform_of
 from ..cvdgs_addon.scene.splat_nodes import Input
-from ..cvdgs_addon.scene.splats import get_input, input_property, layer_names
+from ..cvdgs_addon.scene.splats import input_property, layer_names
 from ..cvdgs_addon.shown import shown_layer
 from .layout import GaussiansPanel, draw_changes, say, split_column
 
@@ -97,9 +97,7 @@ def _draw_form(layout: bpy.types.UILayout, context: bpy.types.Context, splats: b
         button.enabled = form is not Form.NATIVE or has_native_splats()
         button.operator("cvdgs.show_form", text=label, depress=form is current).form = form.value
     if current is Form.INSTANCES:
-        _draw_input(layout, splats, Input.CAMERA_VIEW, "Fast Camera View")
-        if get_input(splats, Input.CAMERA_VIEW):
-            say(layout, context, "Wrong from anywhere but the camera", "INFO")
+        _draw_input(layout, splats, Input.CAMERA_VIEW, "Fast View (wrong from elsewhere)")
     if current is Form.POINTS:
         _draw_input(layout, splats, Input.POINT_SIZE)
     if current is Form.NATIVE:

@@ -21,6 +21,7 @@ from .turntable import turntable_of
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader")
 _SHARE = 0.96  # of the free place that the frame takes
 _ZOOM_STEP = 50.0  # Blender: the frame's share of the view's width is (sqrt(2) + zoom / 50)^2 / 4
+_PAST_FRAME = 1.1  # of the distance from a camera to the frame that Blender draws for it
 _PIXEL = "2"  # of the 3D view, in pixels of the screen: a quarter of the work
 
 
@@ -115,9 +116,13 @@ def middle_camera(objects: Iterable[bpy.types.Object]) -> bpy.types.Object | Non
 
 
 def stand_at(space: bpy.types.SpaceView3D, camera: bpy.types.Object, target: mathutils.Vector) -> None:
-    """Let a view look from where `camera` is, free to orbit around what lies before it as far away as `target`."""
+    """Let a view look from where `camera` is, free to orbit around what lies before it as far away as `target`.
+
+    It stands before the frame that Blender draws for the camera, which would be lines across the picture.
+    """
     look = camera.matrix_world.to_quaternion() @ mathutils.Vector((0.0, 0.0, -1.0))
-    eye = camera.matrix_world.translation
+    frame = 2.0 * camera.data.display_size * camera.data.lens / camera.data.sensor_width  # as far before the camera
+    eye = camera.matrix_world.translation + _PAST_FRAME * frame * max(camera.matrix_world.to_scale()) * look
     distance = max((target - eye).dot(look), camera.data.clip_start)
     view = space.region_3d
     view.view_perspective = "PERSP"

@@ -22,7 +22,7 @@ MESH_LIMIT = 300_000
 # Matches what the material does not read: attributes of instances would become those of every corner.
 _NOT_SHOWN = (
     *("color_*", "sh_*", Attribute.SCALE, Attribute.ROTATION),
-    *(Attribute.FRAME, Attribute.RANK, Attribute.NORMAL),
+    *(Attribute.FRAME, Attribute.RANK, Attribute.NORMAL, Attribute.PREVIEW_COLOR),
 )
 
 

@@ -39,7 +39,7 @@ class Attribute(StrEnum):
     FLOATER = "floater"  # FLOAT, 0 to 1, how likely it is one; of runs that know
     NORMAL = "surface_normal"  # FLOAT_VECTOR, which way the surface faces; only where somebody relights (see `normals`)
     DRAWN_COLOR = "drawn_color"  # FLOAT_COLOR, of what is drawn only: what the material shows
-    PREVIEW_COLOR = "preview_color"  # FLOAT_COLOR, of the preview only: what Solid shading shows
+    PREVIEW_COLOR = "preview_color"  # FLOAT_COLOR, of the preview: what Solid shading shows; a place for it in the mesh
     ORIGINAL_COLOR = "original_color"  # FLOAT_COLOR, of what is compared only: shown left of the border
     BORDER = "border"  # FLOAT_COLOR, of what is compared only: plane on the hull (see `compare_nodes`)
     ON_DISC = "on_disc"  # FLOAT_VECTOR, of discs only: place in units of the radius at which they end

@@ -189,7 +189,10 @@ def _fill_mesh(mesh: bpy.types.Mesh, gaussians: Gaussians, layers: Mapping[str, 
     for index in range(1, coefficient_count(gaussians.sh_degree) + 1):
         name = coefficient_attribute(index)
         write_attribute(mesh, name, "FLOAT_VECTOR", with_frame(gaussians.sh[:, index]))
-    mesh.attributes.active_color_name = Attribute.PREVIEW_COLOR  # which the preview makes: Solid shading shows it
+    # Solid shading shows the active colours, which the preview makes; in Edit Mode it is black if the mesh has none.
+    mesh.attributes.new(Attribute.PREVIEW_COLOR, "BYTE_COLOR", "POINT")
+    mesh.attributes.active_color_name = Attribute.PREVIEW_COLOR
+    mesh.vertices.foreach_set("select", np.zeros(count + len(frame), np.bool_))  # Blender selects what is new
     mesh.update()
 
 

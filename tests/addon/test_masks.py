@@ -15,6 +15,7 @@ from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import crop, masks, splats
 from cvdgs.cvdgs_addon.scene.finished_run import read_run
 from cvdgs.cvdgs_addon.scene.masks import Treatment
+from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute
 from cvdgs.ui.display import CVDGS_PT_display
 
 from . import ewa
@@ -163,6 +164,13 @@ def test_without_scores_the_operator_says_so(shown):
         bpy.ops.cvdgs.remove_floaters()
     with pytest.raises(RuntimeError, match="has no floater scores - select by hand, colour or box"):
         bpy.ops.cvdgs.select_floaters()
+
+
+def test_nothing_is_selected_in_what_was_just_added_and_edit_mode_has_colours_to_show(added):
+    assert not masks.selected(added).any(), "else Remove Selected would remove all of it"
+    mesh = added.data
+    assert mesh.attributes.active_color_name == Attribute.PREVIEW_COLOR
+    assert Attribute.PREVIEW_COLOR in mesh.attributes, "black otherwise"
 
 
 def test_points_are_chosen_in_edit_mode_with_blenders_tools_and_removed_there(shown):

@@ -35,7 +35,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 # Places below the header of their sub-panel, while all above it are closed.
 CLOSED_VIEWER, MAKE, DISPLAY, SIMULATE, TURNTABLE, EXPORT = (header(number) for number in (1, 2, 3, 4, 5, 7))
-LOAD_RUN, ADD_LAYER = (142, 69), (135, 148)  # before a run is there, and when it lacks the viewer's layer
+LOAD_RUN, ADD_LAYER = (142, 69), (135, 118)  # before a run is there, and when it lacks the viewer's layer
 PRESETS = (142, 31)
 FRAMES, ADD_TURNTABLE, WIDTH, HEIGHT, RENDER = (142, 31), (142, 141), (75, 167), (195, 167), (142, 242)
 GAUSSIANS, CUBE = (142, 70), (142, 132)
