@@ -17,13 +17,11 @@ from .test_taken_away import RUN, below
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 
-MAKE, DISPLAY, SIMULATE, TURNTABLE = (header(number) for number in (2, 3, 4, 5))
+MAKE, DISPLAY, SIMULATE = header(2), header(3), header(4)
 # Places below the headers, while all other sub-panels are closed, after View in Colour.
 ENHANCED, RELIGHT_HEADER, RELIGHT = (202, 203), (36, 302), (112, 335)
-ANSWER_MAY_TAKE = 60.0  # seconds; one on an idle machine
 FROM_OUTSIDE = 0.01  # of the view's pixels, that are coloured; most are backs of walls
 RENDERS, SAVE_ASSET = (81, 31), (134, 228)
-ADD_TURNTABLE, REMOVE_TURNTABLE = (142, 141), (233, 141)
 SPLATS = f"bpy.data.objects['{RUN} Gaussians']"
 SPLATS_MODULE = "__import__('bl_ext.user_default.cvdgs.cvdgs_addon.scene.splats', fromlist=['x'])"
 IN_RENDERS = "bpy.context.scene.cvdgs.simulate.in_renders"
@@ -117,25 +115,6 @@ def test_relighting_is_undone_with_its_lamp(loaded: Desktop):
     press_in_view(desktop, "ctrl+z")
     assert value_of(desktop, "Relight") == 0.0
     assert set(desktop.state()["objects"]) == before
-
-
-def test_a_turntable_and_its_removal_are_undone(loaded: Desktop):
-    desktop = loaded
-    toggle(desktop, DISPLAY, TURNTABLE)
-    before = set(desktop.state()["objects"])
-    turned = before | {"Turntable", "Turntable Camera"}
-    press_until(desktop, below(TURNTABLE, ADD_TURNTABLE), lambda state: set(state["objects"]) == turned)
-    press_in_view(desktop, "ctrl+z")
-    desktop.wait(lambda state: set(state["objects"]) == before, ANSWER_MAY_TAKE)
-    press_in_view(desktop, "ctrl+shift+z")
-    desktop.wait(lambda state: set(state["objects"]) == turned, ANSWER_MAY_TAKE)
-    desktop.picture("turntable-again")
-    press_until(desktop, below(TURNTABLE, REMOVE_TURNTABLE), lambda state: set(state["objects"]) == before)
-    press_in_view(desktop, "ctrl+z")
-    desktop.wait(lambda state: set(state["objects"]) == turned, ANSWER_MAY_TAKE)
-    press_in_view(desktop, "ctrl+z")
-    desktop.wait(lambda state: set(state["objects"]) == before, ANSWER_MAY_TAKE)
-    toggle(desktop, TURNTABLE)
 
 
 def test_a_file_on_another_machine_and_one_that_links_it_show_colours(loaded: Desktop):
