@@ -24,6 +24,7 @@ REMOVE_TURNTABLE = (233, 141)  # below its header, while all above is closed
 ANSWER_MAY_TAKE = 60.0  # seconds; one on an idle machine
 SIZE, SMALL = (3840, 2160), 8  # pixels, and how many times smaller the other picture is
 RENDER_MAY_TAKE = 1800.0  # seconds; half a minute on an idle machine
+F12 = "96"  # the key's number: by its name xdotool presses Alt as well, which renders the sequencer
 BLOCK = 8  # pixels of the small picture
 RENDERED = "any(a.spaces.active.shading.type == 'RENDERED' for a in bpy.context.screen.areas if a.type == 'VIEW_3D')"
 SAME = 3.0  # grey levels in the mean between pictures of two sizes
@@ -45,7 +46,7 @@ def rendered(desktop: Desktop, name: str, size: tuple[int, int]) -> Image.Image:
     desktop.ask(SET_SIZE.format(*size))
     x, y, width, height = desktop.state()["places"]["VIEW_3D WINDOW"]
     desktop.hover(x + width / 4, y + 0.85 * height)
-    desktop.keys("F12")
+    desktop.keys(F12)
     desktop.wait(lambda state: done.exists() and not state["is_rendering"], RENDER_MAY_TAKE)
     desktop.ask(SAVE.format(name))
     return Image.open(desktop.share / f"{name}.png").convert("RGB")
