@@ -8,7 +8,7 @@ from pathlib import Path
 from ..errors import InputError
 from ..runtime.protocol import Reporter
 from ..settings import Settings
-from .gan.prediction import predict_networks, with_plain
+from .gan.prediction import predict_networks
 from .gan.weights import load_generator, load_shipped
 from .pairs import Alphas, Images
 from .scene.enhancer import SceneNetworkEnhancer
@@ -55,14 +55,13 @@ class CganEnhancer(SceneNetworkEnhancer):
         budget = self._budget
         if budget is None:
             budget = default_budget(images, self._observer, alphas, self._settings)
-        predicted = predict_networks(self._generator, images, self._observer, budget, alphas)
         self._take(
             fit_network(
                 images,
                 self._observer,
                 alphas=alphas,
                 budget=budget,
-                starts=predicted if self._settings.steps else with_plain(predicted),
+                starts=predict_networks(self._generator, images, self._observer, budget, alphas),
                 settings=self._settings,
                 seed=self._seed,
                 reporter=reporter,

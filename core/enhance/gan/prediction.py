@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import torch
@@ -46,36 +46,12 @@ def predict_networks(
         summaries = [generator.summary(*_resized(pixels, observer, told, coverage)) for pixels, coverage in views]
         summary, start = torch.stack(summaries).mean(0), start_table(observer)[None]
         states = [generator(summary, told, start, direction) for direction in DIRECTIONS]
-    return [_network(observer, {name: values[0] for name, values in state.items()}) for state in states]
-
-
-def with_plain(predicted: Sequence[SceneNetwork]) -> list[SceneNetwork]:
-    """What `predict_networks` gave, then the plain starts of a fit, then the mean of each with the prediction.
-
-    On cloth a plain start is often better than the prediction. Where a fit follows, it gains nothing by one.
-    """
-    plain = [_plain(one, direction) for one, direction in zip(predicted, DIRECTIONS, strict=True)]
-    return [*predicted, *plain, *(_mean(one, other) for one, other in zip(predicted, plain, strict=True))]
-
-
-def _network(observer: Observer, state: Mapping[str, Tensor]) -> SceneNetwork:
-    network = SceneNetwork(observer)
-    network.load_state_dict(state)
-    return network
-
-
-def _plain(predicted: SceneNetwork, direction: float) -> SceneNetwork:
-    """A table alone, beside the hidden layers that were predicted."""
-    state = predicted.state_dict()
-    off = {name: torch.zeros_like(state[name]) for name in ("last.weight", "last.bias")}
-    table = direction * start_table(predicted.observer)
-    return _network(predicted.observer, {**state, **off, "table": table})
-
-
-def _mean(one: SceneNetwork, other: SceneNetwork) -> SceneNetwork:
-    """The mean change of two networks that have the same hidden layers."""
-    second = other.state_dict()
-    return _network(one.observer, {name: (value + second[name]) / 2.0 for name, value in one.state_dict().items()})
+    networks = []
+    for state in states:
+        network = SceneNetwork(observer)
+        network.load_state_dict({name: values[0].clone() for name, values in state.items()})
+        networks.append(network)
+    return networks
 
 
 def scene_condition(views: Sequence[tuple[Tensor, Tensor | None]], observer: Observer, budget: float) -> Tensor:

@@ -14,12 +14,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn.utils import parametrize
 
 from ...color.simulation import Observer
 from ...runtime.protocol import Reporter
 from ...runtime.threads import one_thread
-from ..lut import interpolate
 from ..lut_fit import initial_residual
 from ..pairs import Alphas, Images
 from .network import SceneNetwork, features
@@ -82,7 +80,6 @@ _SCALINGS = 4  # at most, of a change to the budget; ΔE00 is not quite proporti
 _NEARLY = 0.98  # of the budget is near enough
 _LEAST_CHANGE = 1e-6  # mean ΔE00
 _LEAST_SCALE, _MOST_SCALE = 0.01, 3.0  # of a start's change
-_COARSER = (5, 3, 2)  # nodes of the tables that a short fit adds to the table's own
 _BUDGET_PARTS = (1.0, 0.85, 0.7, 0.55, 0.4)  # of the budget that are tried for a start, the largest first
 
 
@@ -161,19 +158,6 @@ class _View:
         return shown.T.reshape(self.objective.image.shape)
 
 
-class _Levels(torch.nn.Module):
-    """Adds to an (N, N, N, 3) table what coarser ones have at its nodes; these are zero at first."""
-
-    def __init__(self, table: Tensor) -> None:
-        super().__init__()
-        self._coarser = torch.nn.ParameterList(table.new_zeros(nodes, nodes, nodes, 3) for nodes in _COARSER)
-
-    def forward(self, table: Tensor) -> Tensor:
-        axis = torch.linspace(0.0, 1.0, len(table))
-        nodes = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(1, -1, 3)
-        return torch.stack([table, *(interpolate(one, nodes).reshape(table.shape) for one in self._coarser)]).sum(0)
-
-
 class _Fit:
     """One fit."""
 
@@ -215,10 +199,7 @@ class _Fit:
             network.table.data.copy_(alone.table.data)
         table = self._at_budget(alone, whole=False).table.detach()
         self._weight, self._mean_change = self._settings.weight, None
-        if starts:
-            self._optimise_in_levels(network)
-        else:
-            self._optimise(network, list(network.parameters()), self._settings.steps, whole=True)
+        self._optimise(network, list(network.parameters()), self._settings.steps, whole=True)
         # A short fit ends before the weight of naturalness has found what the scene needs.
         network = self._at_budget(network, whole=True) if not starts else self._best_scaled(network)
         self._reporter.progress(STAGE, 1.0)
@@ -270,12 +251,6 @@ class _Fit:
             ease = min(max(self._weight / _LAX_WEIGHT, _LEAST_EASE), 1.0)
             self._descend(optimiser, network, view.objective(shown, self._weight, ease))
             self._follow_budget(view.objective.change(shown))
-
-    def _optimise_in_levels(self, network: SceneNetwork) -> None:
-        """As `_optimise`, with the table as a sum of finer and coarser ones, so that few steps move all of it."""
-        parametrize.register_parametrization(network, "table", _Levels(network.table))
-        self._optimise(network, list(network.parameters()), self._settings.steps, whole=True)
-        parametrize.remove_parametrizations(network, "table")
 
     def _descend(self, optimiser: torch.optim.Optimizer, network: SceneNetwork, loss: Tensor) -> None:
         optimiser.zero_grad()

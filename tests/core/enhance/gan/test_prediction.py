@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cvdgs.core.color.simulation import Observer
 from cvdgs.core.enhance.gan.conditioning import CONDITION_FEATURES, condition, palette
 from cvdgs.core.enhance.gan.networks import DIRECTIONS, STRIDE, Generator
-from cvdgs.core.enhance.gan.prediction import predict_networks, start_table, with_plain
+from cvdgs.core.enhance.gan.prediction import predict_networks, start_table
 from cvdgs.core.enhance.scene.network import SceneNetwork
 from cvdgs.core.errors import InputError
 
@@ -37,16 +37,6 @@ def test_an_untrained_generator_predicts_the_two_directions_that_the_fit_tries()
     for network, direction in zip(networks, DIRECTIONS, strict=True):
         found = network.table.detach().flatten()
         assert float(torch.cosine_similarity(found, direction * expected, 0)) > 0.99
-
-
-def test_beside_what_is_predicted_stand_plain_starts_and_means_of_both():
-    networks = with_plain(predict_networks(random_generator(), [noise(40, 50)], DEUTAN, 2.0))
-    for predicted, plain, mean, direction in zip(networks[:2], networks[2:4], networks[4:], DIRECTIONS, strict=True):
-        assert torch.equal(plain.table, direction * start_table(DEUTAN))
-        assert torch.equal(plain.first.weight, predicted.first.weight)
-        assert not plain.last.weight.any()
-        assert torch.allclose(mean.table, (predicted.table + plain.table) / 2.0)
-        assert torch.allclose(mean.last.weight, predicted.last.weight / 2.0)
 
 
 @settings(max_examples=12, deadline=None)
