@@ -261,6 +261,7 @@ class DecisionLog:
             "growth": self.growth,
             "degree": self.degree,
             "stopped": self.stopped,
+            "restored": self._restored,
             "measured": self.measured,
             "rounds": self.rounds,
         }
@@ -273,6 +274,7 @@ class DecisionLog:
         """Continue from a `snapshot`; raises `InputError` where it is damaged."""
         names = ("views", "start", "growth", "degree")
         self.views, self.start, self.growth, self.degree = (saved.value(name, str) for name in names)
+        self._restored = saved.value("restored", str)
         self.initial = saved.number("initial", 0, 2**62)
         self.stopped = saved.value("stopped", bool)
         self.measured, self.rounds = (

@@ -123,10 +123,9 @@ class Trainer:
 
     def _prepare_views(self, training: Sequence[View], held_out: Sequence[View]) -> None:
         """Targets of the views; of the training views, those that are fitted from the start come first."""
-        self._keys = [view.key for view in training]
+        split, self._keys = self._split, [view.key for view in training]
         self._targets = self._prepare(training, {factor for _, factor in self._plan.coarse})
         self._held_out = HeldOut(held_out, self._prepare, self._plan.curve_subset)
-        split = self._split
         validating = self._held_out.shown if split.validate_on_held_out else self._targets[len(split.fitted) :]
         self._validation = Validation(validating, self._aligned)
 
@@ -240,20 +239,18 @@ class Trainer:
             self._fit_next(self._schedule.reduction(step), self._schedule.learning_rates(step), order=order)
 
     def _refinement(self, step: int) -> Refinement:
-        strategy = self._strategy
-        budget = strategy.schedule.budget(step, self._plan.steps, self._log.initial, self._limit)
+        budget = self._strategy.schedule.budget(step, self._plan.steps, self._log.initial, self._limit)
         evidence = Evidence(self.fit.mean_gradient, self._sample_evidence(step))
         gaussians = self.fit.parameters.to_gaussians()
-        return in_morton_order(strategy.refine(gaussians, evidence, budget, self._rng))
+        return in_morton_order(self._strategy.refine(gaussians, evidence, budget, self._rng))
 
     def _sample_evidence(self, step: int) -> ViewEvidence | None:
-        available = self._fitted_count
-        wanted = self._strategy.views_wanted(step, self._plan.steps, available)
+        wanted = self._strategy.views_wanted(step, self._plan.steps, self._fitted_count)
         if not wanted:
             return None
         # A census of all views decides what to remove, which fine detail does not change: low resolution is enough.
         reduction = self._schedule.coarsest if self._is_census(step) else self._schedule.reduction(step)
-        chosen = np.sort(self._rng.choice(available, wanted, replace=False))
+        chosen = np.sort(self._rng.choice(self._fitted_count, wanted, replace=False))
         return self._evidence(chosen.tolist(), reduction)
 
     def _is_census(self, step: int) -> bool:
@@ -304,15 +301,19 @@ class Trainer:
         return AlignedViews(self._rasterizer, views, self._background, self._plan.poses)
 
     def _stops_early(self, step: int) -> bool:
-        """Measure the validation views if a measurement is due, and apply the stop rule."""
-        stopping = self._plan.stopping
-        if stopping is None or not self._validation or not stopping.due(step, self._plan.steps):
+        """Measure the validation views if a measurement is due, and apply the stop rule; the hinge has its part yet."""
+        plan, log = self._plan, self._log
+        if plan.stopping is None or not self._validation or not plan.stopping.due(step, plan.steps):
             return False
-        self._log.measured.append(self._measure(step))
-        if self._schedule.growing(step) or not stopping.should_stop(self._log.measured, self._schedule.steps):
+        log.measured.append(self._measure(step))
+        settled = self._loss is None and not self._schedule.growing(step)
+        if not settled or not plan.stopping.should_stop(log.measured, plan.steps):
             return False
-        self._log.stopped = True
-        return True
+        log.stopped = True
+        if plan.contrast is not None:
+            log.restore_best(log.measured[-1], self.fit)
+            self._schedule.skip_to_contrast(step)
+        return plan.contrast is None
 
     def _end_validation(self, step: int) -> None:
         """Make the decisions still open; from now on, fit the views held back for them."""
@@ -330,9 +331,8 @@ class Trainer:
     def _choose_degree(self) -> None:
         self._degree_undecided = False
         if self._validation:
-            rule, steps = self._plan.sh_degree_rule, self._plan.steps
-            fit_next = partial(self._fit_next, 1)
-            self._log.degree = choose_degree(self.fit, rule, steps, fit_next, self._validation_psnr)
+            rule, fit_next = self._plan.sh_degree_rule, partial(self._fit_next, 1)
+            self._log.degree = choose_degree(self.fit, rule, self._plan.steps, fit_next, self._validation_psnr)
 
     # The end of the run
 

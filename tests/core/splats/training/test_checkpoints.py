@@ -133,6 +133,18 @@ def test_a_run_that_was_broken_off_ends_with_the_same_bits(trainer, uninterrupte
     assert_same(trainer(resume=True).train(Reporter()), uninterrupted)
 
 
+def test_a_run_that_ends_early_may_be_broken_off_in_its_last_part(trainer, scene, views):
+    plan = replace(PLAN, stopping=StopRule(patience=0.1, min_gain=9.0), short_run=0)
+    colors = np.full((len(scene), 3), 128, np.uint8)
+    whole = Trainer(Rasterizer("cpu"), views[1:], views[:1], scene.means, colors, plan, BLACK, 0).train(Reporter())
+    ended = whole.curve[-1]["step"]
+    assert ended < STEPS
+    kept = trainer(resume=False, plan=plan)
+    with pytest.raises(Broken):
+        kept.train(BreaksOff((ended - 10) * STEPS // ended))
+    assert_same(trainer(resume=True, plan=plan).train(Reporter()), whole)
+
+
 def test_a_run_may_be_broken_off_again_and_again(trainer, uninterrupted):
     for number, step in enumerate((30, 60, 110)):
         break_off(trainer(resume=number > 0), step)

@@ -105,6 +105,17 @@ def test_when_growth_ends_early_the_rest_settles_as_long_as_planned():
     assert all(schedule.learning_rates(step) == whole.learning_rates(step) for step in range(1001))
 
 
+def test_a_run_that_ends_early_goes_on_with_the_part_of_the_contrast_hinge():
+    plan = TrainingPlan(steps=1000)
+    schedule, whole = (TrainingSchedule(plan, Schedule(0.1, 0.5, 10)) for _ in range(2))
+    schedule.skip_to_contrast(600)
+    assert schedule.steps == 800
+    assert [schedule.learning_rates(600 + i) for i in range(201)] == [whole.learning_rates(800 + i) for i in range(201)]
+    assert all(schedule.contrast(step) for step in range(601, 801))
+    schedule.skip_to_contrast(700)  # where it counts already
+    assert schedule.steps == 800
+
+
 @given(st.integers(1, 5000))
 def test_learning_rates_never_rise(steps):
     schedule = TrainingSchedule(TrainingPlan(steps=steps), Schedule(0.1, 0.6, 10))

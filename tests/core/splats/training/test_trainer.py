@@ -9,12 +9,12 @@ import pytest
 from cvdgs.core.capture.model import PinholeCamera, View
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.core.splats.gaussians import SH_C0, Gaussians
-from cvdgs.core.splats.raster import Rasterizer
+from cvdgs.core.splats.raster import ContrastPlan, Rasterizer
 from cvdgs.core.splats.renderer import SceneRenderer
 from cvdgs.core.splats.scene_frame import SceneFrame
 from cvdgs.core.splats.strategy import MultiViewConsistent
 from cvdgs.core.splats.targets import Background, prepare_targets
-from cvdgs.core.splats.training.decisions import GrowthRule, ShDegreeRule
+from cvdgs.core.splats.training.decisions import GrowthRule, ShDegreeRule, StopRule
 from cvdgs.core.splats.training.fitting import Fit
 from cvdgs.core.splats.training.layers import LayerPlan, fit_layer
 from cvdgs.core.splats.training.plan import TrainingPlan
@@ -222,6 +222,17 @@ def test_a_run_that_gains_nothing_more_ends_early_and_returns_its_best(scene, vi
     result = train(blind[:4] + blind[5:], scene.means, TrainingPlan(steps=400, limit=600), held_out=[blind[4]])
     assert result.curve[-1]["step"] < 400
     assert result.curve[-1]["psnr"] >= max(entry["psnr"] for entry in result.curve[1:]) - 0.2
+
+
+def test_the_contrast_hinge_has_its_part_in_a_run_that_ends_early(scene, views):
+    stopping = StopRule(patience=0.1, min_gain=9.0)
+    plan = TrainingPlan(steps=100, limit=500, stopping=stopping, exposure=None, contrast=ContrastPlan(weight=1.0))
+    plans = (plan, replace(plan, contrast=ContrastPlan(weight=0.0)), replace(plan, contrast=None))
+    with_hinge, without_weight, without = (train(views[1:], scene.means, each, views[:1]) for each in plans)
+    assert without.curve[-1]["step"] <= 70
+    assert with_hinge.curve[-1]["step"] == without_weight.curve[-1]["step"] == without.curve[-1]["step"] + 20
+    assert (with_hinge.gaussians.sh != without_weight.gaussians.sh).any()
+    assert with_hinge.decision["steps"].endswith("of 100: the validation views no longer improved")
 
 
 @pytest.mark.parametrize("strategy", [CloneSplitPrune(), MultiViewConsistent(), Relocation()])
