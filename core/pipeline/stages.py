@@ -90,6 +90,7 @@ class Plans:
         training: of the geometry; steps, limit, SH degree and poses are those of the settings.
         joint: of the last part of a joint training.
         layer: of a layer's colours.
+        original: of the photographs' colours on the finished geometry; None keeps those that it was trained with.
         guided: whether pixels that vary with the view count less, and the views agree on colours.
     """
 
@@ -97,6 +98,7 @@ class Plans:
     training: TrainingPlan = field(default_factory=TrainingPlan)
     joint: JointPlan = field(default_factory=JointPlan)
     layer: LayerPlan = field(default_factory=LayerPlan)
+    original: LayerPlan | None = field(default_factory=LayerPlan.of_photographs)
     guided: bool = True
 
 
@@ -209,10 +211,10 @@ class Stages:
         """
         made = self.reconstruction(result.gaussians, "geometry", 1.0)
         if self.settings.mode == "joint":
-            self.reporter.status("geometry", "fitting the photographs' colours")
-            guides = self._guides(made.agreement)
-            original = self._fit_colors(made, self._views(self.split.train), guides, self._contrast(None))
-            made = replace(made, original=original, layers={self.settings.layers[0]: result.gaussians})
+            layers = {self.settings.layers[0]: result.gaussians}
+            made = replace(made, original=self._fit_original(made, self.plans.layer), layers=layers)
+        elif self.plans.original is not None and result.gaussians.sh_degree == 0:
+            made = replace(made, original=self._fit_original(made, self.plans.original))
         write_ply(self.folder / GAUSSIANS_FILE, made.original, scores)
         return made
 
@@ -315,23 +317,32 @@ class Stages:
         post = self.settings.mode == "post"  # the baseline: colours that fit the pictures, and nothing more
         guides = self._guides(made.agreement, None if post else views)
         contrast = None if post else self._contrast(layer)
-        return self._fit_colors(made, views, guides, contrast, partial(reporter.progress, "layers"))
+        return self._fit_colors(made, views, guides, self.plans.layer, contrast, partial(reporter.progress, "layers"))
+
+    def _fit_original(self, made: Reconstruction, plan: LayerPlan) -> Gaussians:
+        """The geometry with colours of SH degree 0 fitted to the photographs, as they look to normal vision."""
+        message = "fitting the photographs' colours"
+        self.reporter.status("geometry", message)
+        span = StageSpan(self.reporter, "geometry", 1.0, 1.0, message)
+        views, guides = self._views(self.split.train), self._guides(made.agreement)
+        contrast = SeenContrast(plan.contrast, views, None)
+        return self._fit_colors(made, views, guides, plan, contrast, partial(span.progress, "geometry"))
 
     def _fit_colors(
         self,
         made: Reconstruction,
         views: Sequence[View],
         guides: Sequence[ViewGuide] | None,
+        plan: LayerPlan,
         contrast: SeenContrast | None,
-        progress: Callable[[float], None] = lambda _: None,
+        progress: Callable[[float], None],
     ) -> Gaussians:
-        plan, seed = self.plans.layer, self.settings.seed
+        seed = self.settings.seed
         return fit_layer(self.rasterizer, made.original, views, plan, self.background, seed, progress, guides, contrast)
 
-    def _contrast(self, layer: Layer | None) -> SeenContrast:
-        """What is to be kept of the training views' contrast, for a layer's observer or for normal vision."""
-        simulation = self.settings.simulation
-        observer = None if layer is None else linear_simulation(layer.cvd, layer.severity, simulation)
+    def _contrast(self, layer: Layer) -> SeenContrast:
+        """What is to be kept of the training views' contrast for a layer's observer."""
+        observer = linear_simulation(layer.cvd, layer.severity, self.settings.simulation)
         return SeenContrast(self.plans.layer.contrast, self._views(self.split.train), observer)
 
     def _guides(self, agreement: SceneAgreement, enhanced: Sequence[View] | None = None) -> list[ViewGuide] | None:

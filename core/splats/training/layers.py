@@ -38,6 +38,11 @@ class LayerPlan:
     multi_view_weight: float = 2.0
     contrast: ContrastPlan = field(default_factory=ContrastPlan)
 
+    @classmethod
+    def of_photographs(cls) -> LayerPlan:
+        """For the photographs' own colours, to begin with those that the geometry was trained with."""
+        return cls(epochs=1, minimum_steps=150, learning_rate=2e-2, contrast=ContrastPlan(weight=3.0))
+
 
 def fit_layer(
     rasterizer: Rasterizer,

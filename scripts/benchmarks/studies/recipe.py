@@ -33,6 +33,7 @@ PLAIN = Plans(
         contrast=None,
     ),
     layer=LayerPlan(ssim_weight=_PLAIN_SSIM_WEIGHT, multi_view_weight=0.0, contrast=ContrastPlan(weight=0.0)),
+    original=None,
     guided=False,
 )
 """Plain Gaussian splatting: from sparse points, clone and split by gradients, the photometric loss of Kerbl et al. 2023
@@ -80,7 +81,7 @@ class Recipe:
     def geometry_key(self) -> str:
         """Equal for recipes with the same geometry; that of `joint` depends on the enhanced views as well."""
         fitted_to = self.enhancement_key if self.mode == "joint" else "photographs"
-        fit = self.plans if self.mode == "joint" else (self.plans.lens, self.plans.training)
+        fit = self.plans if self.mode == "joint" else (self.plans.lens, self.plans.training, self.plans.original)
         return repr((fitted_to, self.iterations, self.gaussians, self.sh_degree, self.seed, fit))
 
     @property
