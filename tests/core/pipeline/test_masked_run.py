@@ -67,7 +67,8 @@ def test_the_report_says_how_much_is_masked_and_what_was_removed(finished: tuple
     assert report["clean"]["share"] == pytest.approx(
         report["clean"]["removed"] / (report["gaussians"] + report["clean"]["removed"])
     )
-    assert report["clean"]["psnr_after"] == pytest.approx(report["reconstruction"]["psnr"])
+    # The colours of what is left are fitted once more.
+    assert report["clean"]["psnr_after"] < report["reconstruction"]["psnr"]
     assert "removed as floaters" in report["decision"]["clean"]
 
 
