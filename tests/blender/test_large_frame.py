@@ -19,6 +19,7 @@ from .test_taken_away import ADD_TURNTABLE, CAMERA_FRAME, VIEW_IN_COLOR, below
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3000)]
 
 MAKE, DISPLAY, TURNTABLE = header(2), header(3), header(5)
+REMOVE_TURNTABLE = (243, 141)  # below its header, while all above is closed
 
 ANSWER_MAY_TAKE = 60.0  # seconds; one on an idle machine
 SIZE, SMALL = (3840, 2160), 8  # pixels, and how many times smaller the other picture is
@@ -64,7 +65,7 @@ def loaded(installed: Desktop, finished_run: str) -> Desktop:
     return installed
 
 
-def test_a_turntable_is_undone_and_done_again(loaded: Desktop):
+def test_a_turntable_and_its_removal_are_undone(loaded: Desktop):
     desktop = loaded
     toggle(desktop, TURNTABLE)
     before = set(desktop.state()["objects"])
@@ -79,6 +80,9 @@ def test_a_turntable_is_undone_and_done_again(loaded: Desktop):
     press_in_view(desktop, "ctrl+shift+z")
     has(turned)
     desktop.picture("turntable-again")
+    press_until(desktop, below(TURNTABLE, REMOVE_TURNTABLE), lambda state: set(state["objects"]) == before)
+    press_in_view(desktop, "ctrl+z")
+    has(turned)
     toggle(desktop, TURNTABLE)
 
 
