@@ -2,8 +2,8 @@
 
 The modes differ in two of them:
 
-    layers   geometry from the photographs; each layer's colours are fitted to the enhanced photographs, with the
-             multi-view loss
+    layers   geometry from the photographs, whose colours are then fitted to it once more; each layer's colours are
+             fitted to the enhanced photographs, with the multi-view loss
     joint    geometry and the first layer's colours together from its enhanced photographs, with the multi-view loss;
              the photographs' colours and further layers are then fitted to that geometry
     post     geometry from the photographs; a layer's pictures are renderings that are enhanced one by one afterwards,
