@@ -61,13 +61,14 @@ def measure(empty: bpy.types.Object, metres: float) -> bool:
     apart = float(np.linalg.norm(second - first))
     if not apart > 0.0 or not 0.0 < metres <= _LONGEST:
         raise InputError("the ruler has no length", where=empty.name, remedy="move its ends to two places")
-    middle = mathutils.Matrix.Translation(((first + second) / 2.0).tolist())
-    larger = mathutils.Matrix.Scale(metres / apart, 4)
-    empty.matrix_world = middle @ larger @ middle.inverted() @ empty.matrix_world
-    scale_ranges(empty, metres / apart)
-    bpy.context.view_layer.update()
-    unit = max(empty.matrix_world.to_scale())
-    set_metres(empty, unit)
+    ratio = metres / apart
+    unit = ratio * max(empty.matrix_world.to_scale())
     folders = {child[RUN_PROPERTY] for child in empty.children if isinstance(child.get(RUN_PROPERTY), str)}
+    # First what may fail, so that a run that cannot be told leaves the scene as it is.
     told = [note_metres(Path(bpy.path.abspath(folder)), unit) for folder in sorted(folders)]
+    middle = mathutils.Matrix.Translation(((first + second) / 2.0).tolist())
+    empty.matrix_world = middle @ mathutils.Matrix.Scale(ratio, 4) @ middle.inverted() @ empty.matrix_world
+    scale_ranges(empty, ratio)
+    set_metres(empty, unit)
+    bpy.context.view_layer.update()
     return any(told)

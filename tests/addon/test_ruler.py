@@ -83,3 +83,13 @@ def test_a_folder_without_a_run_is_told_nothing_and_damaged_files_are_named(run:
     (run / CAPTURE_FOLDER / "transforms.json").write_text("[]")
     with pytest.raises(InputError, match="not the files of a run"):
         note_metres(run, 2.0)
+
+
+def test_a_run_that_cannot_be_told_leaves_the_scene_as_it_is(run: Path, empty: bpy.types.Object) -> None:
+    add_ruler(empty)
+    before = empty.matrix_world.copy()
+    (run / CAPTURE_FOLDER / "transforms.json").write_text("[]")
+    with pytest.raises(InputError, match="not the files of a run"):
+        measure(empty, 2.4)
+    bpy.context.view_layer.update()
+    assert empty.matrix_world == before
