@@ -63,6 +63,17 @@ def test_nothing_is_said_where_there_is_nothing_to_choose(rasterizer, rule):
     assert (len(choice.gaussians), choice.words) == (60, "")
 
 
+def test_a_few_more_points_have_to_gain_as_much_as_a_doubling(rasterizer, views):
+    half_a_wall = np.random.default_rng(0).uniform([-1.5, -1.2, 0.0], [0.0, 1.2, 0.0], (1800, 3)).astype(np.float32)
+    points = half_a_wall, np.full((1800, 3), 128, np.uint8)
+    taken = chosen(rasterizer, views, points, StartRule(doubling_gain=0.0))
+    assert 1800 < len(taken.gaussians) <= LIMIT / 2
+    gain = float(taken.words.split("gained ")[1].split(" dB")[0])
+    refused = chosen(rasterizer, views, points, StartRule(doubling_gain=gain + 0.01))
+    assert len(refused.gaussians) == 1800
+    assert refused.words.startswith("sparse points")
+
+
 def test_points_enough_are_not_added_to(rasterizer, views):
     choice = chosen(rasterizer, views, sparse_points(LIMIT // 2))
     assert (len(choice.gaussians), choice.words) == (LIMIT // 2, "")
