@@ -268,6 +268,7 @@ class Stages:
             self.background,
             self.settings.seed,
             self.checkpoints,
+            self.reporter,
         )
         if self.preview is None:
             return trainer.train(self.reporter)

@@ -93,6 +93,7 @@ class JointTraining:
         trainer = Trainer(
             *(self.rasterizer, self.views, self.held_out, points, colors, plan, self.background, self.seed),
             checkpoints=self.checkpoints,
+            reporter=reporter,
         )
         turn = before / self.plan.steps
         result = trainer.train(StageSpan(reporter, STAGE, 0.0, turn, "fitting enhanced views"))

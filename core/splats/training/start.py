@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -76,6 +76,7 @@ class StartTrial:
         ssim_weight: of the loss.
         learning_rates: the initial ones.
         seed: of the order of the views.
+        told: receives what is being done, in words.
     """
 
     rasterizer: Rasterizer
@@ -87,6 +88,7 @@ class StartTrial:
     ssim_weight: float
     learning_rates: LearningRates
     seed: int
+    told: Callable[[str], None] = lambda _message: None
 
     def psnr(self, start: Gaussians) -> float:
         """dB on the views that judge, after a trial from `start`."""
@@ -124,9 +126,11 @@ def choose_start(
     sparse = made(None)
     if rule.dense is None or not trial.validation or not trial.steps:
         return StartChoice(sparse)
+    trial.told(f"comparing {len(views)} photographs with each other for more points")
     dense = made(rule.dense)
     if len(dense) <= len(sparse):
         return StartChoice(sparse)
+    trial.told(f"trying a start from {len(dense):,} points, and from {len(sparse):,}")
     gain = trial.psnr(dense) - trial.psnr(sparse)
     if gain < rule.doubling_gain * max(math.log2(len(dense) / max(len(sparse), 1)), 1.0):
         return StartChoice(

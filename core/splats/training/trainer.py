@@ -38,8 +38,6 @@ from .start import StartChoice, StartTrial, choose_start, means_reach
 from .trials import choose_degree, correction_gain, more_pay
 from .validation import Curve, HeldOut, Validation, curve_entry
 
-__all__ = ["STAGE", "Trainer"]
-
 STAGE = "geometry"
 _PROGRESS_EVERY = 10  # steps
 
@@ -56,6 +54,7 @@ class Trainer:
         background: behind the Gaussians.
         seed: of the initialisation, the order of the views and the strategy.
         checkpoints: where the state is kept; None keeps none.
+        reporter: told what a start is chosen from, which takes a while in rooms.
 
     Raises (on construction):
         InputError: the checkpoint to go on from is damaged.
@@ -72,8 +71,9 @@ class Trainer:
         background: Background,
         seed: int,
         checkpoints: Checkpoints | None = None,
+        reporter: Reporter | None = None,
     ) -> None:
-        self._curve = Curve()
+        self._curve, self._reporter = Curve(), reporter or Reporter()
         self._rasterizer = rasterizer
         self._plan = plan
         self._background = background
@@ -114,10 +114,10 @@ class Trainer:
         self, views: Sequence[View], points: NDArray[np.float32], colors: NDArray[np.uint8], seed: int
     ) -> StartChoice:
         plan, fitted, judging = self._plan, self._targets[: self._fitted_count], self._targets[self._fitted_count :]
-        steps = plan.start.trial_steps(plan.steps)
         trial = StartTrial(
-            *(self._rasterizer, self._background, fitted, judging, self._schedule.coarsest, steps),
-            *(plan.ssim_weight, plan.learning_rates, seed),
+            *(self._rasterizer, self._background, fitted, judging, self._schedule.coarsest),
+            *(plan.start.trial_steps(plan.steps), plan.ssim_weight, plan.learning_rates, seed),
+            partial(self._reporter.status, STAGE),
         )
         return choose_start(plan.initial, plan.start, trial, views, points, colors, self._frame, self._limit)
 

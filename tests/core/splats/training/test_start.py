@@ -105,6 +105,20 @@ def test_a_run_starts_from_what_was_chosen_and_says_so(rasterizer, views, rule, 
     assert result.decision["start"].startswith("dense stereo" if rule.doubling_gain < 0.0 else "sparse points")
 
 
+def test_what_a_start_is_chosen_from_is_told_meanwhile(rasterizer, views):
+    said = []
+
+    class Listener(Reporter):
+        def status(self, stage, message):
+            said.append((stage, message))
+
+    plan = TrainingPlan(steps=500, limit=LIMIT, poses=None, exposure=None, coarse=())
+    Trainer(rasterizer, views, [], *sparse_points(), plan, BLACK, seed=0, reporter=Listener())
+    assert [stage for stage, _ in said] == ["geometry"] * 2
+    assert "7 photographs" in said[0][1]
+    assert said[1][1].startswith("trying a start from 1,")
+
+
 def cameras(turns: np.ndarray) -> list[RasterCamera]:
     """From the origin, turned about the vertical axis by these angles; 90 degrees wide."""
     poses = np.tile(np.eye(4), (len(turns), 1, 1))
