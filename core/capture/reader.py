@@ -29,6 +29,7 @@ from .material import Material, describe, find_material, make_photographs, masks
 from .model import MIN_VIEWS, Capture, CaptureSummary, CaptureWarning, View
 from .scaling import downscale_with_alpha, fit_size
 from .sfm import estimate_cameras
+from .sfm_job import SfmSettings
 from .source import MOST_VIEWS, SourceModel
 from .tag_scale import metres_per_unit
 from .transforms import find_transforms, read_transforms
@@ -151,7 +152,8 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter, max_size: int 
         found = masks_of(material)
         originals = photographs.originals.items()
         masks = {name: found.files[original] for name, original in originals if original in found.files}
-        model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter, masks=masks)
+        settings = SfmSettings.for_views(max_size)
+        model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter, settings, masks)
         if is_folder(folder):  # what lies beside one video may belong to others
             warn_about_unused(model, found.unused)
         model.views = [replace(view, time=photographs.times.get(view.name)) for view in model.views]

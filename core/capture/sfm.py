@@ -163,8 +163,9 @@ class _Watch:
         self._process = process
         self._workspace = workspace
         count = len(job.names)
-        pairs = job.settings.pairs(count)
+        pairs = (job.settings.first or job.settings).pairs(count)
         self._totals = {"reading": count, "features": count, "matching": pairs, "mapping": count}
+        self._pairs = job.settings.pairs(count)  # with more effort
         self._reporter = reporter
         self._step, self._effort, self._done = "", 0, 0
         self._started = time.monotonic()
@@ -228,8 +229,10 @@ class _Watch:
         if isinstance(message, int):
             self._done = message
             return
-        self._effort, self._done = int(message.startswith(_MORE)), 0
-        self._step = message.removeprefix(_MORE)
+        self._step, self._done = message.removeprefix(_MORE), 0
+        if message == f"{_MORE}features":
+            self._effort += 1
+            self._totals["matching"] = self._pairs
         text = _MESSAGES[self._step].format(count=self._totals["features"], pairs=self._totals["matching"])
         self._reporter.status(f"sfm-{self._step}", f"{text}, with more effort" if self._effort else text)
 

@@ -51,7 +51,7 @@ def copy_photographs(job: SfmJob, told: Callable[[int], None]) -> list[tuple[int
         InputError: a photograph or a mask is damaged.
     """
     workspace = Path(job.workspace)
-    (workspace / MASKS).mkdir()
+    (workspace / MASKS).mkdir(exist_ok=True)
     sizes = []
     # One after the other: decoded photographs are what costs memory.
     for index, name in enumerate(job.names):

@@ -30,6 +30,7 @@ class SfmSettings:
         enough: share of the photographs after which no further way of placing them is tried.
         threads: for features and matching.
         seed: of RANSAC and the mappers.
+        first: what is tried before; None for nothing.
     """
 
     max_image_size: int = 1600
@@ -43,6 +44,15 @@ class SfmSettings:
     enough: float = 0.9
     threads: int = 2
     seed: int = 0
+    first: SfmSettings | None = None
+
+    @classmethod
+    def for_views(cls, size: int | None) -> SfmSettings:
+        """What suits a scene that is fitted to pictures of `size` pixels, None for the photographs' own size.
+
+        Drafts are content with smaller photographs, fewer features and fewer pairs, where these place enough.
+        """
+        return cls(first=_QUICK) if size is not None and size <= _DRAFT else cls()
 
     def matches_every_pair(self, count: int) -> bool:
         """Whether `count` photographs are few enough to match each with each."""
@@ -59,6 +69,11 @@ class SfmSettings:
         """Of neighbours that are matched, in the order in which the photographs were taken."""
         powers = {2**exponent for exponent in range(self.sequential_overlap)}
         return tuple(sorted({*range(1, self.sequential_overlap + 1), *powers}))
+
+
+_DRAFT = 400  # pixels
+# docs/faq.md has what it costs and saves.
+_QUICK = SfmSettings(max_image_size=640, max_features=2048, exhaustive_limit=30, sequential_overlap=8, alike=8)
 
 
 @dataclass(frozen=True)
@@ -87,7 +102,9 @@ class SfmJob:
     @classmethod
     def from_json(cls, text: str) -> SfmJob:
         fields = json.loads(text)
-        return cls(**{**fields, "settings": SfmSettings(**fields["settings"])})
+        settings = fields["settings"]
+        first = settings["first"] and SfmSettings(**settings["first"])
+        return cls(**{**fields, "settings": SfmSettings(**{**settings, "first": first})})
 
 
 @dataclass(frozen=True)
@@ -101,7 +118,7 @@ class Placed:
         angle: median angle in degrees, over the points, between the two rays to a point that are farthest apart.
         matched: for each photograph the number of others with which it has enough in common.
         method: "global" or "incremental".
-        effort: 0 where the photographs' plain features were enough, 1 where more were sought.
+        effort: how many ways of placing them were tried before, which placed fewer.
     """
 
     names: list[str] = field(default_factory=list)

@@ -11,7 +11,7 @@ import os
 import shutil
 import signal
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,8 @@ from .sfm_job import DATABASE, REFUSAL, RESULT, Placed, SfmJob, SfmSettings
 from .sfm_mapping import Mapped, focal_ratio, map_photographs, median_angle
 from .sfm_pairs import pairs_alike, pairs_in_time, signatures_of, write_pairs
 
-# Of features, by effort: how many times as many, and the least contrast of one (COLMAP's own is 0.0067).
-_MORE, _PEAKS = (1, 2), (0.02 / 3, 0.004)
-_FOLDERS = (PLAIN, EVEN)
+_PEAK = 0.02 / 3  # least contrast of a feature, COLMAP's own
+_FAINT = 0.004  # likewise, where contrast was made even
 # With fewer features in the median photograph the plain ones are not even matched: it is dark, blurred or bare.
 _HOPELESS = 250
 
@@ -53,55 +52,82 @@ def _estimate(job: SfmJob) -> None:
     """Write the largest reconstruction of the photographs to the workspace.
 
     Tells the name of each step as it begins ("reading", "features", "matching", "mapping"), with "more " before it when
-    it is done again with more features; how far it is, as a number; and at the end the fields of `Placed`.
+    it is done again with more effort; how far it is, as a number; and at the end the fields of `Placed`.
     """
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.FATAL.value)
     pycolmap.set_random_seed(job.settings.seed)
     _tell("reading")
-    sizes = copy_photographs(job, _tell)
     count, best, placed = len(job.names), None, Placed()
-    for effort in range(len(_FOLDERS)):
-        again = "more " if effort else ""
+    sizes: list[tuple[int, int]] = []
+    for effort, round_ in enumerate(_rounds(job.settings)):
+        own = replace(job, settings=round_.settings)
+        more = "more " if effort else ""
+        if not round_.is_even:
+            if effort:
+                _tell("more reading")
+            sizes = copy_photographs(own, _tell)
         database = Path(job.workspace) / f"{effort}-{DATABASE}"
-        _tell(f"{again}features")
-        if effort:
-            even_out(job)
-        _extract(database, job, sizes, effort)
-        if effort == 0 and _median_features(database) < _HOPELESS:
+        _tell(f"{more}features")
+        if round_.is_even:
+            even_out(own)
+        _extract(database, own, round_.is_even)
+        if not round_.is_even and _median_features(database) < _HOPELESS:
             continue
-        _tell(f"{again}matching")
-        matched = _match(database, job, _with_effort(job.settings, effort))
-        _tell(f"{again}mapping")
-        found = map_photographs(database, count, job.settings, _tell)
+        _tell(f"{more}matching")
+        matched = _match(database, own, round_.settings)
+        _tell(f"{more}mapping")
+        found = map_photographs(database, count, round_.settings, _tell)
         if best is None or (found and found.score > best.score):
             placed = _describe(found, job, matched, effort)
             best = found
-        if best and best.model.num_reg_images() >= job.settings.enough * count:
+        if best and best.placed >= job.settings.enough * count:
             break
     if best:
         _write(best, job, sizes)
     _tell(placed.to_dict())
 
 
+@dataclass(frozen=True)
+class _Round:
+    """One way of placing the photographs.
+
+    Attributes:
+        settings: see there.
+        is_even: whether faint features are sought, too, in copies whose contrast was made even.
+    """
+
+    settings: SfmSettings
+    is_even: bool = False
+
+
+def _rounds(settings: SfmSettings) -> list[_Round]:
+    """Ways of placing photographs, until one places enough."""
+    limit, alike = settings.exhaustive_limit, settings.alike
+    # Of photographs with many weak features, pairs that have nothing in common cost most.
+    faint = replace(settings, exhaustive_limit=limit // 2, alike=2 * alike, max_features=2 * settings.max_features)
+    first = [_Round(settings.first)] if settings.first else []
+    return [*first, _Round(settings), _Round(faint, is_even=True)]
+
+
 def _tell(message: str | int | dict[str, Any]) -> None:
     print(json.dumps(message), flush=True)
 
 
-def _extract(database: Path, job: SfmJob, sizes: list[tuple[int, int]], effort: int) -> None:
+def _extract(database: Path, job: SfmJob, is_even: bool) -> None:
     """Find the features of all photographs, those of one camera with one lens."""
     settings = job.settings
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = settings.max_image_size
     options.num_threads = settings.threads
-    options.sift.max_num_features = settings.max_features * _MORE[effort]
-    options.sift.peak_threshold = _PEAKS[effort]
+    options.sift.max_num_features = settings.max_features
+    options.sift.peak_threshold = _FAINT if is_even else _PEAK
     pycolmap.Database.open(str(database)).close()  # makes it
     for camera in sorted(set(job.cameras)):
         indices = [index for index, one in enumerate(job.cameras) if one == camera]
         reader = pycolmap.ImageReaderOptions()
         reader.camera_model = settings.camera_model
         reader.mask_path = str(Path(job.workspace) / MASKS) if _has_masks(job) else ""
-        images, names = Path(job.workspace) / _FOLDERS[effort], [copy_name(index) for index in indices]
+        images, names = Path(job.workspace) / (EVEN if is_even else PLAIN), [copy_name(index) for index in indices]
         # Otherwise they are numbered as the threads finish them, and the mappers start elsewhere every time.
         pycolmap.import_images(database, images, pycolmap.CameraMode.SINGLE, names, reader)
         pycolmap.extract_features(
@@ -150,12 +176,6 @@ def _median_features(database: Path) -> int:
     with pycolmap.Database.open(str(database)) as opened:
         counts = sorted(opened.num_keypoints_for_image(image) for image in _image_ids(opened).values())
     return counts[len(counts) // 2] if counts else 0
-
-
-def _with_effort(settings: SfmSettings, effort: int) -> SfmSettings:
-    """Which pairs to match: of photographs with many weak features, those that have nothing in common cost most."""
-    limit, alike = settings.exhaustive_limit, settings.alike
-    return replace(settings, exhaustive_limit=limit // 2, alike=2 * alike) if effort else settings
 
 
 def _match(database: Path, job: SfmJob, settings: SfmSettings) -> list[int]:

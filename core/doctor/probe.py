@@ -13,6 +13,7 @@ import importlib
 import json
 import os
 import platform
+import shutil
 import sys
 import tempfile
 from importlib import metadata
@@ -69,4 +70,6 @@ def ask_warp() -> dict[str, Any]:
 if __name__ == "__main__":
     sys.path.pop(0)  # this folder, where our modules would hide others of the same names
     print("\n" + json.dumps(main(sys.argv[1:])), flush=True)
+    if "bpy" in sys.modules:  # which would remove it at the end that it does not come to
+        shutil.rmtree(sys.modules["bpy"].app.tempdir, ignore_errors=True)
     os._exit(0)  # some libraries do not end well in a process that has barely used them

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ..files.images import write_png
 from ..files.untrusted import replacing
 from ..runtime.protocol import Reporter
 from ..splats.gaussians import Gaussians
 from ..splats.renderer import SceneRenderer
+from ..splats.training.initialise import InitialGaussians
 
 _INTERVAL = 2.0  # seconds between two pictures of a training; one takes some 30 ms
+_DOTS = InitialGaussians(opacity=0.95, neighbours=3)  # of sparse points, half as large: they hide each other less
+_LARGEST = 3.0  # times the median size of these; far from all others they would cover the picture
 
 
 class Preview:
@@ -32,6 +39,13 @@ class Preview:
     def of(self, scene: SceneRenderer) -> Preview:
         """The same of a scene with other cameras."""
         return Preview(scene, self._view, self._file.parent, self._reporter)
+
+    def show_points(self, points: NDArray[np.float32], colors: NDArray[np.uint8]) -> None:
+        """Show (P, 3) sparse points in world units, in (P, 3) sRGB colours: what is known before any training."""
+        if len(points):
+            dots = _DOTS.isotropic(points, colors.astype(np.float32) / 255.0)
+            most = np.median(dots.log_scales) + np.log(_LARGEST)
+            self.show(replace(dots, log_scales=np.minimum(dots.log_scales, most) - np.float32(np.log(2.0))))
 
     def show(self, gaussians: Gaussians) -> None:
         """Show Gaussians in world units."""

@@ -80,6 +80,7 @@ def run(
     stages = Stages.of(*context, previews=previews, checkpoints=checkpoints)
     lens = FocalLength()
     if not earlier:
+        stages.show_points()
         with clock.measure("capture"):
             lens = stages.check_lens()
             stages = stages.through(lens)

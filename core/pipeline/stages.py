@@ -147,6 +147,11 @@ class Stages:
             *(settings, folder, reporter, capture, split, rasterizer, background, scene, preview, plans, checkpoints)
         )
 
+    def show_points(self) -> None:
+        """A first picture, long before that of a training: what the capture's sparse points show."""
+        if self.preview is not None:
+            self.preview.show_points(self.capture.points, self.capture.point_colors)
+
     def end_previews(self) -> None:
         """Leave no picture behind that is not a result."""
         if self.preview is not None:

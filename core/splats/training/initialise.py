@@ -159,9 +159,10 @@ class InitialGaussians:
         if len(means) > limit:
             chosen = np.sort(rng.choice(len(means), limit, replace=False))
             means, shades = means[chosen], shades[chosen]
-        return self._isotropic(means, shades)
+        return self.isotropic(means, shades)
 
-    def _isotropic(self, means: NDArray[np.float32], shades: NDArray[np.float32]) -> Gaussians:
+    def isotropic(self, means: NDArray[np.float32], shades: NDArray[np.float32]) -> Gaussians:
+        """A round Gaussian at each of (P, 3) `means`, in colours `shades`, (P, 3) sRGB from 0 to 1."""
         count = len(means)
         size = _neighbour_distance(means, self.neighbours)
         quaternions = np.zeros((count, 4), np.float32)
