@@ -73,7 +73,7 @@ class SfmSettings:
 
 _DRAFT = 400  # pixels
 # docs/faq.md has what it costs and saves.
-_QUICK = SfmSettings(max_image_size=640, max_features=2048, exhaustive_limit=30, sequential_overlap=8, alike=8)
+_QUICK = SfmSettings(max_image_size=1000, max_features=3072, exhaustive_limit=30)
 
 
 @dataclass(frozen=True)

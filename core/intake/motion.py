@@ -175,11 +175,11 @@ def _follow(first: list[Tensor], second: list[Tensor], places: Tensor) -> tuple[
         at = places / scale + (0.5 / scale - 0.5)  # pixel centres of a coarser level lie between those of a finer one
         grids = at[:, None] + patch
         x, y = _gradients(first[level])
-        template, x, y = (_sample(plane, grids) for plane in (first[level], x, y))
+        template, x, y = _sample(torch.stack([first[level], x, y]), grids)
         xx, xy, yy = (x * x).sum(1), (x * y).sum(1), (y * y).sum(1)
         determinant = (xx * yy - xy * xy).clamp(min=1e-9)
         for _ in range(_ITERATIONS):
-            error = _sample(second[level], grids + shift[:, None] / scale) - template
+            error = _sample(second[level][None], grids + shift[:, None] / scale)[0] - template
             error = error - error.mean(1, keepdim=True)  # the exposure may have changed
             to_x, to_y = (x * error).sum(1), (y * error).sum(1)
             step = torch.stack([yy * to_x - xy * to_y, xx * to_y - xy * to_x], 1) / determinant[:, None]
@@ -191,8 +191,8 @@ def _follow(first: list[Tensor], second: list[Tensor], places: Tensor) -> tuple[
     return found, inside & (residual < _MOST_RESIDUAL)
 
 
-def _sample(picture: Tensor, at: Tensor) -> Tensor:
-    """(N, P) values of an (H, W) picture at (N, P, 2) places, between pixels."""
-    height, width = picture.shape
+def _sample(pictures: Tensor, at: Tensor) -> Tensor:
+    """(C, N, P) values of (C, H, W) pictures at (N, P, 2) places, between pixels."""
+    height, width = pictures.shape[1:]
     grid = (at + 0.5) * 2.0 / torch.tensor([width, height]) - 1.0
-    return F.grid_sample(picture[None, None], grid[None], padding_mode="border", align_corners=False)[0, 0]
+    return F.grid_sample(pictures[None], grid[None], padding_mode="border", align_corners=False)[0]

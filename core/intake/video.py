@@ -166,7 +166,7 @@ def extract(
     """
     folder.mkdir(parents=True, exist_ok=True)
     written: list[tuple[str, float]] = []
-    with _opened(look.path) as (container, stream):
+    with _opened(look.path) as (container, stream), one_thread():  # more wait for each other, and for the decoder's
         for frame, wanted in _found(container, stream, look, chosen):
             written.append(_write(frame, wanted, folder, white))
             progress(len(written) / len(chosen))
