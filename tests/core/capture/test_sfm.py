@@ -41,7 +41,8 @@ def test_photographs_that_do_not_overlap_are_refused_and_nothing_is_left(tmp_pat
     assert len(list(tmp_path.iterdir())) == 3
 
 
-def test_progress_is_reported_step_by_step(tmp_path: Path) -> None:
+@pytest.mark.parametrize("size", [None, 320])
+def test_progress_is_reported_step_by_step(tmp_path: Path, size: int | None) -> None:
     class Recorder(Reporter):
         def __init__(self) -> None:
             self.stages: list[str] = []
@@ -55,9 +56,10 @@ def test_progress_is_reported_step_by_step(tmp_path: Path) -> None:
     save_noise(tmp_path, 2, 128)
     recorder = Recorder()
     with pytest.raises(InputError):
-        read_capture(tmp_path, max_size=None, cameras="estimate", reporter=recorder)
+        read_capture(tmp_path, max_size=size, cameras="estimate", reporter=recorder)
     steps = ["sfm-features", "sfm-matching", "sfm-mapping"]
-    assert recorder.stages == ["capture", "sfm-reading", *steps, *steps]  # the second time with more effort
+    tried = ["sfm-reading", *steps, *steps]  # the second time with more effort
+    assert recorder.stages == ["capture", *(tried if size is None else ["sfm-reading", *steps, *tried])]
 
 
 def test_frames_without_exif_share_a_camera_whose_focal_length_is_found_every_time_the_same(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,16 @@ def test_a_list_of_frames_is_found_and_a_damaged_one_refused(tmp_path: Path) -> 
         file.write_text(damaged)
         with pytest.raises(InputError, match="no list of a video"):
             read_frames(folder)
+
+
+def test_a_draft_looks_at_less_first_and_goes_on_with_the_rest() -> None:
+    draft = SfmSettings.for_views(320)
+    assert draft.first is not None
+    assert draft.first.max_image_size < draft.max_image_size
+    assert draft.first.pairs(66) < draft.pairs(66)
+    assert replace(draft, first=None) == SfmSettings() == SfmSettings.for_views(640) == SfmSettings.for_views(None)
+    job = SfmJob("photographs", ["a.jpg"], [0], "workspace", draft)
+    assert SfmJob.from_json(job.to_json()) == job
 
 
 def test_a_job_travels_as_json() -> None:

@@ -17,15 +17,18 @@ from cvdgs.core.settings import Settings
 
 
 def test_a_run_shows_how_far_it_is_and_leaves_no_picture(tmp_path):
-    out, pictures = tmp_path / "out", []
+    out, pictures, stages = tmp_path / "out", [], []
 
     def listen(event: Event) -> None:
         if event["event"] == "preview" and Path(event["file"]).is_file():
             pictures.append(read_png(Path(event["file"])))
+        stages.append("picture" if event["event"] == "preview" else event.get("stage"))
 
     settings = Settings(str(SHOWROOM), str(out), iterations=60, gaussians=2000, max_size=96, blend=False)
     run(settings, listen, Workers(sys.executable), previews=True)
     assert len(pictures) >= 2
+    assert stages.index("picture") < stages.index("enhance")  # the sparse points, before anything is fitted
+    assert pictures[0].max() > 64
     assert {picture.shape for picture in pictures} == {(72, 96, 3)}
     assert np.abs(pictures[0].astype(int) - pictures[-1]).mean() > 1.0
     assert not [path.name for path in out.rglob("*") if "preview" in path.name]
