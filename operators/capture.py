@@ -12,6 +12,7 @@ from ..cvdgs_addon.importing import JOB as IMPORT_JOB
 from ..cvdgs_addon.importing import ImportRequest, import_now, ready_folder, start_import
 from ..cvdgs_addon.inspection import JOB as INSPECTION_JOB
 from ..cvdgs_addon.inspection import inspect_now, start_inspection
+from ..cvdgs_addon.report_pages import start_writing_pages, write_pages_now
 from ..cvdgs_addon.scene.cameras import is_capture_camera, use_camera
 from ..cvdgs_addon.scene.import_capture import ImportOptions, capture_of, place_again
 from ..cvdgs_addon.scene.placement import Placing, Up, is_capture
@@ -177,17 +178,21 @@ class CVDGS_OT_measure(_OfCapture, bpy.types.Operator):
         name="Length", description="From A to B, as measured", subtype="DISTANCE", unit="LENGTH", min=0.001, default=1.0
     )
 
+    _waits = True  # for the worker that writes the run's report page; an artist must not be held up
+
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str:
         reason = super().missing(context)
         return reason or ("" if len(ends_of(_shown_capture(context))) == 2 else "Add a ruler first")
 
     def on_click(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
+        self._waits = False
         return context.window_manager.invoke_props_dialog(self)
 
     def act(self, context: bpy.types.Context) -> None:
-        kept = measure(_shown_capture(context), self.metres)
-        where = "the scene, and in its run for exports" if kept else "the scene"
+        told = measure(_shown_capture(context), self.metres)
+        (write_pages_now if self._waits else start_writing_pages)(told)
+        where = "the scene, and in its run for exports" if told else "the scene"
         self.report({"INFO"}, f"A to B is {self.metres:.3g} m now in {where}")
 
 

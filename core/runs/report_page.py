@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..files.pages import write_page
-from ..files.untrusted import read_json
+from ..files.untrusted import read_json, replacing
 from .layout import ORIGINAL, RENDERS_FOLDER, REPORT_FILE, REPORT_PAGE, VIEWER_PAGE, evenly_spread, picture_name
 from .report import bound, gained, scored_pictures
 
@@ -31,23 +31,24 @@ def write_report_page(folder: Path) -> None:
     middle = shown[len(shown) // 2] if shown else ""
     layer = next(iter(report["layers"]), ORIGINAL)
     count = (report.get("turntable") or {}).get("frames", 0)
-    write_page(
-        folder / REPORT_PAGE,
-        Path(__file__).with_name("report.html"),
-        folder=folder,
-        report=report,
-        title=f"cvdgs: {Path(report['settings']['capture']).name or 'capture'}",
-        kinds=scored_pictures(report["layers"]),
-        colors=_STAGE_COLORS,
-        gained=gained,
-        bound=bound,
-        viewer=_viewer(folder),
-        viewer_file=VIEWER_PAGE,
-        middle=middle,
-        poster=folder / RENDERS_FOLDER / layer / f"{middle}.png",
-        curve=_curve(report["curve"]),
-        turntable_frames=[(number, picture_name(number)) for number in evenly_spread(count, _TURNTABLE_FRAMES)],
-    )
+    with replacing(folder / REPORT_PAGE) as page:  # a run that was measured later has one already
+        write_page(
+            page,
+            Path(__file__).with_name("report.html"),
+            folder=folder,
+            report=report,
+            title=f"cvdgs: {Path(report['settings']['capture']).name or 'capture'}",
+            kinds=scored_pictures(report["layers"]),
+            colors=_STAGE_COLORS,
+            gained=gained,
+            bound=bound,
+            viewer=_viewer(folder),
+            viewer_file=VIEWER_PAGE,
+            middle=middle,
+            poster=folder / RENDERS_FOLDER / layer / f"{middle}.png",
+            curve=_curve(report["curve"]),
+            turntable_frames=[(number, picture_name(number)) for number in evenly_spread(count, _TURNTABLE_FRAMES)],
+        )
 
 
 def _viewer(folder: Path) -> dict[str, Any]:

@@ -41,13 +41,13 @@ def ends_of(empty: bpy.types.Object) -> dict[str, bpy.types.Object]:
     return {found[_END]: found for found in empty.children if _END in found and found.users_scene}
 
 
-def measure(empty: bpy.types.Object, metres: float) -> bool:
+def measure(empty: bpy.types.Object, metres: float) -> list[Path]:
     """Resize a capture around the middle of its ruler so that the ends of it are so many metres apart.
 
     The runs of its Gaussians keep that in their files, so that what is exported has it, too.
 
     Returns:
-        Whether there are such runs.
+        The folders of these runs.
 
     Raises:
         InputError: there is no ruler, its ends are in one place, or the length is none.
@@ -63,12 +63,13 @@ def measure(empty: bpy.types.Object, metres: float) -> bool:
         raise InputError("the ruler has no length", where=empty.name, remedy="move its ends to two places")
     ratio = metres / apart
     unit = ratio * max(empty.matrix_world.to_scale())
-    folders = {child[RUN_PROPERTY] for child in empty.children if isinstance(child.get(RUN_PROPERTY), str)}
+    named = {child[RUN_PROPERTY] for child in empty.children if isinstance(child.get(RUN_PROPERTY), str)}
+    folders = [Path(bpy.path.abspath(folder)) for folder in sorted(named)]
     # First what may fail, so that a run that cannot be told leaves the scene as it is.
-    told = [note_metres(Path(bpy.path.abspath(folder)), unit) for folder in sorted(folders)]
+    told = [folder for folder in folders if note_metres(folder, unit)]
     middle = mathutils.Matrix.Translation(((first + second) / 2.0).tolist())
     empty.matrix_world = middle @ mathutils.Matrix.Scale(ratio, 4) @ middle.inverted() @ empty.matrix_world
     scale_ranges(empty, ratio)
     set_metres(empty, unit)
     bpy.context.view_layer.update()
-    return any(told)
+    return told

@@ -13,7 +13,10 @@ import pytest
 from cvdgs.core.errors import InputError
 from cvdgs.core.runs.layout import CAPTURE_FOLDER
 from cvdgs.core.runs.measured import note_metres
+from cvdgs.core.runtime import process
 from cvdgs.core.splats.io.layers import world_of_run
+from cvdgs.cvdgs_addon.background import State
+from cvdgs.cvdgs_addon.report_pages import JOB, start_writing_pages
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.finished_run import read_run
@@ -21,9 +24,11 @@ from cvdgs.cvdgs_addon.scene.placement import found_of
 from cvdgs.cvdgs_addon.scene.ruler import add_ruler, measure
 from cvdgs.ui.capture import CVDGS_PT_import_capture
 
+from .interpreters import REFUSING
 from .layouts import drawn
 from .scenes import synthetic_run
 from .test_neighbours import in_scene
+from .waiting import finished
 
 
 @pytest.fixture
@@ -76,6 +81,37 @@ def test_without_a_ruler_or_with_one_of_no_length_nothing_is_measured(empty: bpy
     with pytest.raises(InputError, match="no length"):
         measure(empty, 1.0)
     assert {"cvdgs.add_ruler", "cvdgs.measure"} <= set(drawn(CVDGS_PT_import_capture).operators)
+
+
+@pytest.fixture
+def page_worker(worker, monkeypatch):
+    """As `worker`, where Blender's Python cannot write pages itself."""
+    monkeypatch.setattr(process, "_has_modules", lambda *_: False)
+    return worker
+
+
+def test_the_report_page_of_a_run_says_what_was_measured_later(run: Path, empty: bpy.types.Object, page_worker) -> None:
+    (run / "report.html").write_text("as it was")
+    page_worker("""
+        open(request["folder"] + "/report.html", "w").write(open(request["folder"] + "/report.json").read())
+        emit("result")
+        """)
+    for end, place in zip(add_ruler(empty), ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)), strict=True):
+        end.matrix_world = mathutils.Matrix.Translation(place)
+    assert bpy.ops.cvdgs.measure(metres=2.0) == {"FINISHED"}
+    assert json.loads((run / "report.html").read_text())["capture"]["metres_per_unit"] == read_run(run).metres_per_unit
+    start_writing_pages([run])
+    assert finished(JOB).state is State.DONE
+
+
+def test_a_page_that_cannot_be_written_leaves_the_scene_measured(
+    run: Path, empty: bpy.types.Object, page_worker
+) -> None:
+    (run / "report.html").write_text("as it was")
+    page_worker(REFUSING)
+    add_ruler(empty)
+    assert bpy.ops.cvdgs.measure(metres=2.0) == {"FINISHED"}
+    assert read_run(run).metres_per_unit == found_of(empty).metres_per_unit
 
 
 def test_a_folder_without_a_run_is_told_nothing_and_damaged_files_are_named(run: Path, tmp_path: Path) -> None:

@@ -30,6 +30,8 @@ RENDERED = "any(a.spaces.active.shading.type == 'RENDERED' for a in bpy.context.
 SAME = 3.0  # grey levels in the mean between pictures of two sizes
 SET_SIZE = """
 scene = bpy.context.scene
+if "Turntable Camera" not in bpy.data.objects:
+    bpy.ops.cvdgs.add_turntable()
 scene.camera = bpy.data.objects["Turntable Camera"]
 scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = {}, {}, 100
 """

@@ -151,3 +151,11 @@ def test_figures_of_training_views_are_not_called_held_out(folder):
     page = (folder / "report.html").read_text()
     assert "30.00 dB on training views" in page
     assert "dB held out" not in page
+
+
+def test_the_page_says_what_size_a_unit_has_once_it_is_measured(folder):
+    finish_report(folder, without_non_finite(report()))
+    assert "a unit of its world" not in (folder / "report.html").read_text()
+    finish_report(folder, without_non_finite(report(capture={**report()["capture"], "metres_per_unit": 0.5})))
+    assert re.search(r"a unit of its world is 0\.500\s+m long", (folder / "report.html").read_text())
+    assert not list(folder.glob(".*")), "no partial page is left"
