@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
+import mathutils
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.runs.layout import ORIGINAL, layer_cube_file
 from ..core.splats.gaussians import SH_C0, Gaussians
+from ..core.splats.harmonics import turned
 from ..core.splats.io.files import write_gaussians, write_layers
 from ..core.splats.web.finished_run import is_finished_run, surroundings_of
 from ..core.splats.web.page import Surroundings, write_web_page
@@ -39,15 +41,22 @@ class ExportedGaussians:
     Attributes:
         gaussians: as a PLY has them.
         lost_view_dependence: whether the original colours' view-dependent terms were left out, because the object was
-            turned or the colours are blended.
+            stretched.
+        points: (V,) which points of the object's mesh they are.
     """
 
     gaussians: Gaussians
     lost_view_dependence: bool
+    points: NDArray[np.bool_]
 
 
 def read_gaussians(
-    splats: bpy.types.Object, layer: str, enhanced: float, *, in_scene_axes: bool = False, as_in_viewport: bool = False
+    splats: bpy.types.Object,
+    layer: str,
+    enhanced: float,
+    *,
+    axes: mathutils.Matrix | None = None,
+    as_in_viewport: bool = False,
 ) -> ExportedGaussians:
     """The Gaussians of an object as they are now: removed and cropped ones are gone, applied transforms count.
 
@@ -55,7 +64,8 @@ def read_gaussians(
         splats: made by `scene.splats.add_gaussians`.
         layer: colour layer.
         enhanced: 0 for the original colours, 1 for the layer's.
-        in_scene_axes: where they stand in Blender's scene; else in the object's own axes, which are the capture's.
+        axes: to which axes the object's own are taken, by 4 × 4: to the scene's by its ``matrix_world``. None: the
+            object's own, which are the capture's.
         as_in_viewport: only those within the budget, which limits what the viewport draws.
 
     Raises:
@@ -74,13 +84,13 @@ def read_gaussians(
     scales = read_attribute(mesh, Attribute.SCALE)[kept].astype(np.float64)
     quaternions = read_attribute(mesh, Attribute.ROTATION)[kept]
     means = positions[kept].astype(np.float64)
-    if in_scene_axes:
-        matrix = np.array(splats.matrix_world, np.float64)
+    if axes is not None:
+        matrix = np.array(axes, np.float64)
         means, shape = means @ matrix[:3, :3].T + matrix[:3, 3], matrix[:3, :3] @ shape
     if not np.allclose(shape, np.eye(3), atol=_TURN_TOLERANCE):
         scales, quaternions = _deformed(scales, quaternions, shape)
     opacities = np.clip(read_attribute(mesh, Attribute.OPACITY)[kept].astype(np.float64), 1e-9, 1.0 - 1e-9)
-    sh, lost = _harmonics(splats, layer, enhanced, kept, turned=_turns(shape))
+    sh, lost = _harmonics(splats, layer, enhanced, kept, shape)
     gaussians = Gaussians(
         means.astype(np.float32),
         np.log(np.maximum(scales, _SMALLEST_SCALE)).astype(np.float32),
@@ -88,7 +98,7 @@ def read_gaussians(
         np.clip(np.log(opacities / (1.0 - opacities)), -_LARGEST_LOGIT, _LARGEST_LOGIT).astype(np.float32),
         sh,
     )
-    return ExportedGaussians(gaussians, lost)
+    return ExportedGaussians(gaussians, lost, kept)
 
 
 def proposed_name(splats: bpy.types.Object) -> str:
@@ -154,7 +164,7 @@ def export_layers(path: str, splats: bpy.types.Object) -> int:
         InputError: no Gaussians are left, they are being edited, an unknown ending, a library that is missing, or the
             file cannot be written.
     """
-    layers = _all_layers(splats, in_scene_axes=True)
+    layers = _all_layers(splats, axes=splats.matrix_world)
     try:
         write_layers(path, layers, up=_SCENES_UP)
     except OSError as error:
@@ -162,10 +172,10 @@ def export_layers(path: str, splats: bpy.types.Object) -> int:
     return len(layers[ORIGINAL])
 
 
-def _all_layers(splats: bpy.types.Object, *, in_scene_axes: bool = False) -> dict[str, Gaussians]:
+def _all_layers(splats: bpy.types.Object, *, axes: mathutils.Matrix | None = None) -> dict[str, Gaussians]:
     """The Gaussians in every layer's colours, the original ones first."""
     names = [ORIGINAL, *(name for name in layer_names(splats) if name != ORIGINAL)]
-    return {name: read_gaussians(splats, name, 1.0, in_scene_axes=in_scene_axes).gaussians for name in names}
+    return {name: read_gaussians(splats, name, 1.0, axes=axes).gaussians for name in names}
 
 
 def find_cube(folder: str, layer: str) -> Path:
@@ -219,9 +229,11 @@ def _turns(shape: NDArray[np.float64]) -> bool:
 
 
 def _harmonics(
-    splats: bpy.types.Object, layer: str, enhanced: float, kept: NDArray[np.bool_], *, turned: bool
+    splats: bpy.types.Object, layer: str, enhanced: float, kept: NDArray[np.bool_], shape: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], bool]:
-    """(N, K, 3) coefficients of the blended colours, and whether view-dependent terms were left out."""
+    """(N, K, 3) coefficients of the blended colours after the linear map `shape`, and whether view-dependent terms were
+    left out, as they are where it is no similarity.
+    """
     mesh = splats.data
     colors = _colors(mesh, ORIGINAL)[kept]
     share: NDArray = np.zeros((len(colors), 1), np.float32)  # of the layer's colours
@@ -232,11 +244,19 @@ def _harmonics(
     degree = _degree(mesh)
     # Where the original colours still show, so does what depends on the view.
     original_shows = bool((share < 1.0).any())
-    if degree == 0 or turned or not original_shows:
-        return constant.astype(np.float32), degree > 0 and turned and original_shows
+    rotation = _rotation(shape)
+    if degree == 0 or rotation is None or not original_shows:
+        return constant.astype(np.float32), degree > 0 and rotation is None and original_shows
     names = [coefficient_attribute(index) for index in range(1, coefficient_count(degree) + 1)]
     rest = np.stack([read_attribute(mesh, name)[kept] for name in names], axis=1)
-    return np.concatenate([constant, (1.0 - share)[:, :, None] * rest], axis=1).astype(np.float32), False
+    return turned(np.concatenate([constant, (1.0 - share)[:, :, None] * rest], axis=1), rotation), False
+
+
+def _rotation(shape: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """(3, 3) rotation of a linear map that turns and resizes; None where it stretches or mirrors."""
+    scale = np.cbrt(max(np.linalg.det(shape), 0.0))
+    rotation = shape / max(scale, 1e-12)
+    return rotation if np.allclose(rotation @ rotation.T, np.eye(3), atol=_TURN_TOLERANCE) else None
 
 
 def _colors(mesh: bpy.types.Mesh, layer: str) -> NDArray[np.float32]:

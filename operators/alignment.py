@@ -1,9 +1,10 @@
-"""Operators of the part "Align Two Runs" of the sub-panel "Display"."""
+"""Operators of the part "Align and Join Runs" of the sub-panel "Display"."""
 
 from __future__ import annotations
 
 import bpy
 
+from ..cvdgs_addon.joining import join
 from ..cvdgs_addon.picking_marks import Picking, ray_below
 from ..cvdgs_addon.scene.alignment import Alignment, add_marks, align_by_marks, align_by_photographs, metric
 from ..cvdgs_addon.scene.neighbours import partner_of
@@ -32,17 +33,14 @@ class CVDGS_OT_add_marks(_OfTwoRuns, bpy.types.Operator):
 
 
 class _Aligns(_OfTwoRuns):
-    """An operator that moves one run onto the other: the shown one, unless it alone knows its size in metres."""
+    """An operator that moves one run onto the other."""
 
     def fit(self, moved: bpy.types.Object, fixed: bpy.types.Object) -> Alignment:
         """Each operator its own."""
         raise AssertionError
 
     def act(self, context: bpy.types.Context) -> None:
-        splats, partner = shown_splats(context), _partner(context)
-        assert splats is not None  # see `missing`
-        assert partner is not None
-        moved, fixed = (partner, splats) if metric(splats) and not metric(partner) else (splats, partner)
+        moved, fixed = _in_order(context)
         found = self.fit(moved, fixed)
         self.report({"INFO"}, f"Moved {moved.name}: {found.in_words}")  # type: ignore[attr-defined]
 
@@ -104,6 +102,26 @@ class CVDGS_OT_align_photographs(_Aligns, bpy.types.Operator):
         return align_by_photographs(moved, fixed)
 
 
+class CVDGS_OT_join_runs(_OfTwoRuns, bpy.types.Operator):
+    """Make one object of the Gaussians of both, as they stand; the two stay in the file, hidden. Align them first"""
+
+    bl_idname = "cvdgs.join_runs"
+    bl_label = "Join Runs"
+
+    def act(self, context: bpy.types.Context) -> None:
+        moved, fixed = _in_order(context)
+        joined = join(context.scene, fixed, moved)
+        self.report({"INFO"}, f"Made {joined.name}; {fixed.name} and {moved.name} are hidden")
+
+
+def _in_order(context: bpy.types.Context) -> tuple[bpy.types.Object, bpy.types.Object]:
+    """The run that follows, and the one that stays: the shown one follows, unless it alone knows its size in metres."""
+    splats, partner = shown_splats(context), _partner(context)
+    assert splats is not None  # see `_OfTwoRuns.missing`
+    assert partner is not None
+    return (partner, splats) if metric(splats) and not metric(partner) else (splats, partner)
+
+
 def _partner(context: bpy.types.Context) -> bpy.types.Object | None:
     return partner_of(context.scene, shown_splats(context), context.scene.cvdgs.display.partner)
 
@@ -113,5 +131,6 @@ CLASSES: tuple[type, ...] = (
     CVDGS_OT_pick_marks,
     CVDGS_OT_align_marks,
     CVDGS_OT_align_photographs,
+    CVDGS_OT_join_runs,
 )
 """Reached from the panel and by search."""

@@ -53,10 +53,10 @@ class CVDGS_OT_export_gaussians(NeedsGaussians, bpy.types.Operator, ExportHelper
     def act(self, context: bpy.types.Context) -> None:
         splats = shown_splats(context)
         layer, enhanced = shown_layer(splats)
-        exported = read_gaussians(splats, layer, enhanced, in_scene_axes=self.axes == "SCENE")
+        exported = read_gaussians(splats, layer, enhanced, axes=splats.matrix_world if self.axes == "SCENE" else None)
         export_gaussians(self.filepath, exported)
         if exported.lost_view_dependence:
-            self.report({"WARNING"}, "Exported without view-dependent colours, because the Gaussians were rotated")
+            self.report({"WARNING"}, "Exported without view-dependent colours, because the Gaussians were stretched")
         else:
             self.report({"INFO"}, f"Exported {len(exported.gaussians):,} Gaussians to {self.filepath}")
 

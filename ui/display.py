@@ -66,12 +66,12 @@ def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context, splats: 
 
 
 def _draw_alignment(layout: bpy.types.UILayout, context: bpy.types.Context, splats: bpy.types.Object) -> None:
-    """Offered where there are two runs: how to bring them onto each other."""
+    """Offered where there are two runs: how to bring them onto each other, and to make one of them."""
     chosen = context.scene.cvdgs.display
     if partner_of(context.scene, splats, chosen.partner) is None:
         return
     header, body = layout.panel("cvdgs_alignment", default_closed=True)
-    header.label(text="Align Two Runs")
+    header.label(text="Align and Join Runs")
     if body is None:
         return
     split_column(body).prop(chosen, "partner")
@@ -83,6 +83,7 @@ def _draw_alignment(layout: bpy.types.UILayout, context: bpy.types.Context, spla
     column.operator("cvdgs.add_marks", icon="EMPTY_AXIS")
     column.operator("cvdgs.align_marks", icon="SNAP_ON")
     say(body, context, "Pick the same places in both runs, or move each pair of marks there, then align", "INFO")
+    body.operator("cvdgs.join_runs", icon="SELECT_EXTEND")
 
 
 def _listed(names: list[str]) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import bpy
 
 from ...core.color.srgb import ENCODED_KNEE, EXPONENT, LINEAR_KNEE, OFFSET, SLOPE
+from ...core.splats.harmonics import SH_C1, SH_C2, SH_C3
 from .nodes import NodeWriter, Sockets, Value
 
 
@@ -66,31 +67,31 @@ def view_dependent_part(write: NodeWriter, direction: Value, degree: int) -> Val
 
 
 def _basis(write: NodeWriter, direction: Value, degree: int) -> list[Value]:
-    """Real spherical harmonics with the Condon-Shortley phase, in the order and with the signs of the standard PLY."""
+    """What `core.splats.harmonics.basis` has, as nodes."""
 
     def weighted(*terms: tuple[float, Value]) -> Value:
         return write.sum(*(write.math("MULTIPLY", value, weight) for weight, value in terms))
 
     times = write.product
     x, y, z = write.separate(direction)
-    basis = [times(-0.4886025119029199, y), times(0.4886025119029199, z), times(-0.4886025119029199, x)]
+    basis = [times(-SH_C1, y), times(SH_C1, z), times(-SH_C1, x)]
     if degree >= 2:
         xx, yy, zz = times(x, x), times(y, y), times(z, z)
         basis += [
-            times(1.0925484305920792, x, y),
-            times(-1.0925484305920792, y, z),
-            times(0.31539156525252005, weighted((2.0, zz), (-1.0, xx), (-1.0, yy))),
-            times(-1.0925484305920792, x, z),
-            times(0.5462742152960396, weighted((1.0, xx), (-1.0, yy))),
+            times(SH_C2[0], x, y),
+            times(SH_C2[1], y, z),
+            times(SH_C2[2], weighted((2.0, zz), (-1.0, xx), (-1.0, yy))),
+            times(SH_C2[3], x, z),
+            times(SH_C2[4], weighted((1.0, xx), (-1.0, yy))),
         ]
     if degree >= 3:
         basis += [
-            times(-0.5900435899266435, y, weighted((3.0, xx), (-1.0, yy))),
-            times(2.890611442640554, x, y, z),
-            times(-0.4570457994644658, y, weighted((4.0, zz), (-1.0, xx), (-1.0, yy))),
-            times(0.3731763325901154, z, weighted((2.0, zz), (-3.0, xx), (-3.0, yy))),
-            times(-0.4570457994644658, x, weighted((4.0, zz), (-1.0, xx), (-1.0, yy))),
-            times(1.445305721320277, z, weighted((1.0, xx), (-1.0, yy))),
-            times(-0.5900435899266435, x, weighted((1.0, xx), (-3.0, yy))),
+            times(SH_C3[0], y, weighted((3.0, xx), (-1.0, yy))),
+            times(SH_C3[1], x, y, z),
+            times(SH_C3[2], y, weighted((4.0, zz), (-1.0, xx), (-1.0, yy))),
+            times(SH_C3[3], z, weighted((2.0, zz), (-3.0, xx), (-3.0, yy))),
+            times(SH_C3[4], x, weighted((4.0, zz), (-1.0, xx), (-1.0, yy))),
+            times(SH_C3[5], z, weighted((1.0, xx), (-1.0, yy))),
+            times(SH_C3[6], x, weighted((1.0, xx), (-3.0, yy))),
         ]
     return basis

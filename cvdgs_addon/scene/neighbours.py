@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import bpy
@@ -44,9 +45,14 @@ def partner_of(
 def hide_others(scene: bpy.types.Scene, splats: bpy.types.Object) -> list[str]:
     """Hide all other Gaussians, in 3D views as the key H does and in renders; returns their names."""
     others = _others(scene, splats)
-    copies = filter(None, map(native_splats_of, others))
-    hide(scene, [found.name for found in (*others, *copies)])
+    hide_gaussians(scene, others)
     return [other.name for other in others]
+
+
+def hide_gaussians(scene: bpy.types.Scene, hidden: Sequence[bpy.types.Object]) -> None:
+    """Hide Gaussians, and Blender's own splats that were made of them."""
+    copies = filter(None, map(native_splats_of, hidden))
+    hide(scene, [found.name for found in (*hidden, *copies)])
 
 
 def place_beside(scene: bpy.types.Scene, splats: bpy.types.Object) -> None:

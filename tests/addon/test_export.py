@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.core.splats.harmonics import basis
 from cvdgs.core.splats.io.files import read_layers
 from cvdgs.core.splats.io.ply import read_ply
 from cvdgs.cvdgs_addon.export import (
@@ -75,7 +76,7 @@ def test_scene_axes_are_where_the_object_stands(scene):
     matrix = mathutils.Matrix.LocRotScale((0.3, -0.2, 0.1), mathutils.Euler((0.4, 0.2, -0.9)), (1.3, 0.8, 1.1))
     added.matrix_world = matrix
     bpy.context.view_layer.update()
-    exported = read_gaussians(added, "original", 1.0, in_scene_axes=True).gaussians
+    exported = read_gaussians(added, "original", 1.0, axes=added.matrix_world).gaussians
     moved = np.array(matrix)
     np.testing.assert_allclose(exported.means, gaussians.means @ moved[:3, :3].T + moved[:3, 3], atol=1e-5)
     # The covariance of an ellipsoid after a linear map, by definition.
@@ -91,16 +92,32 @@ def test_a_transform_that_was_applied_counts(scene):
         added.matrix_world = mathutils.Matrix.LocRotScale((0.2, 0, 0.1), mathutils.Euler((0.1, 0.8, 0.3)), (1, 2, 1.5))
     bpy.context.view_layer.update()
     apply_transform(applied)
-    pictures = [picture(read_gaussians(added, "original", 1.0, in_scene_axes=True).gaussians)
+    pictures = [picture(read_gaussians(added, "original", 1.0, axes=added.matrix_world).gaussians)
                 for added in (moved, applied)]  # fmt: skip
     np.testing.assert_allclose(pictures[1], pictures[0], atol=1e-4)
 
 
-def test_view_dependent_terms_of_a_turned_object_are_left_out_and_that_is_said(scene):
-    added = splat_objects.add_gaussians(with_degree(cloud(20), 1), {}, scene.collection)
-    added.rotation_euler.z = 0.5
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_view_dependent_colours_turn_with_the_object(scene, degree):
+    gaussians = with_degree(cloud(20), degree)
+    added = splat_objects.add_gaussians(gaussians, {}, scene.collection)
+    added.rotation_euler, added.scale = (0.5, -0.8, 2.1), (1.7, 1.7, 1.7)
     bpy.context.view_layer.update()
-    assert read_gaussians(added, "original", 1.0, in_scene_axes=True).lost_view_dependence
+    exported = read_gaussians(added, "original", 1.0, axes=added.matrix_world)
+    assert not exported.lost_view_dependence
+    turn = np.array(added.matrix_world.to_3x3()) / 1.7
+    directions = np.random.default_rng(4).standard_normal((9, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    before = np.einsum("dk,nkc->dnc", basis(directions, degree), gaussians.sh)
+    after = np.einsum("dk,nkc->dnc", basis(directions @ turn.T, degree), exported.gaussians.sh)
+    np.testing.assert_allclose(after, before, atol=1e-5)
+
+
+def test_view_dependent_terms_of_a_stretched_object_are_left_out_and_that_is_said(scene):
+    added = splat_objects.add_gaussians(with_degree(cloud(20), 1), {}, scene.collection)
+    added.scale.z = 0.5
+    bpy.context.view_layer.update()
+    assert read_gaussians(added, "original", 1.0, axes=added.matrix_world).lost_view_dependence
     assert not read_gaussians(added, "original", 1.0).lost_view_dependence
 
 
@@ -140,7 +157,7 @@ def test_a_gltf_file_holds_all_layers_upright_as_they_stand_in_the_scene(addon, 
     bpy.ops.cvdgs.export_layers(filepath=str(tmp_path / "scene.glb"))
     layers = read_layers([tmp_path / "scene.glb"])
     assert list(layers) == ["original", "deutan-1.0", "tritan-0.5"]
-    stands = read_gaussians(splats, "deutan-1.0", 1.0, in_scene_axes=True).gaussians
+    stands = read_gaussians(splats, "deutan-1.0", 1.0, axes=splats.matrix_world).gaussians
     np.testing.assert_allclose(layers["deutan-1.0"].means, stands.means, atol=1e-5)
     data = (tmp_path / "scene.glb").read_bytes()
     nodes = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["nodes"]
@@ -154,7 +171,7 @@ def test_blenders_own_reader_puts_the_points_of_a_gltf_file_where_the_gaussians_
     splats = show_run(str(run_folder), bpy.context.scene)
     splats.rotation_euler.z += 0.7
     bpy.context.view_layer.update()
-    stands = read_gaussians(splats, "original", 1.0, in_scene_axes=True).gaussians.means
+    stands = read_gaussians(splats, "original", 1.0, axes=splats.matrix_world).gaussians.means
     bpy.ops.cvdgs.export_layers(filepath=str(tmp_path / "scene.glb"))
     before = set(bpy.data.objects)
     addon_utils.enable("io_scene_gltf2")
