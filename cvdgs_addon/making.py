@@ -17,7 +17,7 @@ from ..core.pipeline import launch
 from ..core.pipeline.continuation import broken_off
 from ..core.runs.layout import CAPTURE_FOLDER
 from ..core.runtime.process import Workers
-from ..core.runtime.progress import STARTING
+from ..core.runtime.progress import COMPILING, STARTING
 from ..core.runtime.supervisor import Listener
 from ..core.settings import Layer, Settings
 from .activity import ACTIVITY, redraw_panels, remember_for_undo, scene_by_uid
@@ -222,7 +222,8 @@ def _take_over(
     by_stage = dict(launch.latest_seconds(job.result))
     seconds = by_stage.pop("total") or 0.0
     if seconds:
-        start = max(seconds - sum(part or 0.0 for part in by_stage.values()), 0.0)
+        compiling = job.progress.stage_seconds().get(COMPILING, 0.0)
+        start = max(seconds - compiling - sum(part or 0.0 for part in by_stage.values()), 0.0)
         _learn(reference, {**by_stage, STARTING: start})
     shrink_cache()
     scene = scene_by_uid(scene_uid)

@@ -19,31 +19,38 @@ REFERENCE_PROCESSORS = 2  # of the reference machine, an AMD EPYC without a GPU
 
 @dataclass(frozen=True)
 class TimeModel:
-    """Seconds on the reference machine by stage, fitted to runs on the embedded demo at all qualities.
+    """Seconds on the reference machine by stage, fitted to drafts of 20 and 40 small views and to the demo.
+
+    "A view" is a megapixel of one, at the size that is trained on; "views" are how many there are.
 
     Attributes:
         start: of the processes.
         read: a megapixel of photographs, at their full size.
-        check: of looking whether the cameras' focal length is right.
-        enhance, enhance_view: of fitting the colours of a layer, and a megapixel of views besides.
-        step, step_view: of a training step, and a megapixel of its view besides.
-        layer, layer_view: of fitting a layer to the geometry, and a megapixel of views besides.
-        evaluate, evaluate_view: of measuring, and a megapixel of views besides.
+        check, check_view: of looking whether the cameras' focal length is right, and a view besides.
+        enhance, enhance_views, enhance_pixels: of fitting the colours of a layer, and each of the views and a megapixel
+            of all of them besides.
+        step, step_views, step_view: of a training step, and each of the views and a view besides.
+        layer, layer_view: of fitting a layer to the geometry, and a view besides.
+        evaluate, evaluate_views, evaluate_pixels: of measuring, and each of the views and a megapixel of all besides.
         blender: of the scene file and stills.
     """
 
-    start: float = 3.0
+    start: float = 3.8
     read: float = 0.2
-    check: float = 2.0
-    enhance: float = 6.0
-    enhance_view: float = 0.7
-    step: float = 0.015
-    step_view: float = 0.27
-    layer: float = 6.0
-    layer_view: float = 2.2
-    evaluate: float = 4.0
-    evaluate_view: float = 1.6
-    blender: float = 34.0
+    check: float = 2.8
+    check_view: float = 88.0
+    enhance: float = 5.1
+    enhance_views: float = 0.086
+    enhance_pixels: float = 1.36
+    step: float = 0.0034
+    step_views: float = 0.00018
+    step_view: float = 0.28
+    layer: float = 0.5
+    layer_view: float = 75.0
+    evaluate: float = 0.4
+    evaluate_views: float = 0.028
+    evaluate_pixels: float = 1.75
+    blender: float = 24.0
 
     def stages(
         self, quality: Quality, views: int, width: int, height: int, *, adds_layer: bool, scene_file: bool = False
@@ -57,13 +64,15 @@ class TimeModel:
         scale = min(1.0, quality.max_size / max(width, height, 1))
         full = width * height / 1e6
         view = full * scale * scale
+        pixels = view * views
+        check = 0.0 if adds_layer else self.check + self.check_view * view
         seconds = {
             "start": self.start,
-            "capture": self.read * full * views + self.check,
-            "enhance": self.enhance + self.enhance_view * view * views,
-            "geometry": quality.iterations * (self.step + self.step_view * view),
-            "layers": self.layer + self.layer_view * view * views,
-            "evaluate": self.evaluate + self.evaluate_view * view * views,
+            "capture": self.read * full * views + check,
+            "enhance": self.enhance + self.enhance_views * views + self.enhance_pixels * pixels,
+            "geometry": quality.iterations * (self.step + self.step_views * views + self.step_view * view),
+            "layers": self.layer + self.layer_view * view,
+            "evaluate": self.evaluate + self.evaluate_views * views + self.evaluate_pixels * pixels,
             "blender": self.blender,
         }
         left_out = {"geometry": adds_layer, "blender": not scene_file}

@@ -7,6 +7,7 @@ import bpy
 from ..cvdgs_addon.scene import crop, display
 from ..cvdgs_addon.scene.apart import objects_scene
 from ..cvdgs_addon.scene.bystanders import bystanders
+from ..cvdgs_addon.scene.camera_view import smooths_slowly
 from ..cvdgs_addon.scene.display import Form
 from ..cvdgs_addon.scene.masks import Treatment
 from ..cvdgs_addon.scene.native_splats import has_native_splats
@@ -46,6 +47,8 @@ class CVDGS_PT_display(GaussiansPanel, bpy.types.Panel):
         _draw_clean_up(layout)
         _draw_relight(layout, context, splats)
         _draw_render(layout, context)
+        if display.form_of(splats) is Form.PREVIEW and smooths_slowly(context):
+            layout.operator("cvdgs.draw_faster", icon="TIME")
 
 
 def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context, splats: bpy.types.Object) -> None:

@@ -9,12 +9,15 @@ from dataclasses import dataclass, field
 
 from .process import Event
 
+COMPILING = "kernels"
+"""What a machine does once, before its first run."""
+
 STARTING = "start"
 """The stage before the work: interpreters start and libraries load. How long that takes says little about the rest."""
 
 # What an estimate is made from at least: a share of the work, and seconds.
 LEAST_SHARE, _LEAST_SECONDS = 0.02, 2.0
-_TELLING_SHARE = 0.2  # of a stage, from which its whole time is concluded
+_TELLING_SHARE = 0.5  # of a stage, from which its whole time is concluded; parts of one differ in pace
 
 # Share of a run's time that each stage takes, measured on two cores with the embedded demo; only the estimate of the
 # time left depends on it, and that corrects itself during the run.
@@ -46,6 +49,8 @@ class RunProgress:
     message: str = ""
     shares: Mapping[str, float] = field(default_factory=lambda: STAGE_SHARES)
     _seconds: dict[str, float] = field(default_factory=dict)
+    _expected: str = ""
+    _counts_for: str = ""
     _fraction: float = 0.0
     _reached: float = 0.0
     _stage_seconds_left: float | None = None
@@ -58,18 +63,24 @@ class RunProgress:
             return
         now = time.monotonic()
         if self.stage:
-            self._seconds[self.stage] = self._seconds.get(self.stage, 0.0) + now - self._updated
+            self._seconds[self._counts_for] = self._seconds.get(self._counts_for, 0.0) + now - self._updated
         self._worked, self._updated = self._seconds_worked, now
         if event.get("stage") != self.stage:
             self.stage, self._fraction, self._stage_seconds_left = str(event.get("stage")), 0.0, None
+            if self.stage in self.stages:
+                self._expected = self.stage
+            self._counts_for = COMPILING if self.stage == COMPILING else self._expected or self.stage
         self.message = str(event.get("message") or self.message)
         if event["event"] == "progress":
             self._fraction = float(event["fraction"])
             self._stage_seconds_left = event.get("seconds_left")
 
     def stage_seconds(self) -> dict[str, float]:
-        """Of the stages that were left, and of the present one, what it will have taken, where that can be told."""
-        known = {stage: seconds for stage, seconds in self._seconds.items() if stage != self.stage}
+        """Of the stages that were left, and of the present one, what it will have taken, where that can be told.
+
+        A stage that was not expected is part of the one before it, but for `COMPILING`.
+        """
+        known = {stage: seconds for stage, seconds in self._seconds.items() if stage != self._counts_for}
         if self._fraction >= _TELLING_SHARE and self.stage in self._seconds:
             known[self.stage] = self._seconds[self.stage] / self._fraction
         return known

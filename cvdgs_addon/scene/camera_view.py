@@ -32,6 +32,12 @@ def has_graphics_card() -> bool:
     return not any(name in gpu.platform.renderer_get().lower() for name in _SOFTWARE_RENDERERS)
 
 
+def smooths_slowly(context: bpy.types.Context) -> bool:
+    """Whether the processor draws the 3D views, and spends a third of each redraw on smooth edges."""
+    is_software = not bpy.app.background and not has_graphics_card()
+    return is_software and context.preferences.system.viewport_aa != "OFF"
+
+
 def views_3d() -> Iterator[bpy.types.SpaceView3D]:
     """The 3D views of all windows."""
     for window in bpy.context.window_manager.windows:

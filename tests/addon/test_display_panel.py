@@ -14,6 +14,7 @@ from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 from cvdgs.cvdgs_addon.scene.turntable import turntable_of
 from cvdgs.cvdgs_addon.shown import shown_layer
+from cvdgs.ui import display as display_panel
 from cvdgs.ui.display import CVDGS_PT_display
 
 from .layouts import drawn
@@ -53,6 +54,24 @@ def test_points_a_crop_box_and_back(shown):
     assert bpy.context.view_layer.objects.active == box
     bpy.ops.cvdgs.remove_crop_box()
     assert crop.crop_box_of(shown) is None
+
+
+def test_anti_aliasing_is_turned_off_where_the_processor_draws(shown, monkeypatch):
+    system = bpy.context.preferences.system
+    before = system.viewport_aa
+    system.viewport_aa = "8"
+    bpy.ops.cvdgs.show_form(form="PREVIEW")
+    assert "cvdgs.draw_faster" not in drawn(CVDGS_PT_display).operators, "nothing draws in background"
+    monkeypatch.setattr(
+        display_panel, "smooths_slowly", lambda context: context.preferences.system.viewport_aa != "OFF"
+    )
+    assert "cvdgs.draw_faster" in drawn(CVDGS_PT_display).operators
+    try:
+        assert bpy.ops.cvdgs.draw_faster() == {"FINISHED"}
+        assert system.viewport_aa == "OFF"
+        assert "cvdgs.draw_faster" not in drawn(CVDGS_PT_display).operators
+    finally:
+        system.viewport_aa = before
 
 
 def test_the_render_is_set_up_as_chosen_and_restored(shown):

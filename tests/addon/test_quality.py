@@ -39,6 +39,34 @@ def test_a_cancelled_run_teaches_the_stages_that_it_reached():
     assert expected["geometry"] == reference["geometry"]
 
 
+DRAFT, STANDARD = QUALITIES[0], QUALITIES[1]
+RECORDED = [
+    ((DRAFT, 20, 120, 90, False), (4.0, 4.6, 10.8, 8.9, 2.0, 1.8)),
+    ((DRAFT, 40, 160, 120, False), (3.6, 5.1, 14.4, 14.2, 2.8, 3.9)),
+    ((DRAFT, 20, 320, 240, False), (4.1, 10.7, 13.4, 25.5, 9.3, 5.0)),
+    ((DRAFT, 20, 120, 90, True), (3.9, 0.3, 10.3, None, 2.1, 1.8)),
+    ((DRAFT, 20, 320, 240, True), (3.8, 0.2, 13.0, None, 10.4, 4.9)),
+]
+"""Processor seconds by stage of runs on one machine: what was asked for, and start, capture, enhance, geometry, layers,
+and evaluate. Other programs kept that machine busy, so its clock says little."""
+
+STAGES = ("start", "capture", "enhance", "geometry", "layers", "evaluate")
+
+
+@pytest.mark.parametrize("taught", range(3))
+@pytest.mark.parametrize("asked", range(len(RECORDED)))
+def test_one_run_teaches_how_long_others_take(taught, asked):
+    def recorded(number):
+        (quality, views, width, height, adds), taken = RECORDED[number]
+        reference = TIME_MODEL.stages(quality, views, width, height, adds_layer=adds)
+        return reference, {stage: seconds for stage, seconds in zip(STAGES, taken, strict=True) if seconds}
+
+    learned = learned_speeds({}, *recorded(taught))
+    reference, taken = recorded(asked)
+    expected = expected_seconds(reference, 1.0, learned)
+    assert sum(expected.values()) == pytest.approx(sum(taken.values()), rel=0.25 if taught != asked else 1e-6)
+
+
 @given(st.floats(0.05, 20.0))
 def test_the_speed_settles_at_what_runs_show(true_speed):
     speeds: dict[str, float] = {"geometry": 1.0}

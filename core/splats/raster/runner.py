@@ -10,6 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ...runtime.progress import COMPILING
 from ...runtime.protocol import Reporter
 from .state import State
 
@@ -124,7 +125,7 @@ def load(device: str = "cpu", reporter: Reporter | None = None) -> None:
         InputError: there is no such device.
     """
     resolved = resolve_device(device)
-    (reporter or Reporter()).status("kernels", f"preparing the kernels for {resolved}; the first run compiles them")
+    (reporter or Reporter()).status(COMPILING, f"preparing the kernels for {resolved}; the first run compiles them")
     if resolved.is_cuda:
         from . import kernels_cuda
 

@@ -115,5 +115,15 @@ def test_the_seconds_of_stages_are_known_as_far_as_they_were_reached(clock):
     run.update({"event": "progress", "stage": "geometry", "fraction": 0.1})
     assert run.stage_seconds() == {"capture": pytest.approx(4.0)}
     clock.now += 30.0
-    run.update({"event": "progress", "stage": "geometry", "fraction": 0.25})
-    assert run.stage_seconds() == {"capture": pytest.approx(4.0), "geometry": pytest.approx(240.0)}
+    run.update({"event": "progress", "stage": "geometry", "fraction": 0.5})
+    assert run.stage_seconds() == {"capture": pytest.approx(4.0), "geometry": pytest.approx(120.0)}
+
+
+def test_what_belongs_to_a_stage_counts_for_it_and_compiling_for_none(clock):
+    run = RunProgress(("start", "capture", "geometry"))
+    for stage, seconds in (("start", 3.0), ("capture", 1.0), ("kernels", 60.0), ("lens", 4.0)):
+        run.update({"event": "status", "stage": stage})
+        clock.now += seconds
+    assert run.stage_seconds() == {"start": pytest.approx(3.0), "kernels": pytest.approx(60.0)}
+    run.update({"event": "status", "stage": "geometry"})
+    assert run.stage_seconds()["capture"] == pytest.approx(5.0)
