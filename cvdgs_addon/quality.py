@@ -19,7 +19,7 @@ REFERENCE_PROCESSORS = 2  # of the reference machine, an AMD EPYC without a GPU
 
 @dataclass(frozen=True)
 class TimeModel:
-    """Seconds on the reference machine by stage, fitted to drafts of 20 and 40 small views and to the demo.
+    """Seconds on the reference machine by stage, fitted to short runs on 20 and 40 small views and to the demo's.
 
     "A view" is a megapixel of one, at the size that is trained on; "views" are how many there are.
 
@@ -29,7 +29,8 @@ class TimeModel:
         check, check_view: of looking whether the cameras' focal length is right, and a view besides.
         enhance, enhance_views, enhance_pixels: of fitting the colours of a layer, and each of the views and a megapixel
             of all of them besides.
-        step, step_views, step_view: of a training step, and each of the views and a view besides.
+        train_views: of training, each of the views, whatever the steps.
+        step_view: of a training step, a view.
         layer, layer_view: of fitting a layer to the geometry, and a view besides.
         evaluate, evaluate_views, evaluate_pixels: of measuring, and each of the views and a megapixel of all besides.
         blender: of the scene file and stills.
@@ -42,9 +43,8 @@ class TimeModel:
     enhance: float = 5.1
     enhance_views: float = 0.086
     enhance_pixels: float = 1.36
-    step: float = 0.0034
-    step_views: float = 0.00018
-    step_view: float = 0.28
+    train_views: float = 0.075
+    step_view: float = 0.34
     layer: float = 0.5
     layer_view: float = 75.0
     evaluate: float = 0.4
@@ -70,7 +70,7 @@ class TimeModel:
             "start": self.start,
             "capture": self.read * full * views + check,
             "enhance": self.enhance + self.enhance_views * views + self.enhance_pixels * pixels,
-            "geometry": quality.iterations * (self.step + self.step_views * views + self.step_view * view),
+            "geometry": self.train_views * views + quality.iterations * self.step_view * view,
             "layers": self.layer + self.layer_view * view,
             "evaluate": self.evaluate + self.evaluate_views * views + self.evaluate_pixels * pixels,
             "blender": self.blender,
