@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from ..core.settings import QUALITIES, Quality
 
 _LEAST_SECONDS = 0.05  # of a stage
+_TELLING_SECONDS = 0.5  # of a stage; shorter ones say nothing of how long they take elsewhere
 REFERENCE_PROCESSORS = 2  # of the reference machine, an AMD EPYC without a GPU
 
 
@@ -25,7 +26,7 @@ class TimeModel:
 
     Attributes:
         start: of the processes.
-        read: a megapixel of photographs, at their full size.
+        open, read: of looking at the capture, and a megapixel of photographs, at their full size, besides.
         check, check_view: of looking whether the cameras' focal length is right, and a view besides.
         enhance, enhance_views, enhance_pixels: of fitting the colours of a layer, and each of the views and a megapixel
             of all of them besides.
@@ -37,8 +38,9 @@ class TimeModel:
     """
 
     start: float = 3.8
+    open: float = 0.25
     read: float = 0.2
-    check: float = 2.8
+    check: float = 2.55
     check_view: float = 88.0
     enhance: float = 5.1
     enhance_views: float = 0.086
@@ -68,7 +70,7 @@ class TimeModel:
         check = 0.0 if adds_layer else self.check + self.check_view * view
         seconds = {
             "start": self.start,
-            "capture": self.read * full * views + check,
+            "capture": self.open + self.read * full * views + check,
             "enhance": self.enhance + self.enhance_views * views + self.enhance_pixels * pixels,
             "geometry": self.train_views * views + quality.iterations * self.step_view * view,
             "layers": self.layer + self.layer_view * view,
@@ -118,7 +120,7 @@ def learned_speeds(
     """
     speeds = dict(before)
     for stage, seconds in taken.items():
-        if seconds is None or stage not in reference:
+        if seconds is None or stage not in reference or max(seconds, reference[stage]) < _TELLING_SECONDS:
             continue
         now = reference[stage] / max(seconds, _LEAST_SECONDS)
         speeds[stage] = math.sqrt(before[stage] * now) if before.get(stage, 0.0) > 0.0 else now

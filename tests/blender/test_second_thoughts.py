@@ -20,6 +20,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 MAKE, DISPLAY, SIMULATE = header(2), header(3), header(4)
 # Places below the headers, while all other sub-panels are closed, after View in Colour.
 ENHANCED, RELIGHT_HEADER, RELIGHT = (202, 203), (36, 302), (112, 335)
+UNDO_MAY_TAKE = 60.0  # seconds while Cycles draws the view; one on an idle machine
 FROM_OUTSIDE = 0.01  # of the view's pixels, that are coloured; most are backs of walls
 RENDERS, SAVE_ASSET = (81, 31), (134, 228)
 SPLATS = f"bpy.data.objects['{RUN} Gaussians']"
@@ -113,7 +114,7 @@ def test_relighting_is_undone_with_its_lamp(loaded: Desktop):
     assert set(desktop.state()["objects"]) - before == {"Relight Lamp"}
     desktop.picture("relit")
     press_in_view(desktop, "ctrl+z")
-    assert value_of(desktop, "Relight") == 0.0
+    desktop.wait(lambda state: value_of(desktop, "Relight") == 0.0, UNDO_MAY_TAKE)
     assert set(desktop.state()["objects"]) == before
 
 
