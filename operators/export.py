@@ -52,6 +52,7 @@ class CVDGS_OT_export_gaussians(NeedsGaussians, bpy.types.Operator, ExportHelper
 
     def act(self, context: bpy.types.Context) -> None:
         splats = shown_splats(context)
+        assert splats is not None  # see `NeedsGaussians.missing`
         layer, enhanced = shown_layer(splats)
         exported = read_gaussians(splats, layer, enhanced, axes=splats.matrix_world if self.axes == "SCENE" else None)
         export_gaussians(self.filepath, exported)

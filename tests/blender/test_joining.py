@@ -48,7 +48,7 @@ def two(installed: Desktop, finished_run: str) -> Desktop:
         desktop.ask(f"bpy.ops.cvdgs.load_run(directory={folder!r})\nbpy.context.scene.cvdgs.display.automatic = False")
     desktop.ask(MOVE)
     desktop.settle()
-    toggle(desktop, MAKE, DISPLAY)
+    toggle(desktop, MAKE, DISPLAY, DISPLAY)  # Display is the upper one then, and open
     return desktop
 
 
