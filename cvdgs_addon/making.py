@@ -17,7 +17,7 @@ from ..core.pipeline import launch
 from ..core.pipeline.continuation import broken_off
 from ..core.runs.layout import CAPTURE_FOLDER
 from ..core.runtime.process import Workers
-from ..core.runtime.progress import COMPILING, STARTING
+from ..core.runtime.progress import COMPILING, STAGE_SHARES, STARTING
 from ..core.runtime.supervisor import Listener
 from ..core.settings import Layer, Settings
 from .activity import ACTIVITY, redraw_panels, remember_for_undo, scene_by_uid
@@ -115,7 +115,8 @@ def start_run(scene: bpy.types.Scene, *, goes_on: bool = False) -> None:
     PICTURES.forget(PREVIEW)
     reference = _reference_seconds(scene, quality_called(scene.cvdgs.run.quality))
     stages = launch.stages_of(replace(settings, resume=adds))
-    job = BackgroundJob("Make CVD-friendly", partial(_run, settings), make_workers(), stages, _here(reference))
+    shares = _here(reference) if scene.cvdgs.capture.views else STAGE_SHARES
+    job = BackgroundJob("Make CVD-friendly", partial(_run, settings), make_workers(), stages, shares)
     known = reference if scene.cvdgs.capture.inspected and not goes_on else {}
     take_over = partial(_take_over, scene.session_uid, settings, known, not adds)
     ACTIVITY.start(JOB, job, take_over, on_change=_PreviewLoader(), ends_with_file=True)
