@@ -19,7 +19,7 @@ from .side_bar import change_mind, choose_folder, press_until, toggle
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 # Rows of the tab "CVD" while the scene is empty and nothing but "In the Scene" was opened.
-ARRANGEMENT_TEST, IN_THE_SCENE, IMPORT, NEXT_CAMERA = (142, 324), (80, 144), (142, 175), (190, 227)
+ARRANGEMENT_TEST, IN_THE_SCENE, IMPORT, NEXT_CAMERA = (142, 324), (80, 144), (142, 175), (190, 253)
 # Of the arrangement test.
 CAPS, CAPS_A_ROW = 15, 8
 FIRST_CAP, CAP_STEP, REFERENCE_CAP, SECOND_IN_ROW = (35.0, 420.0), (28.4, 28.0), (31.0, 515.0), (64.0, 515.0)

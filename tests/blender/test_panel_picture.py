@@ -21,7 +21,7 @@ MAKE_HEADER, DISPLAY_HEADER, REPORT_HEADER = header(2), header(3), header(6)
 MAKE_BUTTON = (135, 241)  # below the output folder and the qualities, while what is above is closed
 MARGIN, WIDTH, HEIGHT = 7, 258, 620  # of a side bar in the picture, without its tabs
 GAP = 12
-RUN_SHARE = 0.45  # of the run that is shown as under way
+RUN_SHARE = 0.62  # of the run that is shown as under way: its picture is one of the training by then
 RUN_MAY_TAKE = 2400.0  # seconds to get there; a minute or two on an idle machine
 READ_MAY_TAKE = 120.0
 
