@@ -23,7 +23,7 @@ REMOVE_TURNTABLE = (243, 141)  # below its header, while all above is closed
 
 ANSWER_MAY_TAKE = 60.0  # seconds; one on an idle machine
 SIZE, SMALL = (3840, 2160), 8  # pixels, and how many times smaller the other picture is
-RENDER_MAY_TAKE = 3600.0  # seconds; some 12 minutes on two cores that do nothing else
+RENDER_MAY_TAKE = 3600.0  # seconds; some 10 minutes on two cores that do nothing else
 F12 = "96"  # the key's number: by its name xdotool presses Alt as well, which renders the sequencer
 BLOCK = 8  # pixels of the small picture
 RENDERED = "any(a.spaces.active.shading.type == 'RENDERED' for a in bpy.context.screen.areas if a.type == 'VIEW_3D')"
