@@ -9,11 +9,11 @@ Importing shows what a list of installed packages does not: a library of the sys
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import json
 import os
 import platform
-import shutil
 import sys
 import tempfile
 from importlib import metadata
@@ -71,5 +71,6 @@ if __name__ == "__main__":
     sys.path.pop(0)  # this folder, where our modules would hide others of the same names
     print("\n" + json.dumps(main(sys.argv[1:])), flush=True)
     if "bpy" in sys.modules:  # which would remove it at the end that it does not come to
-        shutil.rmtree(sys.modules["bpy"].app.tempdir, ignore_errors=True)
+        with contextlib.suppress(OSError):  # only while empty: without a folder of its own, Blender names everybody's
+            os.rmdir(sys.modules["bpy"].app.tempdir)
     os._exit(0)  # some libraries do not end well in a process that has barely used them
