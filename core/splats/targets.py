@@ -85,7 +85,7 @@ class TrainingView:
         looked_at = self.looked_at()
         shown = ~region if looked_at is None else looked_at & ~region
         device = self.levels[1][0].device
-        return TrainingView(self.levels, {factor: Mask.of(_block_all(shown, factor), device) for factor in self.levels})
+        return TrainingView(self.levels, {factor: Mask.of(block_all(shown, factor), device) for factor in self.levels})
 
     def moved(self, world_to_camera: NDArray[np.float64]) -> TrainingView:
         """The same photograph from another (4, 4) pose."""
@@ -154,22 +154,22 @@ def _prepare(
         reduced = RasterCamera(
             width, height, camera.fx / factor, camera.fy / factor, camera.cx / factor, camera.cy / factor, pose
         )
-        pixels = image if factor == 1 else _block_mean(image, factor)
+        pixels = image if factor == 1 else block_mean(image, factor)
         device_pixels = wp.array(np.ascontiguousarray(pixels), dtype=wp.uint8, device=rasterizer.device, copy=False)
         levels[factor] = (device_pixels, reduced)
         if view.mask is not None:
-            masks[factor] = Mask.of(_block_all(view.mask, factor), rasterizer.device)
+            masks[factor] = Mask.of(block_all(view.mask, factor), rasterizer.device)
     return TrainingView(levels, masks, view.smear)
 
 
-def _block_all(mask: NDArray[np.bool_], factor: int) -> NDArray[np.uint8]:
+def block_all(mask: NDArray[np.bool_], factor: int) -> NDArray[np.uint8]:
     """(H // factor, W // factor) 255 where all pixels of a square block are looked at, else 0."""
     height, width = mask.shape[0] // factor, mask.shape[1] // factor
     blocks = mask[: height * factor, : width * factor].reshape(height, factor, width, factor)
     return np.where(blocks.all(axis=(1, 3)), 255, 0).astype(np.uint8)
 
 
-def _block_mean(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+def block_mean(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
     """(H // factor, W // factor, 3) mean of the encoded values, as the loss sees them, over square blocks."""
     height, width = image.shape[0] // factor, image.shape[1] // factor
     blocks = image[: height * factor, : width * factor].reshape(height, factor, width, factor, 3)

@@ -18,6 +18,7 @@ from ..raster import ContrastPlan, LearningRates
 from ..strategy import Strategy
 from .decisions import GrowthRule, ShDegreeRule, StopRule
 from .initialise import InitialGaussians
+from .rough import RoughScene
 from .start import StartRule
 
 T = TypeVar("T")
@@ -87,6 +88,7 @@ class TrainingPlan:
         coarse: (fraction of the run, factor) pairs: until then the photographs are reduced by the factor.
         initial: how the Gaussians are initialised.
         start: whether dense stereo adds to them.
+        rough: when a rough scene takes their place; None for never.
         strategy: of densification; None takes `MultiViewConsistent`.
         growth: when there are enough Gaussians.
         stopping: early stopping; None runs all steps.
@@ -120,6 +122,7 @@ class TrainingPlan:
     coarse: tuple[tuple[float, int], ...] = ((0.2, 2),)
     initial: InitialGaussians = field(default_factory=InitialGaussians)
     start: StartRule = field(default_factory=StartRule)
+    rough: RoughScene | None = field(default_factory=RoughScene)
     strategy: Strategy | None = None
     growth: GrowthRule = field(default_factory=GrowthRule)
     stopping: StopRule | None = field(default_factory=StopRule)

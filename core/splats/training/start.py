@@ -17,6 +17,7 @@ from ..targets import Background, TrainingView, ViewOrder
 from .decisions import GrowthRule
 from .fitting import Fit
 from .initialise import DenseStart, InitialGaussians
+from .rough import RoughFit
 
 _SAMPLED = 2000  # Gaussians by which the visible share is told
 _LARGEST_REACH = 16.0  # with more, means no longer settle
@@ -56,10 +57,12 @@ class StartChoice:
     Attributes:
         gaussians: in the frame.
         words: for the report; empty if there was nothing to choose.
+        means_rate: factor of the means' learning rate: less than 1 where they are near where they will stay.
     """
 
     gaussians: Gaussians
     words: str = ""
+    means_rate: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,11 @@ class StartTrial:
     seed: int
     told: Callable[[str], None] = lambda _message: None
 
+    @property
+    def possible(self) -> bool:
+        """Whether there is anything to judge by, and time for it."""
+        return bool(self.validation) and self.steps > 0
+
     def psnr(self, start: Gaussians) -> float:
         """dB on the views that judge, after a trial from `start`."""
         cameras = [view.at(1)[1] for view in self.fitted]
@@ -110,10 +118,12 @@ def choose_start(
     colors: NDArray[np.uint8],
     frame: SceneFrame,
     limit: int,
+    rough: RoughFit | None = None,
 ) -> StartChoice:
     """The Gaussians of SH degree 0 from which validation views are matched better after a short trial.
 
     Args:
+        rough: the run's rough scene, which is tried if there is one.
         views: those that are fitted.
         points, colors: (P, 3) sparse points in world units and their (P, 3) uint8 sRGB colours.
         limit: largest number of Gaussians.
@@ -124,7 +134,15 @@ def choose_start(
         return replace(initial, dense=dense).make(views, points, colors, frame, rng, limit)
 
     sparse = made(None)
-    if rule.dense is None or not trial.validation or not trial.steps:
+    if not trial.possible:
+        return StartChoice(sparse)
+    if rough is not None:
+        settled = frame.from_world(rough.fit())
+        trial.told(f"trying a start from the rough scene, and from {len(sparse):,} points")
+        gain = trial.psnr(settled) - trial.psnr(sparse)
+        if gain > 0.0:
+            return StartChoice(settled, f"a rough scene, which gained {gain:.2f} dB in a trial", rough.means_rate)
+    if rule.dense is None:
         return StartChoice(sparse)
     trial.told(f"comparing {len(views)} photographs with each other for more points")
     dense = made(rule.dense)

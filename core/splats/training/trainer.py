@@ -22,21 +22,22 @@ from ..calibration.poses import AlignedViews
 from ..gaussians import Gaussians
 from ..raster import ContrastPlan, LearningRates, Rasterizer
 from ..scene_frame import SceneFrame
-from ..strategy import Evidence, MultiViewConsistent, Refinement, ViewEvidence
+from ..strategy import Evidence, MultiViewConsistent, Refinement
 from ..strategy.editing import in_morton_order, morton_order
 from ..targets import Background, TrainingView, ViewOrder, prepare_targets
 from .checkpoints import Checkpoints, fingerprint, watched
 from .decisions import DecisionLog, Measurement, split_views
-from .evidence import gather_view_evidence
 from .fitting import Fit
 from .losses import GuidedLoss
 from .moving import MovingThings
 from .outcome import conclude, found_in_views
 from .plan import TrainingPlan, TrainingResult
+from .rough import rough_fit
 from .schedule import TrainingSchedule
 from .start import StartChoice, StartTrial, choose_start, means_reach
 from .trials import choose_degree, correction_gain, more_pay
 from .validation import Curve, HeldOut, Validation, curve_entry
+from .witnesses import Witnesses
 
 STAGE = "geometry"
 _PROGRESS_EVERY = 10  # steps
@@ -74,6 +75,7 @@ class Trainer:
         reporter: Reporter | None = None,
     ) -> None:
         self._curve, self._reporter = Curve(), reporter or Reporter()
+        self._done_before = 0.0  # of the stage, before the first step
         self._rasterizer = rasterizer
         self._plan = plan
         self._background = background
@@ -91,6 +93,9 @@ class Trainer:
         self._corrections = ViewCorrections(
             rasterizer, self._targets, background, plan.exposure, plan.poses, plan.blur, plan.steps
         )
+        self._witnesses = Witnesses(
+            rasterizer, background, self._corrections, self._strategy, self._schedule, plan.steps
+        )
         self._moving = MovingThings(rasterizer, background, plan, self._targets, self._fitted_count, self._validation)
         self._order = ViewOrder(self._fitted_count, self._rng)
         self._loss: GuidedLoss | None = None
@@ -106,7 +111,8 @@ class Trainer:
     def _begin(self, start: StartChoice) -> None:
         plan, initial = self._plan, start.gaussians.take(morton_order(start.gaussians.means))
         cameras = [view.at(1)[1] for view in self._targets[: self._fitted_count]]
-        self._schedule.means_reach = means_reach(initial.means, cameras)
+        reach = means_reach(initial.means, cameras)
+        self._schedule.means_reach = reach * start.means_rate
         self._log.initial, self._log.start = len(initial), start.words
         self.fit.restart(initial.with_sh_degree(plan.sh_degree or 0))
 
@@ -119,7 +125,16 @@ class Trainer:
             *(plan.start.trial_steps(plan.steps), plan.ssim_weight, plan.learning_rates, seed),
             partial(self._reporter.status, STAGE),
         )
-        return choose_start(plan.initial, plan.start, trial, views, points, colors, self._frame, self._limit)
+
+        def train(small: Sequence[View], rough_plan: TrainingPlan, reporter: Reporter) -> Gaussians:
+            trainer = Trainer(self._rasterizer, small, [], points, colors, rough_plan, self._background, seed)
+            return trainer.train(reporter).gaussians
+
+        reach = means_reach(self._frame.points(points), [view.at(1)[1] for view in fitted])
+        rough = rough_fit(plan, reach, views, self._background, train, self._reporter, STAGE)
+        if rough and trial.possible:
+            self._done_before = rough.share
+        return choose_start(plan.initial, plan.start, trial, views, points, colors, self._frame, self._limit, rough)
 
     def _prepare_views(self, training: Sequence[View], held_out: Sequence[View]) -> None:
         """Targets of the views; of the training views, those that are fitted from the start come first."""
@@ -154,7 +169,8 @@ class Trainer:
                 if step % _PROGRESS_EVERY == 0:
                     psnr = self._curve.entries[-1]["psnr"]
                     quality = f", {psnr:.1f} dB" if psnr is not None else ""
-                    reporter.progress(STAGE, step / schedule.steps, f"{len(self.fit):,} Gaussians{quality}")
+                    done = self._done_before + (1.0 - self._done_before) * step / schedule.steps
+                    reporter.progress(STAGE, done, f"{len(self.fit):,} Gaussians{quality}")
                 between_steps(self._snapshot, self._ended or step == schedule.steps)
         self._finish(self._step)
         reporter.progress(STAGE, 1.0, f"{len(self.fit):,} Gaussians")
@@ -218,7 +234,9 @@ class Trainer:
         if plan.limit is None and self._validation and self._schedule.at_full_resolution(step):
             self._log.rounds.append(self._measure(step))
             verdict = plan.growth.verdict(self._log.rounds)
-            if verdict is not None and not self._is_census(step):  # which removes, so that nothing can be tried
+            if verdict is not None and not self._witnesses.is_census(
+                step, self._fitted_count
+            ):  # which removes, so that nothing can be tried
                 grown, branch = self._refinement(step).gaussians, partial(self._growth_branch, step)
                 pays, words = more_pay(self.fit, plan.growth, plan.steps, grown, branch)
                 self._log.rounds.clear()  # where it pays, asked again after as many rounds as a verdict needs
@@ -240,28 +258,10 @@ class Trainer:
 
     def _refinement(self, step: int) -> Refinement:
         budget = self._strategy.schedule.budget(step, self._plan.steps, self._log.initial, self._limit)
-        evidence = Evidence(self.fit.mean_gradient, self._sample_evidence(step))
+        views = self._witnesses.sampled(step, self._fitted_count, self.fit.parameters, self._rng)
+        evidence = Evidence(self.fit.mean_gradient, views)
         gaussians = self.fit.parameters.to_gaussians()
         return in_morton_order(self._strategy.refine(gaussians, evidence, budget, self._rng))
-
-    def _sample_evidence(self, step: int) -> ViewEvidence | None:
-        wanted = self._strategy.views_wanted(step, self._plan.steps, self._fitted_count)
-        if not wanted:
-            return None
-        # A census of all views decides what to remove, which fine detail does not change: low resolution is enough.
-        reduction = self._schedule.coarsest if self._is_census(step) else self._schedule.reduction(step)
-        chosen = np.sort(self._rng.choice(self._fitted_count, wanted, replace=False))
-        return self._evidence(chosen.tolist(), reduction)
-
-    def _is_census(self, step: int) -> bool:
-        return self._strategy.views_wanted(step, self._plan.steps, self._fitted_count) == self._fitted_count
-
-    def _evidence(self, views: Sequence[int], reduction: int) -> ViewEvidence:
-        return gather_view_evidence(
-            *(self._rasterizer, self.fit.parameters, self._corrections.seen(views, reduction), self._background),
-            complete=len(views) == self._fitted_count,
-            reduction=reduction,
-        )
 
     # Validation
 
@@ -342,7 +342,7 @@ class Trainer:
             self._log.restore_best(self._measure(step), self.fit)
         if self._degree_undecided:
             self._choose_degree()
-        views = self._evidence(range(self._fitted_count), self._schedule.coarsest)
+        views = self._witnesses.all(self._fitted_count, self.fit.parameters)
         self.fit.keep(~views.unseen & ~views.floaters)
         if self._corrections.poses_were_off:
             self._held_out.align(self.fit.parameters, self._aligned)

@@ -26,6 +26,7 @@ PLAIN = Plans(
         ssim_weight=_PLAIN_SSIM_WEIGHT,
         coarse=(),
         start=StartRule(dense=None),
+        rough=None,
         strategy=CloneSplitPrune(),
         stopping=None,
         exposure=None,
