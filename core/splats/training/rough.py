@@ -14,6 +14,7 @@ from ..targets import Background, block_all, block_mean
 if TYPE_CHECKING:
     from .plan import TrainingPlan
 
+_SHORTEST_SIDE = 16  # pixels of a small photograph
 Train = Callable[[Sequence[View], "TrainingPlan", Reporter], Gaussians]
 
 
@@ -123,9 +124,10 @@ def rough_fit(
     """
     if plan.rough is None or not views:
         return None
-    steps, longest = plan.rough.steps_before(plan.steps, reach), max(max(view.image.shape[:2]) for view in views)
-    reduction = longest // plan.rough.side
-    if not steps or reduction < 2:  # small photographs anyway
+    steps = plan.rough.steps_before(plan.steps, reach)
+    sides = [view.image.shape[:2] for view in views]
+    reduction = min(max(map(max, sides)) // plan.rough.side, min(map(min, sides)) // _SHORTEST_SIDE)
+    if not steps or reduction < 2:  # photographs are small anyway
         return None
     return RoughFit(plan, plan.rough.means_rate, steps, reduction, views, background, train, reporter, stage)
 

@@ -111,8 +111,7 @@ class Trainer:
     def _begin(self, start: StartChoice) -> None:
         plan, initial = self._plan, start.gaussians.take(morton_order(start.gaussians.means))
         cameras = [view.at(1)[1] for view in self._targets[: self._fitted_count]]
-        reach = means_reach(initial.means, cameras)
-        self._schedule.means_reach = reach * start.means_rate
+        self._schedule.means_reach = means_reach(initial.means, cameras) * start.means_rate
         self._log.initial, self._log.start = len(initial), start.words
         self.fit.restart(initial.with_sh_degree(plan.sh_degree or 0))
 
@@ -234,9 +233,8 @@ class Trainer:
         if plan.limit is None and self._validation and self._schedule.at_full_resolution(step):
             self._log.rounds.append(self._measure(step))
             verdict = plan.growth.verdict(self._log.rounds)
-            if verdict is not None and not self._witnesses.is_census(
-                step, self._fitted_count
-            ):  # which removes, so that nothing can be tried
+            removes = self._witnesses.is_census(step, self._fitted_count)  # so that nothing can be tried
+            if verdict is not None and not removes:
                 grown, branch = self._refinement(step).gaussians, partial(self._growth_branch, step)
                 pays, words = more_pay(self.fit, plan.growth, plan.steps, grown, branch)
                 self._log.rounds.clear()  # where it pays, asked again after as many rounds as a verdict needs

@@ -67,6 +67,13 @@ def test_small_photographs_and_runs_without_a_rough_scene_get_none(views):
     assert rough_fit(PLAN, 2.0, [], BLACK, None, Reporter(), "") is None
 
 
+def test_strips_keep_16_rows(views):
+    strips = [replace(view, image=view.image[:34], camera=replace(view.camera, height=34)) for view in views]
+    assert asked_of_a_fit(strips)[0][0].image.shape == (17, 48, 3)
+    thin = [replace(view, image=view.image[:20], camera=replace(view.camera, height=20)) for view in views]
+    assert rough_fit(PLAN, 2.0, thin, BLACK, None, Reporter(), "") is None
+
+
 def test_small_photographs_show_the_same_from_the_same_places(views):
     small, _ = asked_of_a_fit(views)
     for view, reduced in zip(views, small, strict=True):
