@@ -49,10 +49,9 @@ class Witnesses:
         wanted = self._strategy.views_wanted(step, self._steps, fitted)
         if not wanted:
             return None
-        chosen = np.sort(rng.choice(fitted, wanted, replace=False))
-        if self.is_census(step, fitted):
-            return self.all(fitted, parameters)
-        return self._evidence(chosen.tolist(), fitted, parameters, self._schedule.reduction(step))
+        chosen = np.sort(rng.choice(fitted, wanted, replace=False)).tolist()
+        reduction = self._schedule.coarsest if wanted == fitted else self._schedule.reduction(step)
+        return self._evidence(chosen, fitted, parameters, reduction)
 
     def all(self, fitted: int, parameters: ParameterSet) -> ViewEvidence:
         """What all `fitted` views say: what to remove. Fine detail does not change that: low resolution is enough."""

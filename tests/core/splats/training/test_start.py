@@ -1,5 +1,7 @@
 """What a run starts from: sparse points, or these and dense stereo, as a trial decides; and how far means move."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,14 +37,26 @@ def views():
     return views_of_wall(8, size=(64, 48))
 
 
-def chosen(rasterizer, views, points, rule=DEFAULT, validation=(2, 5)):
+class Rough:
+    """A rough scene that is these Gaussians, in world units."""
+
+    means_rate = 0.5
+
+    def __init__(self, gaussians):
+        self._gaussians = gaussians
+
+    def fit(self):
+        return self._gaussians
+
+
+def chosen(rasterizer, views, points, rule=DEFAULT, validation=(2, 5), rough=None):
     frame = SceneFrame.around(views, points[0])
     fitted = [view for i, view in enumerate(views) if i not in validation]
     targets, judging = (
         prepare_targets(rasterizer, chosen, frame, BLACK) for chosen in (fitted, [views[i] for i in validation])
     )
     trial = StartTrial(rasterizer, BLACK, targets, judging, 1, 100, 0.2, TrainingPlan().learning_rates, seed=0)
-    return choose_start(InitialGaussians(minimum=0), rule, trial, fitted, *points, frame, LIMIT)
+    return choose_start(InitialGaussians(minimum=0), rule, trial, fitted, *points, frame, LIMIT, rough)
 
 
 def test_where_few_points_are_known_dense_stereo_is_taken(rasterizer, views):
@@ -77,6 +91,18 @@ def test_a_few_more_points_have_to_gain_as_much_as_a_doubling(rasterizer, views)
 def test_points_enough_are_not_added_to(rasterizer, views):
     choice = chosen(rasterizer, views, sparse_points(LIMIT // 2))
     assert (len(choice.gaussians), choice.words) == (LIMIT // 2, "")
+
+
+def test_a_rough_scene_is_taken_only_where_validation_views_gain_by_it(rasterizer, views):
+    points, nowhere = sparse_points(), replace(DEFAULT, dense=None)
+    frame = SceneFrame.around(views, points[0])
+    good = frame.to_world(chosen(rasterizer, views, points).gaussians)
+    taken = chosen(rasterizer, views, points, nowhere, rough=Rough(good))
+    assert (len(taken.gaussians), taken.means_rate) == (len(good), 0.5)
+    assert taken.words.startswith("a rough scene, which gained")
+    behind_the_cameras = replace(good, means=good.means - np.float32([0.0, 0.0, 20.0]))
+    refused = chosen(rasterizer, views, points, nowhere, rough=Rough(behind_the_cameras))
+    assert (len(refused.gaussians), refused.means_rate, refused.words) == (60, 1.0, "")
 
 
 def test_a_short_run_makes_no_trial():
