@@ -87,7 +87,7 @@ class SceneAgreement:
         self._settings = settings
         self._neighbours = nearest_views(correspondences.views, sorted(photographs), settings.neighbours)
         pairs = [(view, other) for view, others in self._neighbours.items() for other in others]
-        correspondences.of_pairs(pairs, reporter, stage)
+        correspondences.match(pairs, reporter, stage)
         self.weights = self._weigh(photographs)
 
     def consensus(self, images: Mapping[int, Image]) -> dict[int, Consensus]:

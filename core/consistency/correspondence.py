@@ -29,6 +29,8 @@ MOST_TRIED_PIXELS = 40_000
 
 _SURFACES_KEPT = 64  # pairs are mostly asked for in the order of their first view, beside which the second ones are
 
+_FINEST = np.float32(65535.0)  # steps of a position, of a hundredth of a pixel at 640 pixels: matching is less exact
+
 Floats = NDArray[np.float64]
 DepthOfView = Callable[[int], tuple[NDArray, NDArray]]
 """Index of a view to its (H, W) planar depth, divided by alpha and arbitrary where nothing is seen, and its alpha."""
@@ -103,24 +105,30 @@ class SceneCorrespondences:
         self.views = views
         self.settings = settings or CorrespondenceSettings(stride=_stride(views))
         self._surface = lru_cache(_SURFACES_KEPT)(lambda index: _trusted_surface(*depth(index), self.settings))
-        self._found: dict[tuple[int, int], Correspondences] = {}
+        self._found: dict[tuple[int, int], _Packed] = {}
 
     def between(self, first: int, second: int) -> Correspondences:
         """The points that two views both see, from the pixels of the first."""
+        camera, other, stride = self.views[first].camera, self.views[second].camera, self.settings.stride
         if (first, second) not in self._found:
-            self._found[first, second] = self._match(first, second)
-        return self._found[first, second]
+            self._found[first, second] = _Packed.of(self._match(first, second), camera, other, stride)
+        return self._found[first, second].unpacked(first, second, camera, other, stride)
 
-    def of_pairs(
+    def match(
         self, pairs: Sequence[tuple[int, int]], reporter: Reporter | None = None, stage: str = "correspondences"
-    ) -> list[Correspondences]:
-        """`between` for each pair; reports progress of `stage`."""
+    ) -> None:
+        """Find what `between` gives for each pair; reports progress of `stage`."""
         reporter = reporter or Reporter()
-        found = []
         for number, (first, second) in enumerate(pairs):
-            found.append(self.between(first, second))
+            self.between(first, second)
             reporter.progress(stage, (number + 1) / len(pairs), "matching points between views")
-        return found
+        if len(self.views) > _SURFACES_KEPT:  # those that are left are the last ones; who comes next asks for the first
+            self._surface.cache_clear()
+
+    def of_pairs(self, pairs: Sequence[tuple[int, int]]) -> list[Correspondences]:
+        """`between` for each pair."""
+        self.match(pairs)
+        return [self.between(first, second) for first, second in pairs]
 
     def _match(self, first: int, second: int) -> Correspondences:
         settings = self.settings
@@ -147,6 +155,39 @@ class SceneCorrespondences:
             accepted = np.linalg.norm(returned - centers, axis=1) < settings.max_reprojection_error
             accepted &= np.abs(returned_depth - depth) < settings.max_relative_depth_error * depth
         return Correspondences(first, second, pixels[accepted].astype(np.int32), positions[accepted].astype(np.float32))
+
+
+@dataclass(frozen=True)
+class _Packed:
+    """Correspondences in a third of their memory: with hundreds of views they are more than the photographs.
+
+    Attributes:
+        matched: one bit for each pixel that was tried, row by row.
+        positions: (M, 2) uint16, `second_positions` in 65,535ths of the second view's sides.
+    """
+
+    matched: NDArray[np.uint8]
+    positions: NDArray[np.uint16]
+
+    @classmethod
+    def of(cls, found: Correspondences, camera: PinholeCamera, other: PinholeCamera, stride: int) -> _Packed:
+        matched = np.zeros((camera.height, camera.width), bool)
+        matched.reshape(-1)[found.first_pixels] = True
+        positions = np.round(found.second_positions / _sides(other) * _FINEST)
+        return cls(np.packbits(matched[::stride, ::stride]), positions.astype(np.uint16))
+
+    def unpacked(
+        self, first: int, second: int, camera: PinholeCamera, other: PinholeCamera, stride: int
+    ) -> Correspondences:
+        columns = math.ceil(camera.width / stride)
+        tried = math.ceil(camera.height / stride) * columns
+        row, column = np.divmod(np.flatnonzero(np.unpackbits(self.matched, count=tried)), columns)
+        pixels = (row * camera.width + column) * stride
+        return Correspondences(first, second, pixels.astype(np.int32), self.positions * (_sides(other) / _FINEST))
+
+
+def _sides(camera: PinholeCamera) -> NDArray[np.float32]:
+    return np.array([camera.width, camera.height], np.float32)
 
 
 def view_pairs(count: int, step: int) -> list[tuple[int, int]]:

@@ -29,6 +29,7 @@ from ..evaluate.evaluation import Evaluation, SceneMatches, Split, enhanced_path
 from ..files.images import read_png, write_png
 from ..runs.layout import GAUSSIANS_FILE, layer_gaussians_file
 from ..runtime.protocol import Reporter, StageSpan
+from ..runtime.resources import return_freed_memory
 from ..settings import Layer, Settings
 from ..splats import raster
 from ..splats.gaussians import Gaussians
@@ -343,6 +344,7 @@ class Stages:
         contrast: SeenContrast | None,
         progress: Callable[[float], None],
     ) -> Gaussians:
+        return_freed_memory()  # that of matching: no stage needs more than this one
         seed = self.settings.seed
         return fit_layer(self.rasterizer, made.original, views, plan, self.background, seed, progress, guides, contrast)
 
