@@ -53,13 +53,21 @@ class StageSpan(Reporter):
         stage: the stage's name; the part may use another.
         start, end: the fractions of the stage between which the part lies.
         message: said instead of the part's own.
+        tells_status: whether what the part begins with is passed on.
     """
 
-    def __init__(self, inner: Reporter, stage: str, start: float, end: float, message: str) -> None:
+    def __init__(
+        self, inner: Reporter, stage: str, start: float, end: float, message: str, *, tells_status: bool = False
+    ) -> None:
         self._inner, self._stage, self._start, self._end, self._message = inner, stage, start, end, message
+        self._tells_status = tells_status
 
     def progress(self, stage: str, fraction: float, message: str = "") -> None:
         self._inner.progress(self._stage, self._start + (self._end - self._start) * fraction, self._message)
+
+    def status(self, stage: str, message: str) -> None:
+        if self._tells_status:
+            self._inner.status(self._stage, message)
 
     def warning(self, name: str, message: str) -> None:
         self._inner.warning(name, message)

@@ -90,13 +90,14 @@ class JointTraining:
         together = round(self.plan.steps * joint.share)
         before = max(self.plan.steps - together, 1)
         plan = replace(self.plan, steps=before, poses=None)  # `guides_of` finds correspondences in the given poses
+        turn = before / self.plan.steps
+        span = StageSpan(reporter, STAGE, 0.0, turn, "fitting enhanced views", tells_status=True)
         trainer = Trainer(
             *(self.rasterizer, self.views, self.held_out, points, colors, plan, self.background, self.seed),
             checkpoints=self.checkpoints,
-            reporter=reporter,
+            reporter=span,
         )
-        turn = before / self.plan.steps
-        result = trainer.train(StageSpan(reporter, STAGE, 0.0, turn, "fitting enhanced views"))
+        result = trainer.train(span)
         started = time.perf_counter()
         guides = guides_of(result)
         kept = None

@@ -9,6 +9,7 @@ from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.core.splats.raster import Rasterizer
 from cvdgs.core.splats.targets import Background
+from cvdgs.core.splats.training.joint import JointPlan, JointTraining
 from cvdgs.core.splats.training.plan import TrainingPlan
 from cvdgs.core.splats.training.rough import RoughScene, rough_fit
 from cvdgs.core.splats.training.trainer import Trainer
@@ -113,6 +114,14 @@ def test_a_run_starts_from_its_rough_scene_and_says_so(views):
     assert result.decision["start"].startswith("a rough scene, which gained")
     assert listener.fractions == sorted(listener.fractions)  # as one stage, which never goes back
     assert listener.fractions[-1] == 1.0
+
+
+def test_the_progress_of_joint_training_does_not_step_back_when_its_rough_scene_ends(views):
+    listener, plan = Listener(), replace(PLAN, sh_degree=0, steps=640, rough=replace(ALWAYS, side=48))
+    training = JointTraining(Rasterizer("cpu", 1), views, [], plan, JointPlan(), BLACK, 0)
+    training.train(*sparse_points(), lambda _: None, listener)
+    assert any("a rough scene to photographs of 48 pixels" in message for message in listener.said)
+    assert listener.fractions == sorted(listener.fractions)
 
 
 def test_where_no_views_can_judge_there_is_no_rough_scene(views):
