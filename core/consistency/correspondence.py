@@ -109,10 +109,7 @@ class SceneCorrespondences:
 
     def between(self, first: int, second: int) -> Correspondences:
         """The points that two views both see, from the pixels of the first."""
-        camera, other, stride = self.views[first].camera, self.views[second].camera, self.settings.stride
-        if (first, second) not in self._found:
-            self._found[first, second] = _Packed.of(self._match(first, second), camera, other, stride)
-        return self._found[first, second].unpacked(first, second, camera, other, stride)
+        return self._packed(first, second).unpacked()
 
     def match(
         self, pairs: Sequence[tuple[int, int]], reporter: Reporter | None = None, stage: str = "correspondences"
@@ -120,7 +117,7 @@ class SceneCorrespondences:
         """Find what `between` gives for each pair; reports progress of `stage`."""
         reporter = reporter or Reporter()
         for number, (first, second) in enumerate(pairs):
-            self.between(first, second)
+            self._packed(first, second)
             reporter.progress(stage, (number + 1) / len(pairs), "matching points between views")
         if len(self.views) > _SURFACES_KEPT:  # those that are left are the last ones; who comes next asks for the first
             self._surface.cache_clear()
@@ -129,6 +126,13 @@ class SceneCorrespondences:
         """`between` for each pair."""
         self.match(pairs)
         return [self.between(first, second) for first, second in pairs]
+
+    def _packed(self, first: int, second: int) -> _Packed:
+        if (first, second) not in self._found:
+            camera, other = self.views[first].camera, self.views[second].camera
+            found = self._match(first, second)
+            self._found[first, second] = _Packed.of(found, camera, other, self.settings.stride)
+        return self._found[first, second]
 
     def _match(self, first: int, second: int) -> Correspondences:
         settings = self.settings
@@ -162,32 +166,38 @@ class _Packed:
     """Correspondences in a third of their memory: with hundreds of views they are more than the photographs.
 
     Attributes:
-        matched: one bit for each pixel that was tried, row by row.
-        positions: (M, 2) uint16, `second_positions` in 65,535ths of the second view's sides.
+        first, second: indices of the views.
+        width: of the first view.
+        tried: rows and columns of its pixels that were tried, `stride` apart.
+        matched: one bit for each of them, row by row.
+        sides: width and height of the second view.
+        positions: (M, 2) uint16, `second_positions` in 65,535ths of these.
     """
 
+    first: int
+    second: int
+    width: int
+    tried: tuple[int, int]
+    stride: int
     matched: NDArray[np.uint8]
+    sides: tuple[int, int]
     positions: NDArray[np.uint16]
 
     @classmethod
     def of(cls, found: Correspondences, camera: PinholeCamera, other: PinholeCamera, stride: int) -> _Packed:
-        matched = np.zeros((camera.height, camera.width), bool)
-        matched.reshape(-1)[found.first_pixels] = True
-        positions = np.round(found.second_positions / _sides(other) * _FINEST)
-        return cls(np.packbits(matched[::stride, ::stride]), positions.astype(np.uint16))
+        whole = np.zeros((camera.height, camera.width), bool)
+        whole.reshape(-1)[found.first_pixels] = True
+        matched, sides = whole[::stride, ::stride], (other.width, other.height)
+        positions = np.round(found.second_positions / np.asarray(sides, np.float32) * _FINEST).astype(np.uint16)
+        tried = (matched.shape[0], matched.shape[1])
+        return cls(found.first, found.second, camera.width, tried, stride, np.packbits(matched), sides, positions)
 
-    def unpacked(
-        self, first: int, second: int, camera: PinholeCamera, other: PinholeCamera, stride: int
-    ) -> Correspondences:
-        columns = math.ceil(camera.width / stride)
-        tried = math.ceil(camera.height / stride) * columns
-        row, column = np.divmod(np.flatnonzero(np.unpackbits(self.matched, count=tried)), columns)
-        pixels = (row * camera.width + column) * stride
-        return Correspondences(first, second, pixels.astype(np.int32), self.positions * (_sides(other) / _FINEST))
-
-
-def _sides(camera: PinholeCamera) -> NDArray[np.float32]:
-    return np.array([camera.width, camera.height], np.float32)
+    def unpacked(self) -> Correspondences:
+        matched = np.unpackbits(self.matched, count=math.prod(self.tried)).reshape(self.tried)
+        rows, columns = np.nonzero(matched)
+        pixels = (rows * self.width + columns) * self.stride
+        positions = self.positions * (np.asarray(self.sides, np.float32) / _FINEST)
+        return Correspondences(self.first, self.second, pixels.astype(np.int32), positions)
 
 
 def view_pairs(count: int, step: int) -> list[tuple[int, int]]:

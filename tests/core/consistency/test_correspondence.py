@@ -203,7 +203,7 @@ def test_correspondences_keep_their_pixels_and_positions_when_they_are_packed(si
     pixels = np.flatnonzero(tried & (rng.random(tried.shape) < 0.5)).astype(np.int32)
     positions = (rng.random((len(pixels), 2)) * [other.width, other.height]).astype(np.float32)
     packed = _Packed.of(Correspondences(3, 1, pixels, positions), camera, other, stride)
-    found = packed.unpacked(3, 1, camera, other, stride)
+    found = packed.unpacked()
     assert (found.first, found.second) == (3, 1)
     np.testing.assert_array_equal(found.first_pixels, pixels)
     assert found.first_pixels.dtype == np.int32
