@@ -6,7 +6,7 @@ on if validation views gain by it in a trial (`ViewCorrections.settle`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -156,8 +156,13 @@ class ViewCorrections:
         self._blur_undecided = saved.value("blur_undecided", bool)
         self.blur.restore(saved.part("blur"))
 
-    def decide(self, progress: float, parameters: ParameterSet) -> list[Proposal]:
+    def decide(
+        self, progress: float, parameters: ParameterSet, report: Callable[[str], None] = lambda _: None
+    ) -> list[Proposal]:
         """Make the checks due at the fraction `progress` of the run, on the current scene; called before a step.
+
+        Args:
+            report: told how far a measurement of all views is.
 
         Returns:
             What is corrected from now on because it seems to be off. That a rough scene differs from its photographs
@@ -177,7 +182,7 @@ class ViewCorrections:
         if self._blur_undecided and self._blur_plan is not None and progress >= self._blur_plan.decided_at:
             self._blur_undecided = False
             # Where cameras were off, a photograph that is still out of place looks smeared.
-            if not self.poses_were_off and self._seems_blurred(self._blur_plan, parameters):
+            if not self.poses_were_off and self._seems_blurred(self._blur_plan, parameters, report):
                 proposed.append(Proposal.BLUR)
         return proposed
 
@@ -299,7 +304,7 @@ class ViewCorrections:
         self._words["poses"] = f"as given: photographs match the scene within {motion:.2f} pixels"
         return motion >= threshold
 
-    def _seems_blurred(self, plan: MotionBlurPlan, parameters: ParameterSet) -> bool:
+    def _seems_blurred(self, plan: MotionBlurPlan, parameters: ParameterSet, report: Callable[[str], None]) -> bool:
         count = len(self._views)
         probed = np.linspace(0, count - 1, min(count, plan.probed_views)).round().astype(int).tolist()
         found = {view: self.best_line(view, parameters) for view in probed}
@@ -307,7 +312,10 @@ class ViewCorrections:
         if length < plan.threshold:
             return False
         self._words["motion_blur"] = f"as photographed: a quarter seem to be smeared by {length:.1f} pixels"
-        self._lines = [found[i] if i in found else self.best_line(i, parameters) for i in range(count)]
+        self._lines = []
+        for view in range(count):
+            report(f"measuring motion blur, view {view + 1:,} of {count:,}")
+            self._lines.append(found[view] if view in found else self.best_line(view, parameters))
         return True
 
     def best_line(self, view: int, parameters: ParameterSet) -> NDArray[np.float64]:

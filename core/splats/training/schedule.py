@@ -82,3 +82,8 @@ class TrainingSchedule:
     def learning_rates(self, step: int) -> LearningRates:
         """The learning rates at `step`."""
         return self._plan.learning_rates_at(self.progress(step), self.means_reach)
+
+
+def due(every: int, step: int) -> bool:
+    """Whether something that is done every so many steps, or never (0), is done after `step`."""
+    return every > 0 and step % every == 0

@@ -33,7 +33,7 @@ from .moving import MovingThings
 from .outcome import conclude, found_in_views
 from .plan import TrainingPlan, TrainingResult
 from .rough import rough_fit
-from .schedule import TrainingSchedule
+from .schedule import TrainingSchedule, due
 from .start import StartChoice, StartTrial, choose_start, means_reach
 from .trials import choose_degree, correction_gain, more_pay
 from .validation import Curve, HeldOut, Validation, curve_entry
@@ -168,8 +168,7 @@ class Trainer:
                 if step % _PROGRESS_EVERY == 0:
                     psnr = self._curve.entries[-1]["psnr"]
                     quality = f", {psnr:.1f} dB" if psnr is not None else ""
-                    done = self._done_before + (1.0 - self._done_before) * step / schedule.steps
-                    reporter.progress(STAGE, done, f"{len(self.fit):,} Gaussians{quality}")
+                    reporter.progress(STAGE, self._done, f"{len(self.fit):,} Gaussians{quality}")
                 between_steps(self._snapshot, self._ended or step == schedule.steps)
         self._finish(self._step)
         reporter.progress(STAGE, 1.0, f"{len(self.fit):,} Gaussians")
@@ -182,6 +181,10 @@ class Trainer:
         return TrainingResult(self.gaussians, *measured, decision, self.fit.skipped, *found)
 
     @property
+    def _done(self) -> float:
+        return self._done_before + (1.0 - self._done_before) * self._step / self._schedule.steps
+
+    @property
     def gaussians(self) -> Gaussians:
         """The current Gaussians, in world units."""
         return self._frame.to_world(self.fit.parameters.to_gaussians())
@@ -190,7 +193,8 @@ class Trainer:
         """One optimisation step, on the next view."""
         strategy, schedule = self._strategy, self._schedule
         learning_rates, growing = schedule.learning_rates(step), schedule.growing(step)
-        for proposal in self._corrections.decide(schedule.progress(step), self.fit.parameters):
+        report = partial(self._reporter.progress, STAGE, self._done)
+        for proposal in self._corrections.decide(schedule.progress(step), self.fit.parameters, report):
             if self._validation:
                 self._try(proposal, step)
         if self._moving.look_if_due(step, schedule, self.fit.parameters, self._corrections):
@@ -198,9 +202,9 @@ class Trainer:
         if self._loss is None and self._plan.contrast is not None and schedule.contrast(step):
             self._loss = self._contrast_loss(self._plan.contrast)
             self._log.forget_best()  # it gives up a little PSNR for contrast
-        gather = growing and _due(strategy.gradient_every, step)
+        gather = growing and due(strategy.gradient_every, step)
         self._fit_next(schedule.reduction(step), learning_rates, gather_gradient=gather)
-        if growing and _due(strategy.perturb_every, step):
+        if growing and due(strategy.perturb_every, step):
             gaussians = self.fit.parameters.to_gaussians()
             self.fit.assign(strategy.perturb(gaussians, self._plan.steps, learning_rates.means, self._rng))
 
@@ -392,7 +396,3 @@ class Trainer:
         if saved.value("contrast", bool) and self._plan.contrast is not None:
             self._loss = self._contrast_loss(self._plan.contrast)
         restore_random(self._rng, saved, "random")
-
-
-def _due(every: int, step: int) -> bool:
-    return every > 0 and step % every == 0

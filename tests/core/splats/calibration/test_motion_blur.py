@@ -9,8 +9,18 @@ import warp as wp
 from scipy.ndimage import gaussian_filter, shift
 
 from cvdgs.core.runtime.protocol import Reporter
-from cvdgs.core.splats.calibration.motion_blur import MotionBlur, best_line, line_kernel, line_slopes, smeared_array
+from cvdgs.core.splats.calibration.corrections import Proposal, ViewCorrections
+from cvdgs.core.splats.calibration.motion_blur import (
+    MotionBlur,
+    MotionBlurPlan,
+    best_line,
+    line_kernel,
+    line_slopes,
+    smeared_array,
+)
 from cvdgs.core.splats.raster import ParameterSet, Rasterizer
+from cvdgs.core.splats.scene_frame import SceneFrame
+from cvdgs.core.splats.targets import prepare_targets
 from cvdgs.core.splats.training.decisions import StopRule
 from cvdgs.core.splats.training.plan import TrainingPlan, TrainingResult
 from cvdgs.core.splats.training.trainer import Trainer
@@ -99,6 +109,18 @@ def test_what_is_masked_tells_nothing_of_a_line():
     shown[:, 160:] = False
     photograph[:, 160:] = moved_about(picture(), (20.0, 0.0))[:, 160:]
     np.testing.assert_array_equal(best_line(picture(), photograph, shown), 0.0)
+
+
+def test_one_hears_how_far_the_search_for_lines_is():
+    scene = ball()
+    views, _ = smeared_views(photographs(scene, count=20, size=96), 7.0)
+    rasterizer, frame = Rasterizer("cpu", 1), SceneFrame.around(views, scene.means)
+    targets = prepare_targets(rasterizer, views, frame, BLACK)
+    corrections = ViewCorrections(rasterizer, targets, BLACK, None, None, MotionBlurPlan(), steps=400)
+    heard: list[str] = []
+    proposed = corrections.decide(0.3, ParameterSet.from_gaussians(frame.from_world(scene)), heard.append)
+    assert proposed == [Proposal.BLUR]
+    assert [words.rpartition("view ")[2] for words in heard] == [f"{i + 1} of 20" for i in range(20)]
 
 
 @pytest.mark.slow  # 6 s of training
