@@ -157,11 +157,15 @@ def mark(page: Path, facts: Mapping[str, Facts]) -> Provenance:
 
 
 def commit_of_code() -> str:
-    """The commit that is checked out, with a plus where tracked files differ; `UNRECORDED` outside a checkout."""
+    """The commit that is checked out; `UNRECORDED` outside a checkout.
+
+    It has a plus where tracked files differ, other than documents: pages are written while a study goes on.
+    """
     commit = _git("rev-parse", "--short", "HEAD")
     if not commit:
         return UNRECORDED
-    return commit + ("+" if _git("status", "--porcelain", "--untracked-files=no") else "")
+    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs")
+    return commit + ("+" if changed else "")
 
 
 def _is_current(found: Provenance, facts: Mapping[str, Facts]) -> bool:

@@ -16,6 +16,7 @@ import pytest
 from cvdgs.core.bootstrap import ROOT
 from cvdgs.core.pipeline.stages import Plans
 from cvdgs.scripts.benchmark import main
+from cvdgs.scripts.benchmarks import provenance
 from cvdgs.scripts.benchmarks.options import Part
 from cvdgs.scripts.benchmarks.provenance import (
     STALE,
@@ -78,6 +79,25 @@ def test_the_line_says_how_long_the_command_took(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert f"at commit `{commit_of_code()}` in 3 minutes, recipe" in text
     assert provenance_of(text) == Provenance(COMMAND, commit_of_code(), fingerprint(COMMAND, facts), minutes=3)
+
+
+def test_code_that_is_not_committed_shows_as_a_plus_and_a_changed_document_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, document = tmp_path / "code.py", tmp_path / "docs" / "page.md"
+    document.parent.mkdir()
+    for path in (code, document):
+        path.write_text("first\n", encoding="utf-8")
+    author = ("-c", "user.name=A", "-c", "user.email=a@example.org")
+    for words in (("init", "-q"), ("add", "."), (*author, "commit", "-qm", "Begin")):
+        subprocess.run(["git", *words], cwd=tmp_path, check=True)
+    monkeypatch.setattr(provenance, "ROOT", tmp_path)
+    commit = commit_of_code()
+    document.write_text("second\n", encoding="utf-8")
+    assert commit_of_code() == commit
+    assert not commit.endswith("+")
+    code.write_text("second\n", encoding="utf-8")
+    assert commit_of_code() == f"{commit}+"
 
 
 def test_a_page_that_is_made_again_has_one_line(page: Path) -> None:
