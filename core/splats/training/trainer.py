@@ -288,8 +288,9 @@ class Trainer:
         def branch(corrected: bool) -> float:
             self._corrections.switch(proposal, corrected)
             self._fit_trial(step, steps)
-            poses = proposal is Proposal.POSES
-            views = self._validation.matched(self.fit.parameters) if poses else self._validation.views
+            views = self._validation.views
+            if proposal is Proposal.POSES:
+                views = self._validation.matched(self.fit.parameters, self._schedule.coarsest)
             views = self.fit.smeared(views) if proposal is Proposal.BLUR else views
             return self.fit.psnr(views, any_exposure=True)
 

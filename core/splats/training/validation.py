@@ -51,10 +51,10 @@ class Validation:
         self._aligned.align(scene)
         self.views = self._aligned.views
 
-    def matched(self, scene: ParameterSet) -> list[TrainingView]:
-        """The views from where they match a scene best, for a trial: the poses of `views` stay."""
+    def matched(self, scene: ParameterSet, reduction: int) -> list[TrainingView]:
+        """The views from where they match a scene best, reduced by a factor, for a trial: the poses of `views` stay."""
         aligned = self._aligner(self.views)
-        aligned.align(scene)
+        aligned.align_roughly(scene, reduction)
         return aligned.views
 
     def leave_out(self, regions: Mapping[int, NDArray[np.bool_]]) -> None:

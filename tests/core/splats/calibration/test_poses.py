@@ -176,6 +176,17 @@ def test_a_rough_scene_tells_good_poses_from_those_that_are_off(scene, views, st
     assert off > 1.1 * farthest
 
 
+@pytest.mark.parametrize("degrees", [0.25, 1.0])
+def test_views_are_roughly_aligned_with_a_scene_at_half_their_size(scene, views, degrees):
+    given, rasterizer = turned(views, degrees), Rasterizer("cpu", 1)
+    frame = SceneFrame.around(given, scene.means)
+    targets = prepare_targets(rasterizer, given, frame, BLACK, {2})
+    aligned = AlignedViews(rasterizer, targets, BLACK, PosePlan())
+    aligned.align_roughly(ParameterSet.from_gaussians(frame.from_world(scene)), 2)
+    found = [view.at(frame.pose_to_world(pose)) for view, pose in zip(given, aligned.poses, strict=True)]
+    assert errors(found, views, scene.means)[1] < 0.25 * errors(given, views, scene.means)[1]
+
+
 def test_the_views_as_a_whole_neither_move_nor_grow(scene, views):
     given = turned(views, 0.5)
     poses, frame, *_ = refine(given, scene, steps=720, until=0.1)
