@@ -28,8 +28,8 @@ from ..raster import Gradients, ParameterSet, RasterCamera, Rasterizer
 from ..targets import Background, TrainingView
 from .adam import AdamMoments, decayed, restore, snapshot
 
-# Of `PosePlan.align_steps`, in a trial: with 20 or 60 of them, what a correction gained differed by 0.00 to 0.12 dB
-# (demo, fox, a room), and 60 on six views took four fifths of the time of the trial.
+# Of `PosePlan.align_steps`, in a trial: with 20 or 60 of them, what a correction gained differed by 0.13 dB at most
+# (docs/rooms.md), and 60 on six views took three quarters of the trial's time.
 _ROUGHLY = 1.0 / 3.0
 _DEPTH = 1.0  # frame units from a camera to what it looks at: the unit is the cameras' distance from their mean
 
