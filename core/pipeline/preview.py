@@ -59,24 +59,27 @@ class Preview:
 
 
 class PreviewedTraining(Reporter):
-    """Passes on what a training reports, and shows a picture now and then.
+    """Passes on what a training reports, and shows a picture now and then of the scene that it says it fits.
 
     Args:
         inner: receives the training's progress.
         preview: shows the picture.
-        gaussians: as they are now, in world units.
     """
 
-    def __init__(self, inner: Reporter, preview: Preview, gaussians: Callable[[], Gaussians]) -> None:
-        self._inner, self._preview, self._gaussians = inner, preview, gaussians
+    def __init__(self, inner: Reporter, preview: Preview) -> None:
+        self._inner, self._preview = inner, preview
+        self._gaussians: Callable[[], Gaussians] | None = None
         self._last = -_INTERVAL
+
+    def scene(self, gaussians: Callable[[], Gaussians]) -> None:
+        self._gaussians = gaussians
 
     def status(self, stage: str, message: str) -> None:
         self._inner.status(stage, message)
 
     def progress(self, stage: str, fraction: float, message: str = "") -> None:
         self._inner.progress(stage, fraction, message)
-        if time.monotonic() - self._last >= _INTERVAL:
+        if self._gaussians is not None and time.monotonic() - self._last >= _INTERVAL:
             self._preview.show(self._gaussians())
             self._last = time.monotonic()
 

@@ -264,6 +264,7 @@ class Stages:
         return replace(self, capture=capture, scene=scene, preview=preview)
 
     def _train_on_photographs(self) -> TrainingResult:
+        reporter = self._previewed()
         trainer = Trainer(
             self.rasterizer,
             self._views(self.split.train),
@@ -274,11 +275,12 @@ class Stages:
             self.background,
             self.settings.seed,
             self.checkpoints,
-            self.reporter,
+            reporter,
         )
-        if self.preview is None:
-            return trainer.train(self.reporter)
-        return trainer.train(PreviewedTraining(self.reporter, self.preview, lambda: trainer.gaussians))
+        return trainer.train(reporter)
+
+    def _previewed(self) -> Reporter:
+        return self.reporter if self.preview is None else PreviewedTraining(self.reporter, self.preview)
 
     def _train_jointly(self, layer: Layer) -> TrainingResult:
         """Geometry and colours from the layer's enhanced views, every side in the same colours."""
@@ -299,7 +301,7 @@ class Stages:
             made = stages.reconstruction(first.gaussians, "geometry", 1.0 - self.plans.joint.share)
             return stages._guides(made.agreement, training.views)
 
-        return training.train(self.capture.points, self.capture.point_colors, guides_of, self.reporter)
+        return training.train(self.capture.points, self.capture.point_colors, guides_of, self._previewed())
 
     def _training_plan(self) -> TrainingPlan:
         return replace(

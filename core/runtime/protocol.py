@@ -44,6 +44,9 @@ class Reporter:
     def preview(self, file: Path) -> None:
         """`file` is a picture of how far things are, complete; a later one may take its place."""
 
+    def scene(self, gaussians: Callable[[], Any]) -> None:
+        """A scene is being fitted from now on: `gaussians` gives its `Gaussians`, in world units, as they are then."""
+
 
 class StageSpan(Reporter):
     """What a part of a stage reports, as the share of the stage that it is.
@@ -71,6 +74,9 @@ class StageSpan(Reporter):
 
     def warning(self, name: str, message: str) -> None:
         self._inner.warning(name, message)
+
+    def scene(self, gaussians: Callable[[], Any]) -> None:
+        self._inner.scene(gaussians)
 
 
 class JsonReporter(Reporter):

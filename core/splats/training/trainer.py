@@ -55,7 +55,7 @@ class Trainer:
         background: behind the Gaussians.
         seed: of the initialisation, the order of the views and the strategy.
         checkpoints: where the state is kept; None keeps none.
-        reporter: told what a start is chosen from, which takes a while in rooms.
+        reporter: told what a start is chosen from, which takes a while in rooms; `train` is given one, too.
 
     Raises (on construction):
         InputError: the checkpoint to go on from is damaged.
@@ -149,6 +149,7 @@ class Trainer:
     def train(self, reporter: Reporter) -> TrainingResult:
         """Run the planned steps, or as many as pay."""
         plan, schedule = self._plan, self._schedule
+        reporter.scene(lambda: self.gaussians)
         goes_on = f", from step {self._step:,} on" if self._step else ""
         reporter.status(STAGE, f"fitting {len(self.fit):,} Gaussians to {len(self._targets)} views{goes_on}")
         curve_steps = {round(plan.steps * (i + 1) / plan.curve_points) for i in range(plan.curve_points)}

@@ -45,8 +45,11 @@ def test_a_training_is_not_held_up_by_its_pictures():
         def progress(self, stage: str, fraction: float, message: str = "") -> None:
             heard.append(fraction)
 
-    training = PreviewedTraining(Ears(), Picture(), lambda: "gaussians")
-    for step in range(50):
+    training = PreviewedTraining(Ears(), Picture())
+    training.progress("geometry", 0.0)
+    assert not shown  # there is no scene yet
+    training.scene(lambda: "gaussians")
+    for step in range(1, 50):
         training.progress("geometry", step / 50)
     assert len(heard) == 50
     assert shown == ["gaussians"]

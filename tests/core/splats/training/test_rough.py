@@ -35,12 +35,19 @@ def views():
 class Listener(Reporter):
     def __init__(self):
         self.said, self.fractions = [], []
+        self.shown = []
+        self._gaussians = None
+
+    def scene(self, gaussians):
+        self._gaussians = gaussians
 
     def status(self, stage, message):
         self.said.append(message)
 
     def progress(self, stage, fraction, message=""):
         self.fractions.append(fraction)
+        if self._gaussians is not None:
+            self.shown.append(self._gaussians())
 
 
 def asked_of_a_fit(views, plan=PLAN, background=BLACK):
@@ -114,6 +121,15 @@ def test_a_run_starts_from_its_rough_scene_and_says_so(views):
     assert result.decision["start"].startswith("a rough scene, which gained")
     assert listener.fractions == sorted(listener.fractions)  # as one stage, which never goes back
     assert listener.fractions[-1] == 1.0
+
+
+def test_while_a_rough_scene_is_fitted_it_can_be_watched(views):
+    listener, plan = Listener(), replace(PLAN, rough=replace(ALWAYS, side=48))
+    Trainer(Rasterizer("cpu"), views, [], *sparse_points(), plan, BLACK, 0, reporter=listener)
+    first, last = listener.shown[0], listener.shown[-1]
+    assert np.ptp(first.means, axis=0).max() < 10.0  # in world units
+    first, last = np.ptp(first.base_colors, axis=1), np.ptp(last.base_colors, axis=1)
+    assert last.mean() > 2.0 * first.mean()  # the points are grey, the wall is not
 
 
 def test_the_progress_of_joint_training_does_not_step_back_when_its_rough_scene_ends(views):
