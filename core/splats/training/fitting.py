@@ -253,6 +253,7 @@ def fit_guided(
     progress: Callable[[float], None],
     *,
     colors_only: bool = False,
+    watch: Callable[[Callable[[], Gaussians]], None] | None = None,
 ) -> tuple[Gaussians, int]:
     """Fit `gaussians`, in world units, to `views` by a loss that is guided by the other views.
 
@@ -260,6 +261,7 @@ def fit_guided(
         learning_rates: by the fraction of the steps.
         progress: receives the fraction done.
         colors_only: fit the degree-0 colours only.
+        watch: receives what gives the Gaussians, in world units, as they are when it is called.
 
     Returns:
         The fitted Gaussians, and the number of steps skipped because of non-finite numbers.
@@ -269,6 +271,12 @@ def fit_guided(
     targets = prepare_targets(rasterizer, views, frame, background)
     blur = KnownBlur(rasterizer.device, [view.smear for view in views])
     order = ViewOrder(len(targets), np.random.default_rng(seed))
+
+    def current() -> Gaussians:
+        return frame.to_world(fit.parameters.to_gaussians())
+
+    if watch is not None:
+        watch(current)
     for step in range(1, steps + 1):
         view = order.next()
         fit.step(
@@ -280,4 +288,4 @@ def fit_guided(
             loss=loss.of(view),
         )
         progress(step / steps)
-    return frame.to_world(fit.parameters.to_gaussians()), fit.skipped
+    return current(), fit.skipped

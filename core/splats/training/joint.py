@@ -115,6 +115,7 @@ class JointTraining:
             together,
             self.seed,
             partial(span.progress, STAGE),
+            watch=span.scene,
         )
         seconds = round(result.seconds + time.perf_counter() - started, 2)
         entry = {

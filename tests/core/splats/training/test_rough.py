@@ -135,9 +135,10 @@ def test_while_a_rough_scene_is_fitted_it_can_be_watched(views):
 def test_the_progress_of_joint_training_does_not_step_back_when_its_rough_scene_ends(views):
     listener, plan = Listener(), replace(PLAN, sh_degree=0, steps=640, rough=replace(ALWAYS, side=48))
     training = JointTraining(Rasterizer("cpu", 1), views, [], plan, JointPlan(), BLACK, 0)
-    training.train(*sparse_points(), lambda _: None, listener)
+    result = training.train(*sparse_points(), lambda _: None, listener)
     assert any("a rough scene to photographs of 48 pixels" in message for message in listener.said)
     assert listener.fractions == sorted(listener.fractions)
+    np.testing.assert_array_equal(listener.shown[-1].means, result.gaussians.means)  # watched to the end
 
 
 def test_where_no_views_can_judge_there_is_no_rough_scene(views):
