@@ -57,13 +57,13 @@ _MODEL: tuple[Column, ...] = (
     ("most", "times one, at most", ".1f"),
 )
 _DEFINITIONS = """\
-A turntable of {frames} frames of a finished run, in tasks of four, by workers with one thread each on one machine of
-{cores} processor cores; medians of {rounds}. The model is Gunther's universal scalability law, N workers do N / (1 +
-σ (N - 1) + κ N (N - 1)) times the work of one; with κ = 0 it is Amdahl's law, whose limit is 1/σ. It is fitted to
-the measurements with no more workers than there are cores, so with two cores it has one free parameter and says what
-these tasks share on one machine. Workers beyond the cores cannot help, whatever it says; workers on other machines
-share less, so its limit is for them a low one. *Workers that each add a tenth*: beyond that number, a further one adds
-less than a tenth of the work of one."""
+A turntable of {frames} frames of {size} pixels of a finished run, in tasks of four, by workers with one thread each on
+one machine of {cores} processor cores; medians of {rounds}. The model is Gunther's universal scalability law, N
+workers do N / (1 + σ (N - 1) + κ N (N - 1)) times the work of one; with κ = 0 it is Amdahl's law, whose limit is 1/σ.
+It is fitted to the measurements with no more workers than there are cores, so with two cores it has one free parameter
+and says what these tasks share on one machine. Workers beyond the cores cannot help, whatever it says; workers on other
+machines share less, so its limit is for them a low one. *Workers that each add a tenth*: beyond that number, a further
+one adds less than a tenth of the work of one."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,9 @@ def throughputs(seconds: Mapping[tuple[str, int], Sequence[float]], frames: int)
     return found
 
 
-def write_throughput(folder: Path, found: Sequence[Throughput], *, frames: int, rounds: int, cores: int) -> str:
+def write_throughput(
+    folder: Path, found: Sequence[Throughput], *, frames: int, size: tuple[int, int], rounds: int, cores: int
+) -> str:
     """Write ``throughput.csv``, ``throughput.md`` and its chart; returns the text of the page."""
     table = frame_of(Throughput, found)
     write_csv(folder / f"{NAME}.csv", table)
@@ -190,7 +192,12 @@ def write_throughput(folder: Path, found: Sequence[Throughput], *, frames: int, 
         most=[law.most for law in laws],
     )
     write_charts(folder, NAME, _CHART_SIZE, partial(_draw, found=found, laws=laws, cores=cores), formats=("svg",))
-    lines = ["# Batches over workers", "", _DEFINITIONS.format(frames=frames, rounds=rounds, cores=cores), ""]
+    lines = [
+        "# Batches over workers",
+        "",
+        _DEFINITIONS.format(frames=frames, size=f"{size[0]}×{size[1]}", rounds=rounds, cores=cores),
+        "",
+    ]
     lines += [*markdown_table(table, _COLUMNS), "", "## Where more workers stop helping", ""]
     alternative = "Work done over workers, measured and by the model; the tables have the same figures"
     lines += [*markdown_table(models, _MODEL), "", picture(NAME, alternative), ""]
@@ -222,15 +229,16 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--run", type=Path, default=Path("out/demo"), help="a finished run (out/demo)")
     add("--frames", type=int, default=32, metavar="N", help="frames of the turntable, in chunks of four (32)")
+    add("--width", type=int, default=480, metavar="PIXELS", help="of a frame, three quarters as high (480)")
     add("--rounds", type=int, default=3, metavar="N", help="repetitions; medians are reported (3)")
 
 
 def _measure(options: argparse.Namespace) -> str:
     """Render a turntable with more and more workers; writes throughput.csv, throughput.md and a chart."""
     with tempfile.TemporaryDirectory(prefix="cvdgs-batch-") as folder:
-        benchmark = BatchBenchmark(options.run, Path(folder), frames=options.frames, rounds=options.rounds)
+        asked = {"frames": options.frames, "size": (options.width, options.width * 3 // 4), "rounds": options.rounds}
+        benchmark = BatchBenchmark(options.run, Path(folder), **asked)
         found = measure_throughput(benchmark, ConsoleReporter(sys.stderr))
-    asked = {"frames": options.frames, "rounds": options.rounds}
     return write_throughput(options.out, found, **asked, cores=available_processors())
 
 

@@ -61,7 +61,7 @@ def test_the_page_fits_no_more_workers_than_there_are_cores(tmp_path: Path):
     found = throughputs(seconds, 20)
     assert [one.rate for one in found[:2]] == pytest.approx([2.0, 3.2])
     assert [one.speedup for one in found[:2]] == pytest.approx([1.0, 1.6])
-    text = write_throughput(tmp_path, found, frames=20, rounds=3, cores=2)
+    text = write_throughput(tmp_path, found, frames=20, size=(480, 360), rounds=3, cores=2)
     assert "| local | 0.250 | 0.0000 | 8 | 2.9 | 4.0 |" in text
     assert "- local, by the model on as many cores: 4 workers 2.3 times" in text
     assert (tmp_path / "throughput.csv").is_file()
