@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,15 +51,36 @@ class AgreementSettings:
 
 @dataclass(frozen=True)
 class Consensus:
-    """What a view should show according to the others.
+    """What a view should show according to the others: its own picture, shifted.
+
+    Shifts are means over more than a few pixels, so squares of `CELL` pixels share one, and hundreds of views fit into
+    memory.
 
     Attributes:
-        colors: (H, W, 3) uint8 sRGB; the view's own colours where no other view corresponds.
-        weights: (H, W) uint8, 255 = 1; 0 where no other view corresponds.
+        shifts: (⌈H / CELL⌉, ⌈W / CELL⌉, 3) int8, in levels of 255; `UNKNOWN` where no other view corresponds.
     """
 
-    colors: Image
-    weights: Weights
+    CELL: ClassVar[int] = 2
+    UNKNOWN: ClassVar[int] = -128
+
+    shifts: NDArray[np.int8]
+
+    @classmethod
+    def of(cls, shifts: NDArray[np.floating], known: NDArray[np.bool_]) -> Consensus:
+        """From the (H, W, 3) shifts of all pixels, and (H, W) where another view corresponds."""
+        first = np.s_[:: cls.CELL, :: cls.CELL]
+        levels = np.clip(np.round(shifts[first]), cls.UNKNOWN + 1, 127)
+        return cls(np.where(known[first][..., None], levels, cls.UNKNOWN).astype(np.int8))
+
+    def known(self, height: int, width: int) -> NDArray[np.bool_]:
+        """(H, W) where another view corresponds to a pixel of the view's picture."""
+        return _spread(self.shifts[..., 0] != self.UNKNOWN, self.CELL, height, width)
+
+    def colors(self, image: Image) -> Image:
+        """What the view should show, whose own picture is the (H, W, 3) `image`; its own where nothing is known."""
+        shifts = np.where(self.shifts == self.UNKNOWN, 0, self.shifts)
+        shifted = image.astype(np.int16) + _spread(shifts, self.CELL, *image.shape[:2])
+        return np.clip(shifted, 0, 255).astype(np.uint8)
 
 
 class SceneAgreement:
@@ -68,7 +90,7 @@ class SceneAgreement:
         correspondences: of the scene.
         photographs: (H, W, 3) uint8 unenhanced images of the views to compare, by index.
         settings: how they are compared.
-        reporter, stage: for the progress.
+        reporter, stage: for the progress of matching.
 
     Attributes:
         weights: (H, W) uint8, 255 = 1, by index of the view: 1 where the photographs agree or nothing is known, down
@@ -90,12 +112,16 @@ class SceneAgreement:
         correspondences.match(pairs, reporter, stage)
         self.weights = self._weigh(photographs)
 
-    def consensus(self, images: Mapping[int, Image]) -> dict[int, Consensus]:
-        """The consensus for each of the (H, W, 3) enhanced `images`.
+    def consensus(self, images: Mapping[int, Image], reporter: Reporter | None = None) -> dict[int, Consensus]:
+        """The consensus for each of the (H, W, 3) enhanced `images`; reports its progress.
 
         Its own texture, shifted to the colours of the median of itself and its neighbours.
         """
-        return {view: self._consensus(images, view) for view in self._neighbours}
+        found, reporter = {}, reporter or Reporter()
+        for view in self._neighbours:
+            found[view] = self._consensus(images, view)
+            reporter.progress("agreement", len(found) / len(self._neighbours), "comparing views")
+        return found
 
     def _consensus(self, images: Mapping[int, Image], view: int) -> Consensus:
         image = images[view].astype(np.float32)
@@ -107,8 +133,7 @@ class SceneAgreement:
         correction, near = _mean_over(
             self._settings.drift_blur, drift.reshape(image.shape), known.reshape(image.shape[:2])
         )
-        colors = np.clip(np.round(image + correction), 0, 255).astype(np.uint8)
-        return Consensus(colors, np.where(near, self.weights[view], 0).astype(np.uint8))
+        return Consensus.of(correction, near)
 
     def _seen_by(self, images: Mapping[int, NDArray], view: int, other: int) -> NDArray[np.float32]:
         """(H * W, 3) colours of the view's pixels in another view, NaN where it does not see them."""
@@ -131,8 +156,7 @@ class SceneAgreement:
             height, width = photographs[view].shape[:2]
             grid = np.nan_to_num(1.0 / (1.0 + (difference / tolerance) ** 2), nan=1.0)
             coverage = np.ceil(255.0 * np.maximum(grid, settings.least_weight)).astype(np.uint8)
-            whole = np.repeat(np.repeat(coverage, stride, 0), stride, 1)
-            weights[view] = np.ascontiguousarray(whole[:height, :width])
+            weights[view] = np.ascontiguousarray(_spread(coverage, stride, height, width))
         return weights
 
     def _variation(self, smooth: Mapping[int, NDArray[np.float32]], view: int) -> NDArray[np.float32]:
@@ -169,6 +193,11 @@ class _Smoothed(Mapping[int, NDArray[np.float32]]):
 
     def __len__(self) -> int:
         return len(self._photographs)
+
+
+def _spread(values: NDArray, side: int, height: int, width: int) -> NDArray:
+    """(H, W, …) pixels of the (⌈H / side⌉, ⌈W / side⌉, …) `values` of squares."""
+    return values.repeat(side, 0)[:height].repeat(side, 1)[:, :width]
 
 
 def _mean_over(

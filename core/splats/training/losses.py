@@ -20,6 +20,8 @@ from ..targets import Background, TrainingView
 # The annotations of kernels are values that Warp evaluates.
 # mypy: disable-error-code="valid-type, misc, index"
 
+_CELL, _UNKNOWN = wp.constant(Consensus.CELL), wp.constant(Consensus.UNKNOWN)
+
 _SOFTNESS = 2.0 / 255.0
 """ε of the multi-view loss: smaller differences are resampling rather than drift, and are pulled less."""
 
@@ -117,7 +119,9 @@ class GuidedLoss:
         self._rasterizer, self.ssim_weight = rasterizer, ssim_weight
         self._masks = [Mask.of(guide.weights, device) for guide in guides or ()]
         self._pulls = [
-            MultiViewLoss(guide.consensus, multi_view_weight, device) if guide.consensus and multi_view_weight else None
+            MultiViewLoss(guide.consensus, guide.weights, multi_view_weight, device)
+            if guide.consensus and multi_view_weight
+            else None
             for guide in guides or ()
         ]
         self._contrast = contrast
@@ -142,7 +146,7 @@ class GuidedLoss:
         loss = self._rasterizer.photometric_loss(frame, image, self.ssim_weight, mask)
         pull = self._pulls[view] if self._pulls else None
         if pull is not None:
-            pull.add_gradient(frame)
+            pull.add_gradient(frame, image)
         if self._contrast is not None:
             self._contrast.add_gradient(view, frame, image)
         return loss
@@ -152,37 +156,46 @@ class MultiViewLoss:
     """L_mv of one view: the distance to the consensus, sqrt(d² + ε²), averaged over channels and weighted pixels.
 
     Args:
-        consensus: of the view.
+        consensus: of the view; pixels of which it knows nothing do not count.
+        weights: (H, W) uint8 of the view's pixels, 255 = 1.
         strength: λ_mv, L_mv's weight beside the photometric loss.
         device: of the frames.
     """
 
-    def __init__(self, consensus: Consensus, strength: float, device: wp.Device) -> None:
-        total = float(consensus.weights.sum(dtype=np.int64))
+    def __init__(self, consensus: Consensus, weights: NDArray[np.uint8], strength: float, device: wp.Device) -> None:
+        total = float(weights.sum(where=consensus.known(*weights.shape), dtype=np.int64))
         self._scale = strength / (3.0 * total) if total > 0.0 else 0.0
         # Shared where that is possible: there are as many as views.
-        self._colors = wp.array(consensus.colors, dtype=wp.uint8, device=device, copy=False)
-        self._weights = wp.array(consensus.weights, dtype=wp.uint8, device=device, copy=False)
+        self._shifts = wp.array(consensus.shifts, dtype=wp.int8, device=device, copy=False)
+        self._weights = wp.array(weights, dtype=wp.uint8, device=device, copy=False)
 
-    def add_gradient(self, frame: Frame) -> None:
-        """Add strength · dL_mv/dcolor to `frame.grad_color`, which the photometric loss has filled."""
+    def add_gradient(self, frame: Frame, image: wp.array) -> None:
+        """Add strength · dL_mv/dcolor to `frame.grad_color`, which the photometric loss has filled.
+
+        Args:
+            frame: a rendering of the view.
+            image: (H, W, 3) uint8, the view's own picture, which the consensus shifts.
+        """
         if self._scale:
-            inputs = [frame.color, self._colors, self._weights, self._scale, _SOFTNESS, frame.grad_color]
+            inputs = [frame.color, image, self._shifts, self._weights, self._scale, _SOFTNESS, frame.grad_color]
             wp.launch(_add_pull, dim=self._weights.shape, inputs=inputs, device=self._weights.device)
 
 
 @wp.kernel(enable_backward=False)
 def _add_pull(
     color: wp.array3d(dtype=wp.float32),
-    consensus: wp.array3d(dtype=wp.uint8),
+    image: wp.array3d(dtype=wp.uint8),
+    shifts: wp.array3d(dtype=wp.int8),
     weights: wp.array2d(dtype=wp.uint8),
     scale: wp.float32,
     softness: wp.float32,
     gradient: wp.array3d(dtype=wp.float32),
 ):
     row, column = wp.tid()
+    cell_row, cell_column = row // _CELL, column // _CELL
     weight = wp.float32(weights[row, column]) * scale
-    if weight > 0.0:
+    if weight > 0.0 and wp.int32(shifts[cell_row, cell_column, 0]) != _UNKNOWN:
         for channel in range(3):
-            apart = color[row, column, channel] - wp.float32(consensus[row, column, channel]) / 255.0
+            own, shift = wp.int32(image[row, column, channel]), wp.int32(shifts[cell_row, cell_column, channel])
+            apart = color[row, column, channel] - wp.float32(wp.clamp(own + shift, 0, 255)) / 255.0
             gradient[row, column, channel] += weight * apart / wp.sqrt(apart * apart + softness * softness)
