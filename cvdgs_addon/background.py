@@ -16,7 +16,7 @@ from typing import Any
 
 from ..core.errors import Cancelled, InputError
 from ..core.runtime.process import Event, Workers
-from ..core.runtime.progress import STAGE_SHARES, RunProgress
+from ..core.runtime.progress import RunProgress
 from ..core.runtime.supervisor import Listener, WorkerDefect
 
 # A worker has 1.2 s to end by itself (`core.runtime.process`); then its folder is tidied up.
@@ -52,7 +52,7 @@ class BackgroundJob:
         work: does it.
         workers: that the work may use; cancelling ends them.
         stages: that the work reports, in order, for the progress of the whole.
-        shares: of the time by stage.
+        expected: seconds by stage, of which the ratios count; None takes what the worker forecasts.
 
     Attributes:
         title: what the user reads.
@@ -72,11 +72,11 @@ class BackgroundJob:
         work: Work,
         workers: Workers,
         stages: tuple[str, ...],
-        shares: Mapping[str, float] = STAGE_SHARES,
+        expected: Mapping[str, float] | None = None,
     ) -> None:
         self.title = title
         self.state = State.RUNNING
-        self.progress = RunProgress(stages, shares=shares)
+        self.progress = RunProgress(stages, expected=expected)
         self.warnings: list[str] = []
         self.preview, self.previews = "", 0
         self.result: Any = None

@@ -17,8 +17,9 @@ from ..core.pipeline import launch
 from ..core.pipeline.continuation import broken_off
 from ..core.runs.layout import CAPTURE_FOLDER
 from ..core.runtime.process import Workers
-from ..core.runtime.progress import COMPILING, STAGE_SHARES, STARTING
+from ..core.runtime.progress import COMPILING, STARTING
 from ..core.runtime.supervisor import Listener
+from ..core.runtime.time_model import TIME_MODEL
 from ..core.settings import Layer, Settings
 from .activity import ACTIVITY, redraw_panels, remember_for_undo, scene_by_uid
 from .background import BackgroundJob, State
@@ -27,7 +28,7 @@ from .folders import folder_beside, normalised_folder
 from .messages import show_information, show_problem
 from .pictures import PICTURES
 from .preferences import get_preferences, learned_stage_speeds, machine_speed, shrink_cache
-from .quality import TIME_MODEL, Quality, expected_seconds, in_words, learned_speeds, quality_called
+from .quality import Quality, expected_seconds, in_words, learned_speeds, quality_called
 from .results import is_finished_run, read_report, show_run
 
 JOB = "run"
@@ -115,8 +116,8 @@ def start_run(scene: bpy.types.Scene, *, goes_on: bool = False) -> None:
     PICTURES.forget(PREVIEW)
     reference = _reference_seconds(scene, quality_called(scene.cvdgs.run.quality))
     stages = launch.stages_of(replace(settings, resume=adds))
-    shares = _here(reference) if scene.cvdgs.capture.views else STAGE_SHARES
-    job = BackgroundJob("Make CVD-friendly", partial(_run, settings), make_workers(), stages, shares)
+    expected = _here(reference) if scene.cvdgs.capture.views else None
+    job = BackgroundJob("Make CVD-friendly", partial(_run, settings), make_workers(), stages, expected)
     known = reference if scene.cvdgs.capture.inspected and not goes_on else {}
     take_over = partial(_take_over, scene.session_uid, settings, known, not adds)
     ACTIVITY.start(JOB, job, take_over, on_change=_PreviewLoader(), ends_with_file=True)
@@ -190,7 +191,8 @@ def _reference_seconds(scene: bpy.types.Scene, quality: Quality) -> dict[str, fl
     """Seconds by stage that the button takes on the reference machine."""
     capture = scene.cvdgs.capture
     return TIME_MODEL.stages(
-        quality,
+        quality.iterations,
+        quality.max_size,
         capture.views,
         capture.width,
         capture.height,

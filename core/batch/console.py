@@ -52,7 +52,7 @@ def start_display(stage: str, *, json_events: bool) -> Listener:
     """Shows events of `stage`: as JSON lines on stdout, or as a progress bar on stderr."""
     if json_events:
         return JsonDisplay(sys.stdout)
-    return BarDisplay(sys.stderr, "turntable.py", RunProgress((stage,), shares={stage: 1.0}), summary)
+    return BarDisplay(sys.stderr, "turntable.py", RunProgress((stage,), expected={stage: 1.0}), summary)
 
 
 def _run_on(cluster: str, plan: Plan, listen: Listener) -> BatchOutcome:

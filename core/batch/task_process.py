@@ -55,7 +55,7 @@ def run_task_in_console(plan_file: Path, name: str, *, json_events: bool, parent
 
 
 def _bar(stream: TextIO) -> Listener:
-    progress = RunProgress(("task",), shares={"task": 1.0})
+    progress = RunProgress(("task",), expected={"task": 1.0})
     return BarDisplay(stream, "turntable.py", progress, lambda result: f"done: {result['task']}")
 
 

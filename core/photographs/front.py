@@ -81,7 +81,7 @@ def enhance_in_console(request: EnhanceRequest, *, json_events: bool) -> int:
     Args:
         json_events: write the events to stdout as JSON lines instead of a progress bar on stderr.
     """
-    progress = RunProgress(tuple(_STAGE_SHARES), shares=_STAGE_SHARES)
+    progress = RunProgress(tuple(_STAGE_SHARES), expected=_STAGE_SHARES)
     display = JsonDisplay(sys.stdout) if json_events else BarDisplay(sys.stderr, "enhance.py", progress, _summary)
     return in_console(lambda listen: enhance(request, listen), display)
 

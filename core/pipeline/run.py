@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from ..runs.report import SCHEMA, without_non_finite
 from ..runtime.progress import Clock
 from ..runtime.protocol import Reporter
 from ..runtime.resources import peak_memory_mb
+from ..runtime.time_model import TIME_MODEL
 from ..settings import Layer, Settings
 from ..splats import raster
 from ..splats.training.checkpoints import Checkpoints
@@ -74,6 +76,7 @@ def run(
             write_capture(capture, folder / CAPTURE_FOLDER)
             if capture.estimate and capture.estimate.sheet is not None:
                 write_png(folder / CAPTURE_FOLDER / PLACED_FILE, capture.estimate.sheet)
+    recorder.forecast(_forecast(settings, capture, adds_layer=earlier is not None))
     raster.load(device, recorder)
     split = _split(capture, settings.holdout, recorder)
     context = (settings, folder, recorder, capture, split, raster.Rasterizer(device))
@@ -91,7 +94,7 @@ def run(
     moving: dict[str, Any] = {}
     if earlier:
         with clock.measure("layers"):
-            made = stages.reconstruction(earlier.gaussians, "layers", 0.0)
+            made = stages.reconstruction(earlier.gaussians, "layers", 0.0, 0.0)
     else:
         with clock.measure("geometry"):
             trained = stages.train()
@@ -130,6 +133,19 @@ def run(
     }
     report = without_non_finite(report)
     return earlier.extend(report) if earlier else report
+
+
+def _forecast(settings: Settings, capture: Capture, *, adds_layer: bool) -> dict[str, float]:
+    """Seconds of the stages on the reference machine."""
+    width, height = (
+        max(sides) for sides in zip(*((v.camera.width, v.camera.height) for v in capture.views), strict=True)
+    )
+    return TIME_MODEL.stages(
+        *(settings.iterations, max(width, height), len(capture.views), width, height),
+        adds_layer=adds_layer,
+        scene_file=settings.blend,
+        layers=len(settings.layers),
+    )
 
 
 def _describe_training(lens: FocalLength, trained: TrainingResult, made: Reconstruction) -> dict[str, Any]:
@@ -239,6 +255,9 @@ class _Recorder(Reporter):
     def warning(self, name: str, message: str) -> None:
         self.warnings.append({"name": name, "message": message})
         self._inner.warning(name, message)
+
+    def forecast(self, seconds: Mapping[str, float]) -> None:
+        self._inner.forecast(seconds)
 
     def preview(self, file: Path) -> None:
         self._inner.preview(file)

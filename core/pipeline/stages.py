@@ -60,6 +60,10 @@ MODE_NOTES = {
     },
 }
 
+# Of the geometry's stage: where training ends, and where its views are matched. Of a layer's: where its views are
+# compared. The more photographs, the earlier.
+_TRAINED, _MATCHED, _COMPARED = 0.88, 0.94, 0.3
+
 Image = NDArray[np.uint8]
 Picture = Callable[[int], Image]
 """Index of a view to how a layer looks from there, (H, W, 3) sRGB."""
@@ -215,7 +219,7 @@ class Stages:
         Args:
             scores: (N,) of the Gaussians, how much they look like floaters; written with them.
         """
-        made = self.reconstruction(result.gaussians, "geometry", 1.0)
+        made = self.reconstruction(result.gaussians, "geometry", _TRAINED, _MATCHED)
         if self.settings.mode == "joint":
             layers = {self.settings.layers[0]: result.gaussians}
             made = replace(made, original=self._fit_original(made, self.plans.layer), layers=layers)
@@ -224,11 +228,11 @@ class Stages:
         write_ply(self.folder / GAUSSIANS_FILE, made.original, scores)
         return made
 
-    def reconstruction(self, gaussians: Gaussians, stage: str, fraction: float) -> Reconstruction:
-        """A geometry that is there already, with its views matched; `fraction` of the stage is done meanwhile."""
+    def reconstruction(self, gaussians: Gaussians, stage: str, start: float, end: float) -> Reconstruction:
+        """A geometry that is there already, with its views matched, which takes the stage from `start` to `end`."""
         message = "matching points between views"
         self.reporter.status(stage, message)
-        span = StageSpan(self.reporter, stage, fraction, fraction, message)
+        span = StageSpan(self.reporter, stage, start, end, message)
         correspondences = SceneCorrespondences(self.capture.views, lambda index: self.scene.depth(gaussians, index))
         photographs = {i: self.capture.views[i].image for i in self.split.train}
         agreement = SceneAgreement(correspondences, photographs, reporter=span)
@@ -264,7 +268,7 @@ class Stages:
         return replace(self, capture=capture, scene=scene, preview=preview)
 
     def _train_on_photographs(self) -> TrainingResult:
-        reporter = self._previewed()
+        reporter = self._watching()
         trainer = Trainer(
             self.rasterizer,
             self._views(self.split.train),
@@ -279,8 +283,10 @@ class Stages:
         )
         return trainer.train(reporter)
 
-    def _previewed(self) -> Reporter:
-        return self.reporter if self.preview is None else PreviewedTraining(self.reporter, self.preview)
+    def _watching(self) -> Reporter:
+        """What training reports to."""
+        shown = self.reporter if self.preview is None else PreviewedTraining(self.reporter, self.preview)
+        return StageSpan(shown, "geometry", 0.0, _TRAINED, None, tells_status=True)
 
     def _train_jointly(self, layer: Layer) -> TrainingResult:
         """Geometry and colours from the layer's enhanced views, every side in the same colours."""
@@ -298,10 +304,11 @@ class Stages:
 
         def guides_of(first: TrainingResult) -> Sequence[ViewGuide] | None:
             stages = self.after(first)
-            made = stages.reconstruction(first.gaussians, "geometry", 1.0 - self.plans.joint.share)
+            turn = _TRAINED * (1.0 - self.plans.joint.share)
+            made = stages.reconstruction(first.gaussians, "geometry", turn, turn)
             return stages._guides(made.agreement, training.views)
 
-        return training.train(self.capture.points, self.capture.point_colors, guides_of, self._previewed())
+        return training.train(self.capture.points, self.capture.point_colors, guides_of, self._watching())
 
     def _training_plan(self) -> TrainingPlan:
         return replace(
@@ -324,15 +331,18 @@ class Stages:
         else:
             views = self._views_from(enhanced_path, layer, train)
         post = self.settings.mode == "post"  # the baseline: colours that fit the pictures, and nothing more
-        guides = self._guides(made.agreement, None if post else views)
+        comparing, fitting = (
+            StageSpan(reporter, "layers", *ends, None) for ends in ((0.0, _COMPARED), (_COMPARED, 1.0))
+        )
+        guides = self._guides(made.agreement, None if post else views, comparing)
         contrast = None if post else self._contrast(layer)
-        return self._fit_colors(made, views, guides, self.plans.layer, contrast, partial(reporter.progress, "layers"))
+        return self._fit_colors(made, views, guides, self.plans.layer, contrast, partial(fitting.progress, "layers"))
 
     def _fit_original(self, made: Reconstruction, plan: LayerPlan) -> Gaussians:
         """The geometry with colours of SH degree 0 fitted to the photographs, as they look to normal vision."""
         message = "fitting the photographs' colours"
         self.reporter.status("geometry", message)
-        span = StageSpan(self.reporter, "geometry", 1.0, 1.0, message)
+        span = StageSpan(self.reporter, "geometry", _MATCHED, 1.0, message)
         views, guides = self._views(self.split.train), self._guides(made.agreement)
         contrast = SeenContrast(plan.contrast, views, None)
         return self._fit_colors(made, views, guides, plan, contrast, partial(span.progress, "geometry"))
@@ -355,11 +365,13 @@ class Stages:
         observer = linear_simulation(layer.cvd, layer.severity, self.settings.simulation)
         return SeenContrast(self.plans.layer.contrast, self._views(self.split.train), observer)
 
-    def _guides(self, agreement: SceneAgreement, enhanced: Sequence[View] | None = None) -> list[ViewGuide] | None:
+    def _guides(
+        self, agreement: SceneAgreement, enhanced: Sequence[View] | None = None, reporter: Reporter | None = None
+    ) -> list[ViewGuide] | None:
         """For each training view the weights of its pixels, and with `enhanced` training views their consensus."""
         if not self.plans.guided:
             return None
-        return view_guides(agreement, self.capture.views, self.split.train, self.background, enhanced)
+        return view_guides(agreement, self.capture.views, self.split.train, self.background, enhanced, reporter)
 
     def _enhance_renderings(self, original: Gaussians, layer: Layer, enhancer: Enhancer) -> None:
         """Write ``renders/<layer>/<view>.png`` for every view: the original colours' rendering, enhanced on its own."""

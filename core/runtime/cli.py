@@ -12,8 +12,8 @@ from typing import NoReturn, TextIO
 
 from ..errors import InputError
 from ..settings import AUTO, OPTIONS, Settings, flag
-from .progress import LEAST_SHARE, format_seconds
-from .protocol import Reporter
+from .progress import format_seconds
+from .protocol import LEAST_SHARE, Reporter
 from .supervisor import EXIT_CANCELLED, EXIT_DONE, EXIT_INPUT
 
 

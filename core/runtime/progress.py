@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from .process import Event
+from .protocol import LEAST_SHARE
+from .time_model import TIME_MODEL
 
 COMPILING = "kernels"
 """What a machine does once, before its first run."""
@@ -15,21 +17,14 @@ COMPILING = "kernels"
 STARTING = "start"
 """The stage before the work: interpreters start and libraries load. How long that takes says little about the rest."""
 
-# What an estimate is made from at least: a share of the work, and seconds.
-LEAST_SHARE, _LEAST_SECONDS = 0.02, 2.0
+_LEAST_SECONDS = 2.0  # that an estimate is made from at least
 _TELLING_SHARE = 0.5  # of a stage, from which its whole time is concluded; parts of one differ in pace
 
-# Share of a run's time that each stage takes, measured on two cores with the embedded demo; only the estimate of the
-# time left depends on it, and that corrects itself during the run.
-STAGE_SHARES = {
-    STARTING: 0.02,
-    "capture": 0.01,
-    "geometry": 0.68,
-    "enhance": 0.04,
-    "layers": 0.06,
-    "evaluate": 0.07,
-    "blender": 0.12,
-    "turntable": 0.5,  # of 48 pictures in two layers; goes by their number
+# Seconds of each stage with the embedded demo on the reference machine. Only their ratios count, and only for the
+# estimate of the time left, which corrects itself during the run.
+STAGE_SECONDS = {
+    **TIME_MODEL.stages(3000, 640, 40, 640, 480, adds_layer=False, scene_file=True),
+    "turntable": 100.0,  # of 48 pictures in two layers; goes by their number
 }
 
 
@@ -41,15 +36,16 @@ class RunProgress:
         stages: the stages that this run has, in order.
         stage: the one that it is in.
         message: what it last said.
-        shares: of the time, by stage.
+        expected: seconds by stage, of which the ratios count; None takes what the worker forecasts, once it does.
     """
 
     stages: tuple[str, ...]
     stage: str = ""
     message: str = ""
-    shares: Mapping[str, float] = field(default_factory=lambda: STAGE_SHARES)
+    expected: Mapping[str, float] | None = None
+    _forecast: dict[str, float] = field(default_factory=dict)
     _seconds: dict[str, float] = field(default_factory=dict)
-    _expected: str = ""
+    _latest_of_run: str = ""
     _counts_for: str = ""
     _fraction: float = 0.0
     _reached: float = 0.0
@@ -58,7 +54,9 @@ class RunProgress:
     _updated: float = 0.0
 
     def update(self, event: Event) -> None:
-        """Take in a status or progress event; others are ignored."""
+        """Take in a status, progress or forecast event; others are ignored."""
+        if event.get("event") == "forecast":
+            self._forecast = dict(event["seconds"])
         if event.get("event") not in ("status", "progress"):
             return
         now = time.monotonic()
@@ -68,8 +66,8 @@ class RunProgress:
         if event.get("stage") != self.stage:
             self.stage, self._fraction, self._stage_seconds_left = str(event.get("stage")), 0.0, None
             if self.stage in self.stages:
-                self._expected = self.stage
-            self._counts_for = COMPILING if self.stage == COMPILING else self._expected or self.stage
+                self._latest_of_run = self.stage
+            self._counts_for = COMPILING if self.stage == COMPILING else self._latest_of_run or self.stage
         self.message = str(event.get("message") or self.message)
         if event["event"] == "progress":
             self._fraction = float(event["fraction"])
@@ -118,8 +116,9 @@ class RunProgress:
 
     def _share_of(self, stages: tuple[str, ...]) -> float:
         """Of the run's time, in [0, 1]."""
-        total = sum(self.shares.get(name, 0.0) for name in self.stages) or 1.0
-        return sum(self.shares.get(name, 0.0) for name in stages if name in self.stages) / total
+        seconds = {**STAGE_SECONDS, **self._forecast} if self.expected is None else self.expected
+        total = sum(seconds.get(name, 0.0) for name in self.stages) or 1.0
+        return sum(seconds.get(name, 0.0) for name in stages if name in self.stages) / total
 
 
 class Clock:

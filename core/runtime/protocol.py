@@ -2,6 +2,7 @@
 
     {"event": "status",   "stage": "geometry", "message": "training 10288 Gaussians"}
     {"event": "progress", "stage": "geometry", "fraction": 0.42, "seconds_left": 61.0, "message": "28.1 dB"}
+    {"event": "forecast", "seconds": {"geometry": 140.0}}        of the stages on another machine: their ratios count
     {"event": "preview",  "file": "/path/of/a/picture.png"}      only where the request asks for previews
     {"event": "warning",  "name": "few-views", "message": "..."}
     {"event": "error",    "kind": "input" | "defect", "message": "one line"}
@@ -28,6 +29,9 @@ from .devices import explain_fault
 
 EXIT_DONE, EXIT_DEFECT, EXIT_INPUT, EXIT_CANCELLED = 0, 1, 2, 130
 
+LEAST_SHARE = 0.02
+"""Of some work, done: from less, no time is estimated for the rest."""
+
 
 class Reporter:
     """Receives what a job has to say. This base class ignores it, which suits tests and library use."""
@@ -40,6 +44,9 @@ class Reporter:
 
     def warning(self, name: str, message: str) -> None:
         """Something the user should know; `name` is stable for programs."""
+
+    def forecast(self, seconds: Mapping[str, float]) -> None:
+        """The stages are likely to take these seconds on a reference machine, so that only their ratios count."""
 
     def preview(self, file: Path) -> None:
         """`file` is a picture of how far things are, complete; a later one may take its place."""
@@ -55,18 +62,19 @@ class StageSpan(Reporter):
         inner: receives the stage's progress.
         stage: the stage's name; the part may use another.
         start, end: the fractions of the stage between which the part lies.
-        message: said instead of the part's own.
+        message: said instead of the part's own; None passes that on.
         tells_status: whether what the part begins with is passed on.
     """
 
     def __init__(
-        self, inner: Reporter, stage: str, start: float, end: float, message: str, *, tells_status: bool = False
+        self, inner: Reporter, stage: str, start: float, end: float, message: str | None, *, tells_status: bool = False
     ) -> None:
         self._inner, self._stage, self._start, self._end, self._message = inner, stage, start, end, message
         self._tells_status = tells_status
 
     def progress(self, stage: str, fraction: float, message: str = "") -> None:
-        self._inner.progress(self._stage, self._start + (self._end - self._start) * fraction, self._message)
+        said = message if self._message is None else self._message
+        self._inner.progress(self._stage, self._start + (self._end - self._start) * fraction, said)
 
     def status(self, stage: str, message: str) -> None:
         if self._tells_status:
@@ -110,13 +118,16 @@ class JsonReporter(Reporter):
         self._last = now
         fraction = min(max(float(fraction), 0.0), 1.0)
         elapsed = now - self._stage_started
-        left = elapsed / fraction * (1.0 - fraction) if fraction > 0.0 and elapsed > 0.5 else None
+        left = elapsed / fraction * (1.0 - fraction) if fraction > LEAST_SHARE and elapsed > 0.5 else None
         self.emit(
             "progress", stage=stage, fraction=round(fraction, 4), seconds_left=left and round(left, 1), message=message
         )
 
     def warning(self, name: str, message: str) -> None:
         self.emit("warning", name=name, message=message)
+
+    def forecast(self, seconds: Mapping[str, float]) -> None:
+        self.emit("forecast", seconds={stage: round(value, 1) for stage, value in seconds.items()})
 
     def preview(self, file: Path) -> None:
         self.emit("preview", file=str(file))
@@ -148,6 +159,7 @@ def do_and_report(work: Callable[[], Mapping[str, Any]], reporter: JsonReporter)
 _REQUIRED: Mapping[str, Mapping[str, tuple[type, ...]]] = {
     "status": {"stage": (str,), "message": (str,)},
     "progress": {"stage": (str,), "fraction": (int, float)},
+    "forecast": {"seconds": (dict,)},
     "preview": {"file": (str,)},
     "warning": {"name": (str,), "message": (str,)},
     "error": {"kind": (str,), "message": (str,)},
@@ -182,6 +194,8 @@ def parse_event(line: str) -> dict[str, Any] | None:
 
 
 def _is_usable(value: Any, kinds: tuple[type, ...]) -> bool:
+    if isinstance(value, dict):
+        return dict in kinds and all(_is_usable(one, (int, float)) and one >= 0 for one in value.values())
     return isinstance(value, kinds) and not (isinstance(value, int | float) and abs(value) > _LARGEST_NUMBER)
 
 

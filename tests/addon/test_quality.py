@@ -6,15 +6,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.cvdgs_addon.quality import QUALITIES, TIME_MODEL, Quality, expected_seconds, in_words, learned_speeds
+from cvdgs.core.runtime.time_model import TIME_MODEL
+from cvdgs.cvdgs_addon.quality import QUALITIES, Quality, expected_seconds, in_words, learned_speeds
 
 SIZES = st.integers(64, 6000)
+
+
+def reference_seconds(quality: Quality, views: int, width: int, height: int, **options: bool) -> dict[str, float]:
+    return TIME_MODEL.stages(quality.iterations, quality.max_size, views, width, height, **options)
 
 
 @given(st.integers(2, 500), SIZES, SIZES)
 def test_finer_takes_longer_and_a_further_layer_takes_less(views, width, height):
     def seconds(quality: Quality, **options: bool) -> float:
-        return sum(TIME_MODEL.stages(quality, views, width, height, **options).values())
+        return sum(reference_seconds(quality, views, width, height, **options).values())
 
     times = [seconds(quality, adds_layer=False) for quality in QUALITIES]
     assert times == sorted(times)
@@ -24,7 +29,7 @@ def test_finer_takes_longer_and_a_further_layer_takes_less(views, width, height)
 
 @given(st.integers(2, 500), SIZES, SIZES, st.floats(0.1, 10.0), st.floats(0.1, 10.0))
 def test_one_run_is_enough_for_the_next_estimate(views, width, height, geometry, rest):
-    reference = TIME_MODEL.stages(QUALITIES[1], views, width, height, adds_layer=False)
+    reference = reference_seconds(QUALITIES[1], views, width, height, adds_layer=False)
     taken = {stage: seconds * (geometry if stage == "geometry" else rest) for stage, seconds in reference.items()}
     learned = learned_speeds({}, reference, taken)
     for stage, seconds in expected_seconds(reference, 3.0, learned).items():
@@ -37,7 +42,7 @@ def test_a_stage_of_a_moment_teaches_nothing():
 
 
 def test_a_cancelled_run_teaches_the_stages_that_it_reached():
-    reference = TIME_MODEL.stages(QUALITIES[1], 40, 480, 360, adds_layer=False)
+    reference = reference_seconds(QUALITIES[1], 40, 480, 360, adds_layer=False)
     learned = learned_speeds({}, reference, {"capture": 2.0 * reference["capture"], "unknown": 3.0, "enhance": None})
     expected = expected_seconds(reference, 1.0, learned)
     assert expected["capture"] == pytest.approx(2.0 * reference["capture"])
@@ -67,7 +72,7 @@ STAGES = ("start", "capture", "enhance", "geometry", "layers", "evaluate")
 def test_one_run_teaches_how_long_others_take(taught, asked):
     def recorded(number):
         (quality, views, width, height, adds), taken = RECORDED[number]
-        reference = TIME_MODEL.stages(quality, views, width, height, adds_layer=adds)
+        reference = reference_seconds(quality, views, width, height, adds_layer=adds)
         return reference, {stage: seconds for stage, seconds in zip(STAGES, taken, strict=True) if seconds}
 
     learned = learned_speeds({}, *recorded(taught))

@@ -18,11 +18,14 @@ from cvdgs.core.settings import Settings
 
 def test_a_run_shows_how_far_it_is_and_leaves_no_picture(tmp_path):
     out, pictures, stages = tmp_path / "out", [], []
+    reached: dict[str, list[float]] = {}
 
     def listen(event: Event) -> None:
         if event["event"] == "preview" and Path(event["file"]).is_file():
             pictures.append(read_png(Path(event["file"])))
-        stages.append("picture" if event["event"] == "preview" else event.get("stage"))
+        if event["event"] == "progress":
+            reached.setdefault(event["stage"], []).append(event["fraction"])
+        stages.append({"preview": "picture", "forecast": "forecast"}.get(event["event"], event.get("stage")))
 
     settings = Settings(str(SHOWROOM), str(out), iterations=60, gaussians=2000, max_size=96, blend=False)
     run(settings, listen, Workers(sys.executable), previews=True)
@@ -31,6 +34,10 @@ def test_a_run_shows_how_far_it_is_and_leaves_no_picture(tmp_path):
     assert pictures[0].max() > 64
     assert {picture.shape for picture in pictures} == {(72, 96, 3)}
     assert np.abs(pictures[0].astype(int) - pictures[-1]).mean() > 1.0
+    assert stages.index("forecast") < stages.index("enhance")
+    for stage in ("geometry", "layers"):
+        assert reached[stage] == sorted(reached[stage])
+        assert reached[stage][-1] == 1.0
     assert not [path.name for path in out.rglob("*") if "preview" in path.name]
 
 

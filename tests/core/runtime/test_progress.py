@@ -48,7 +48,7 @@ def clock(monkeypatch):
 
 @pytest.mark.parametrize("loading", [0.5, 60.0])
 def test_the_time_that_loading_takes_does_not_count_for_the_rest(clock, loading):
-    run = RunProgress(("start", "geometry"), shares={"start": 0.02, "geometry": 0.98})
+    run = RunProgress(("start", "geometry"), expected={"start": 0.02, "geometry": 0.98})
     run.update({"event": "status", "stage": "start", "message": "loading"})
     clock.now += loading
     run.update({"event": "progress", "stage": "geometry", "fraction": 0.0})
@@ -59,7 +59,7 @@ def test_the_time_that_loading_takes_does_not_count_for_the_rest(clock, loading)
 
 
 def test_the_time_of_a_stage_that_was_not_expected_does_not_count_for_the_rest(clock):
-    run = RunProgress(("capture", "geometry"), shares={"capture": 0.25, "geometry": 0.75})
+    run = RunProgress(("capture", "geometry"), expected={"capture": 0.25, "geometry": 0.75})
     run.update({"event": "status", "stage": "capture"})
     clock.now += 5.0
     run.update({"event": "status", "stage": "sfm"})
@@ -71,13 +71,13 @@ def test_the_time_of_a_stage_that_was_not_expected_does_not_count_for_the_rest(c
 
 
 def test_before_the_pace_is_known_the_stages_own_estimate_says_how_long_the_rest_takes(clock):
-    run = RunProgress(("geometry", "evaluate"), shares={"geometry": 0.5, "evaluate": 0.5})
+    run = RunProgress(("geometry", "evaluate"), expected={"geometry": 0.5, "evaluate": 0.5})
     run.update({"event": "progress", "stage": "geometry", "fraction": 0.01, "seconds_left": 99.0})
     assert run.seconds_left == pytest.approx(199.0)
 
 
 def test_the_estimate_of_a_small_stage_says_nothing_of_the_rest(clock):
-    run = RunProgress(("capture", "geometry"), shares={"capture": 0.01, "geometry": 0.99})
+    run = RunProgress(("capture", "geometry"), expected={"capture": 0.01, "geometry": 0.99})
     run.update({"event": "progress", "stage": "capture", "fraction": 0.1, "seconds_left": 9.0})
     assert run.seconds_left is None
 
@@ -96,12 +96,39 @@ def test_a_stage_that_was_not_expected_does_not_move_the_bar():
     assert run.fraction == reached
 
 
+def test_what_the_worker_forecasts_for_its_capture_tells_how_long_the_rest_takes(clock):
+    run = RunProgress(("capture", "enhance", "geometry"))
+    run.update({"event": "status", "stage": "capture"})
+    clock.now += 1.0
+    run.update({"event": "forecast", "seconds": {"capture": 10.0, "enhance": 100.0, "geometry": 200.0}})
+    run.update({"event": "progress", "stage": "enhance", "fraction": 0.0})
+    clock.now += 10.0
+    run.update({"event": "progress", "stage": "enhance", "fraction": 1.0})
+    assert run.fraction == pytest.approx(110 / 310)
+    assert run.seconds_left == pytest.approx(20.0)
+
+
+def test_a_forecast_changes_nothing_where_more_is_known_of_the_machine():
+    run = RunProgress(("enhance", "geometry"), expected={"enhance": 1.0, "geometry": 3.0})
+    run.update({"event": "forecast", "seconds": {"enhance": 3.0, "geometry": 1.0}})
+    run.update({"event": "progress", "stage": "enhance", "fraction": 1.0})
+    assert run.fraction == pytest.approx(0.25)
+
+
+def test_a_forecast_does_not_move_the_bar_back():
+    run = RunProgress(("capture", "geometry"))
+    run.update({"event": "progress", "stage": "capture", "fraction": 1.0})
+    reached = run.fraction
+    run.update({"event": "forecast", "seconds": {"capture": 1.0, "geometry": 10_000.0}})
+    assert run.fraction == reached
+
+
 def test_times_are_written_for_people():
     assert [format_seconds(s) for s in (0.4, 59.6, 61, 3725)] == ["0:00", "1:00", "1:01", "1:02:05"]
 
 
 def test_another_job_brings_the_shares_of_its_own_stages():
-    run = RunProgress(("read", "enhance"), shares={"read": 1.0, "enhance": 3.0})
+    run = RunProgress(("read", "enhance"), expected={"read": 1.0, "enhance": 3.0})
     run.update({"event": "progress", "stage": "enhance", "fraction": 0.5, "seconds_left": 1.0})
     assert run.fraction == pytest.approx(0.625)
 

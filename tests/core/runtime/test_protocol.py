@@ -1,0 +1,51 @@
+"""What a worker tells of its progress, and what is taken from it."""
+
+from __future__ import annotations
+
+import io
+import json
+from types import SimpleNamespace
+
+import pytest
+
+from cvdgs.core.runtime import protocol
+from cvdgs.core.runtime.protocol import JsonReporter, Reporter, StageSpan, parse_event
+
+
+def events_of(stream: io.StringIO) -> list[dict]:
+    return [json.loads(line) for line in stream.getvalue().splitlines()]
+
+
+def test_no_time_is_estimated_from_the_first_steps_after_a_long_preparation(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(protocol, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    stream = io.StringIO()
+    reporter = JsonReporter(stream)
+    reporter.status("layers", "fitting")
+    for seconds, fraction in ((25.0, 0.001), (26.0, 0.01), (30.0, 0.5)):
+        now[0] = seconds
+        reporter.progress("layers", fraction)
+    assert [event.get("seconds_left") for event in events_of(stream)] == [None, None, None, 30.0]
+
+
+def test_a_forecast_is_heard_as_it_was_said():
+    stream = io.StringIO()
+    JsonReporter(stream).forecast({"enhance": 12.34, "geometry": 200.0})
+    assert parse_event(stream.getvalue()) == {"event": "forecast", "seconds": {"enhance": 12.3, "geometry": 200.0}}
+
+
+@pytest.mark.parametrize("seconds", ["12", '{"geometry": "12"}', '{"geometry": -1}', '{"geometry": 1e300}', "[1]"])
+def test_a_forecast_of_anything_but_seconds_is_none(seconds):
+    assert parse_event(f'{{"event": "forecast", "seconds": {seconds}}}') is None
+
+
+@pytest.mark.parametrize(("message", "said"), [(None, "28.1 dB"), ("training", "training")])
+def test_a_part_of_a_stage_says_its_own_or_what_the_stage_says(message, said):
+    heard = []
+
+    class Ears(Reporter):
+        def progress(self, stage: str, fraction: float, message: str = "") -> None:
+            heard.append((stage, fraction, message))
+
+    StageSpan(Ears(), "geometry", 0.5, 0.9, message).progress("training", 0.5, "28.1 dB")
+    assert heard == [("geometry", pytest.approx(0.7), said)]
