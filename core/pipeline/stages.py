@@ -60,8 +60,8 @@ MODE_NOTES = {
     },
 }
 
-# Of the geometry's stage: where training ends, and where its views are matched. Of a layer's: where its views are
-# compared. The more photographs, the earlier.
+# Fractions of a stage that its parts end at, about: of the geometry's, training and the matching of its views; of a
+# layer's, the comparison of its views. The more photographs there are, the more the later parts take.
 _TRAINED, _MATCHED, _COMPARED = 0.88, 0.94, 0.3
 
 Image = NDArray[np.uint8]
@@ -208,6 +208,7 @@ class Stages:
 
     def clean(self, result: TrainingResult) -> Cleaned:
         """What training gave, scored and without the floaters that the settings ask to remove."""
+        self.reporter.status("geometry", "looking for floaters")
         sightings = look(self.rasterizer, result.gaussians, self._views(self.split.train), self.background)
         # Joint training's colours are enhanced, so photographs do not tell its quality.
         compared = [] if self.settings.mode == "joint" else self.split.test
