@@ -164,7 +164,7 @@ def commit_of_code() -> str:
     commit = _git("rev-parse", "--short", "HEAD")
     if not commit:
         return UNRECORDED
-    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs")
+    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs", ":!*.md")
     return commit + ("+" if changed else "")
 
 
