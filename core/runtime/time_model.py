@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class TimeModel:
-    """Seconds on the reference machine by stage, fitted to short runs on 20 and 40 small views, to one on 292
-    photographs of a room, and to the demo's.
+    """Seconds on the reference machine by stage, fitted to short runs on 20 and 40 small views, and loosely to one on
+    292 photographs of a room and to the demo's, both of a slower machine.
 
     "A view" is a megapixel of one, at the size that is trained on; "views" are how many there are.
 
