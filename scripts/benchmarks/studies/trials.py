@@ -17,7 +17,7 @@ from ....core.capture.model import Capture
 from ....core.consistency import relative_warping_error
 from ....core.enhance import Enhancer, enhance_bytes
 from ....core.evaluate.advice import advise
-from ....core.evaluate.evaluation import MOST_SCORED_VIEWS, Evaluation, SceneMatches, enhanced_path, spread
+from ....core.evaluate.evaluation import Evaluation, SceneMatches, enhanced_path
 from ....core.files.images import to_bytes, write_png
 from ....core.pipeline.stages import Reconstruction, Stages
 from ....core.runs.layout import ENHANCED_FOLDER
@@ -245,8 +245,7 @@ class CaptureTrials:
 
     def _enhance_judged(self, layer: Layer, enhanced: _Enhanced) -> None:
         """Write the enhanced judged photographs that evaluations compare with."""
-        needed = {*spread(self.subject.judged_split.test, MOST_SCORED_VIEWS), *self._matches.views}
-        for view in (self.subject.judged.views[i] for i in sorted(needed)):
+        for view in self.subject.judged.views:
             pixels = enhance_bytes(enhanced.enhancer, view.image, view.alpha)
             write_png(enhanced_path(enhanced.judged, layer, view), pixels)
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cvdgs.core.capture.model import Capture
+from cvdgs.core.capture.model import Capture, View
+from cvdgs.core.evaluate.evaluation import SceneMatches
 from cvdgs.core.settings import Layer
 from cvdgs.scripts.benchmarks.baselines import PerViewLut
 from cvdgs.scripts.benchmarks.enhancers.drift import reconstruct_matches
@@ -96,3 +97,17 @@ def test_a_lut_of_its_own_gives_one_colour_another_result_in_another_image():
         if difference > 0.01:
             break
     assert difference > 0.01
+
+
+def half_as_large(view: View) -> View:
+    height, width = view.image.shape[0] // 2, view.image.shape[1] // 2
+    image = view.image.reshape(height, 2, width, 2, 3).mean(axis=(1, 3)).astype(np.uint8)
+    return replace(view, image=image, camera=view.camera.scaled(width, height))
+
+
+def test_a_scene_of_smaller_photographs_is_judged_on_views_that_were_not_matched(tmp_path):
+    judged = Subject.of(capture_of_a_wall(), holdout=5)
+    small = replace(judged.given, views=tuple(half_as_large(view) for view in judged.given.views))
+    subject = Subject(small, judged.split, judged.judged, judged.judged_split)
+    trials = CaptureTrials("wall", subject, SceneMatches([0, 1], [], []), tmp_path)
+    assert trials.try_recipe(Recipe("small", enhancer="none", iterations=STEPS, gaussians=500)).psnr > 20.0
