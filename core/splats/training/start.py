@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,8 @@ class StartRule:
         dense: how dense stereo adds points; None to start from sparse points without asking.
         steps: of a trial, as a share of the run's, at the lowest resolution; within `fewest_steps`, since small
             Gaussians first have to become opaque, and `most_steps`.
-        largest_share: of the run's steps; if a trial would take more, none is made, and sparse points are taken.
+        largest_share: of the run's steps; if a trial would take more, none is made, and sparse points are taken. The
+            steps of the start that is chosen are not lost, so this is what the other one may cost.
         doubling_gain: dB on validation views that each doubling of the Gaussians at the start has to gain, as in
             `GrowthRule`: what a run starts with, it mostly keeps. So has less than a doubling: beside many sparse
             points a few of dense stereo raise PSNR, but draw plain walls nearer.
@@ -41,7 +43,7 @@ class StartRule:
     steps: float = 0.05
     fewest_steps: int = 100
     most_steps: int = 200
-    largest_share: float = 0.25
+    largest_share: float = 0.5
     doubling_gain: float = GrowthRule.doubling_gain
 
     def trial_steps(self, steps: int) -> int:
@@ -98,15 +100,15 @@ class StartTrial:
         """Whether there is anything to judge by, and time for it."""
         return bool(self.validation) and self.steps > 0
 
-    def psnr(self, start: Gaussians) -> float:
-        """dB on the views that judge, after a trial from `start`."""
+    def fitted_from(self, start: Gaussians) -> tuple[Gaussians, float]:
+        """The Gaussians after a trial from `start`, and their PSNR on the views that judge, in dB."""
         cameras = [view.at(1)[1] for view in self.fitted]
         rates = replace(self.learning_rates, means=self.learning_rates.means * means_reach(start.means, cameras))
         fit = Fit(self.rasterizer, start, self.background, self.ssim_weight)
         order = ViewOrder(len(self.fitted), np.random.default_rng(self.seed))
         for _ in range(self.steps):
             fit.step(self.fitted[order.next()], self.reduction, rates)
-        return fit.psnr(self.validation)
+        return fit.parameters.to_gaussians(), fit.psnr(self.validation)
 
 
 def choose_start(
@@ -120,7 +122,9 @@ def choose_start(
     limit: int,
     rough: RoughFit | None = None,
 ) -> StartChoice:
-    """The Gaussians of SH degree 0 from which validation views are matched better after a short trial.
+    """The Gaussians of SH degree 0 with which validation views are matched better after a short trial.
+
+    They are returned as they are after their trial, so that its steps are not lost.
 
     Args:
         rough: the run's rough scene, which is tried if there is one.
@@ -134,25 +138,36 @@ def choose_start(
         return replace(initial, dense=dense).make(views, points, colors, frame, rng, limit)
 
     sparse = made(None)
+
+    @cache
+    def fitted_sparse() -> tuple[Gaussians, float]:
+        return trial.fitted_from(sparse)
+
     if not trial.possible:
         return StartChoice(sparse)
+    otherwise = StartChoice(sparse)
     if rough is not None:
         settled = frame.from_world(rough.fit())
         trial.told(f"trying a start from the rough scene, and from {len(sparse):,} points")
-        gain = trial.psnr(settled) - trial.psnr(sparse)
+        settled, psnr = trial.fitted_from(settled)
+        gain = psnr - fitted_sparse()[1]
         if gain > 0.0:
             return StartChoice(settled, f"a rough scene, which gained {gain:.2f} dB in a trial", rough.means_rate)
+        otherwise = StartChoice(fitted_sparse()[0])
     if rule.dense is None:
-        return StartChoice(sparse)
+        return otherwise
     trial.told(f"comparing {len(views)} photographs with each other for more points")
     dense = made(rule.dense)
     if len(dense) <= len(sparse):
-        return StartChoice(sparse)
+        return otherwise
     trial.told(f"trying a start from {len(dense):,} points, and from {len(sparse):,}")
-    gain = trial.psnr(dense) - trial.psnr(sparse)
-    if gain < rule.doubling_gain * max(math.log2(len(dense) / max(len(sparse), 1)), 1.0):
+    count = len(dense)
+    dense, psnr = trial.fitted_from(dense)
+    fitted, psnr_of_sparse = fitted_sparse()
+    gain = psnr - psnr_of_sparse
+    if gain < rule.doubling_gain * max(math.log2(count / max(len(sparse), 1)), 1.0):
         return StartChoice(
-            sparse, f"sparse points: dense stereo gained {gain:.2f} dB in a trial, too little for its number"
+            fitted, f"sparse points: dense stereo gained {gain:.2f} dB in a trial, too little for its number"
         )
     return StartChoice(dense, f"dense stereo, which gained {gain:.2f} dB in a trial")
 

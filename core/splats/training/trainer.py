@@ -35,7 +35,7 @@ from .plan import TrainingPlan, TrainingResult
 from .rough import rough_fit
 from .schedule import TrainingSchedule, due
 from .start import StartChoice, StartTrial, choose_start, means_reach
-from .trials import choose_degree, correction_gain, more_pay
+from .trials import choose_degree, more_pay, try_correction
 from .validation import Curve, HeldOut, Validation, curve_entry
 from .witnesses import Witnesses
 
@@ -284,7 +284,7 @@ class Trainer:
 
     def _try(self, proposal: Proposal, step: int) -> None:
         """Correct only if the validation views gain by it: two branches from here, on the same views."""
-        before, steps = self.fit.state, self._corrections.trial_steps(proposal)
+        steps = self._corrections.trial_steps(proposal)
 
         def branch(corrected: bool) -> float:
             self._corrections.switch(proposal, corrected)
@@ -295,9 +295,8 @@ class Trainer:
             views = self.fit.smeared(views) if proposal is Proposal.BLUR else views
             return self.fit.psnr(views, any_exposure=True)
 
-        if not self._corrections.settle(proposal, correction_gain(self.fit, branch)):
-            self.fit.state = before  # as if there had been no trial
-        elif proposal is Proposal.BLUR:
+        settle = partial(self._corrections.settle, proposal)
+        if try_correction(self.fit, branch, settle) and proposal is Proposal.BLUR:
             self._log.forget_best()  # measured through lines from now on
 
     def _aligned(self, views: Sequence[TrainingView]) -> AlignedViews:

@@ -6,23 +6,27 @@ import math
 from collections.abc import Callable
 
 from ..gaussians import Gaussians
-from ..raster import LearningRates
+from ..raster import Adam, LearningRates, ParameterSet
 from .decisions import GrowthRule, GrowthTrial, ShDegreeRule
 from .fitting import Fit
 
 
-def correction_gain(fit: Fit, branch: Callable[[bool], float]) -> float:
-    """dB that a correction gains; `fit` is left at the end of the branch that corrects.
+def try_correction(fit: Fit, branch: Callable[[bool], float], settle: Callable[[float], bool]) -> bool:
+    """Whether a correction is worthwhile; `fit` is left at the end of the branch that is chosen, so no step is lost.
 
     Args:
         branch: fits with or without the correction for a while; returns the PSNR of the validation views.
+        settle: told the dB that the correction gains, at the end of the branch that corrects; says whether to keep it.
     """
     start = fit.parameters.to_gaussians()
-    psnr = []
-    for corrected in (False, True):
-        fit.restart(start)
-        psnr.append(branch(corrected))
-    return psnr[1] - psnr[0]
+    fit.restart(start)
+    without = branch(False)
+    uncorrected = fit.state
+    fit.restart(start)
+    kept = settle(branch(True) - without)
+    if not kept:
+        fit.state = uncorrected
+    return kept
 
 
 def more_pay(
@@ -30,22 +34,26 @@ def more_pay(
 ) -> tuple[bool, str]:
     """Whether `grown` are worth more than the Gaussians of `fit` in a run of `steps`, and what they gained, in words.
 
-    `fit` is left at the end of the branch that has them, or as it was; there are no words without a trial.
+    `fit` is left at the end of the branch that is chosen; there are no words without a trial.
 
     Args:
         branch: fits for so many steps; returns PSNR and CCPR of the validation views.
     """
-    before, trial = fit.state, rule.trial_steps(steps)
+    trial = rule.trial_steps(steps)
     if not trial or not rule.tells(len(fit), len(grown)):
         return False, ""
-    gained = growth_gain(fit, grown, lambda: branch(trial))
+    fewer, gained = growth_gain(fit, grown, lambda: branch(trial))
     if not rule.pays(gained):
-        fit.state = before
+        fit.state = fewer
     return rule.pays(gained), gained.words
 
 
-def growth_gain(fit: Fit, grown: Gaussians, branch: Callable[[], tuple[float, float]]) -> GrowthTrial:
-    """What more Gaussians gain; `fit` is left at the end of the branch that has them.
+def growth_gain(
+    fit: Fit, grown: Gaussians, branch: Callable[[], tuple[float, float]]
+) -> tuple[tuple[ParameterSet, Adam], GrowthTrial]:
+    """What more Gaussians gain, after the state of `fit` at the end of the branch without them.
+
+    `fit` is left at the end of the branch that has them.
 
     Args:
         grown: more of them than `fit` has.
@@ -53,12 +61,12 @@ def growth_gain(fit: Fit, grown: Gaussians, branch: Callable[[], tuple[float, fl
     """
     start = fit.parameters.to_gaussians()
     doublings = math.log2(len(grown) / len(start))
-    measured = []
-    for gaussians in (start, grown):
-        fit.restart(gaussians)
-        measured.append(branch())
-    (psnr, contrast), (grown_psnr, grown_contrast) = measured
-    return GrowthTrial((grown_psnr - psnr) / doublings, (grown_contrast - contrast) / doublings)
+    fit.restart(start)
+    psnr, contrast = branch()
+    fewer = fit.state
+    fit.restart(grown)
+    grown_psnr, grown_contrast = branch()
+    return fewer, GrowthTrial((grown_psnr - psnr) / doublings, (grown_contrast - contrast) / doublings)
 
 
 def choose_degree(

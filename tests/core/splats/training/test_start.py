@@ -9,6 +9,7 @@ from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.core.splats.raster import RasterCamera, Rasterizer
 from cvdgs.core.splats.scene_frame import SceneFrame
 from cvdgs.core.splats.targets import Background, prepare_targets
+from cvdgs.core.splats.training.fitting import Fit
 from cvdgs.core.splats.training.initialise import InitialGaussians
 from cvdgs.core.splats.training.plan import TrainingPlan
 from cvdgs.core.splats.training.start import StartRule, StartTrial, choose_start, means_reach
@@ -106,7 +107,7 @@ def test_a_rough_scene_is_taken_only_where_validation_views_gain_by_it(rasterize
 
 
 def test_a_short_run_makes_no_trial():
-    assert [DEFAULT.trial_steps(steps) for steps in (5, 300, 399, 400, 3000, 30_000)] == [0, 0, 0, 100, 150, 200]
+    assert [DEFAULT.trial_steps(steps) for steps in (5, 150, 199, 200, 3000, 30_000)] == [0, 0, 0, 100, 150, 200]
 
 
 def test_without_views_that_judge_there_is_no_trial(rasterizer, views):
@@ -129,6 +130,16 @@ def test_a_run_starts_from_what_was_chosen_and_says_so(rasterizer, views, rule, 
     result = trainer.train(Reporter())
     assert result.initial <= most
     assert result.decision["start"].startswith("dense stereo" if rule.doubling_gain < 0.0 else "sparse points")
+
+
+def test_a_run_begins_after_the_steps_that_its_trial_has_made(rasterizer, views):
+    refused = StartRule(doubling_gain=100.0)
+    tried, untried = (
+        chosen(rasterizer, views, sparse_points(), rule).gaussians for rule in (refused, replace(refused, dense=None))
+    )
+    targets = prepare_targets(rasterizer, views, SceneFrame.around(views, sparse_points()[0]), BLACK)
+    before, after = (Fit(rasterizer, start, BLACK, 0.2).psnr(targets) for start in (untried, tried))
+    assert after > before + 1.0
 
 
 def test_what_a_start_is_chosen_from_is_told_meanwhile(rasterizer, views):
