@@ -26,6 +26,8 @@ TILE_SIDE = 256
 """Pixels; 30 MB of intermediate results, of which each fits into a processor's cache."""
 
 _MOST_THREADS = 4  # each with a tile's intermediate results
+_FEWEST_TILES, _LEAST_ROWS = 2, 32  # so that two threads have work; but no tile is cut smaller for that
+_BAND = 1 << 20  # pixels of an image that are in memory as floating point at a time
 
 
 def recolour(
@@ -46,37 +48,46 @@ def recolour(
     """
     with torch.inference_mode():
         tiles = _Tiles(network, image_surroundings(network, image, alpha), image.shape[:2])
-    corners = [
-        (top, left) for top in range(0, image.shape[0], tile_side) for left in range(0, image.shape[1], tile_side)
-    ]
+    # A tile a thread instead of all threads on each tile, which would wait for each other after every operation.
+    threads = min(torch.get_num_threads(), _MOST_THREADS)
+    height, width = _tile_size(image.shape[:2], tile_side)
+    corners = [(top, left) for top in range(0, image.shape[0], height) for left in range(0, image.shape[1], width)]
 
     def recolour_tile(corner: tuple[int, int]) -> None:
-        place = tuple(slice(first, first + tile_side) for first in corner)
+        place = tuple(slice(first, first + side) for first, side in zip(corner, (height, width), strict=True))
         with torch.inference_mode():  # which is a thread's own
             colors = _as_tensor(image[place])
             shown = tiles.shown(colors, *corner).clamp_(0.0, 1.0)
             tile = torch.lerp(colors, shown, strength).permute(1, 2, 0).numpy()
         result[place] = to_bytes(tile) if result.dtype == np.uint8 else tile
 
-    # A tile a thread instead of all threads on each tile, which would wait for each other after every operation.
-    threads = min(torch.get_num_threads(), _MOST_THREADS, len(corners))
-    with one_thread(), ThreadPoolExecutor(max(threads, 1), "recolour") as pool:
+    with one_thread(), ThreadPoolExecutor(max(min(threads, len(corners)), 1), "recolour") as pool:
         list(pool.map(recolour_tile, corners))
+
+
+def _tile_size(size: tuple[int, ...], most: int) -> tuple[int, int]:
+    """(height, width) of tiles that divide an image of `size` evenly, the same on any machine, so that the bits are."""
+    columns = max(-(-size[1] // most), 1)
+    rows = max(-(-size[0] // most), min(-(-_FEWEST_TILES // columns), size[0] // _LEAST_ROWS), 1)
+    return max(-(-size[0] // rows), 1), max(-(-size[1] // columns), 1)
 
 
 def image_surroundings(network: SceneNetwork, image: NDArray, alpha: NDArray[np.uint8] | None) -> Surroundings:
     """The surroundings in an (H, W, 3) image, from a copy whose shorter side is `REFERENCE_SIDE` pixels at most."""
     factor = min(REFERENCE_SIDE / min(image.shape[:2]), 1.0)
     height, width = (max(round(side * factor), 1) for side in image.shape[:2])
-    small = torch.empty(4, height, width)
-    for row in range(height):
-        # As adaptive averaging divides an image, a row at a time.
-        top, bottom = row * image.shape[0] // height, -((row + 1) * image.shape[0] // -height)
-        colors = _as_tensor(image[top:bottom])
+    narrow = []
+    rows = max(_BAND // image.shape[1], 1)  # averaged along at a time, then all of them downwards
+    for top in range(0, image.shape[0], rows):
+        colors = _as_tensor(image[top : top + rows])
         covered = (
-            torch.ones_like(colors[:1]) if alpha is None else torch.from_numpy(alpha[top:bottom]).float()[None] / 255.0
+            torch.ones_like(colors[:1])
+            if alpha is None
+            else torch.from_numpy(alpha[top : top + rows]).float()[None] / 255.0
         )
-        small[:, row] = functional.adaptive_avg_pool2d(torch.cat([colors * covered, covered]), (1, width))[:, 0]
+        band = torch.cat([colors * covered, covered])
+        narrow.append(functional.adaptive_avg_pool2d(band, (band.shape[1], width)))
+    small = functional.adaptive_avg_pool2d(torch.cat(narrow, 1), (height, width))
     coverage = small[3]
     colors = (small[:3] / coverage.clamp(min=torch.finfo(small.dtype).tiny)).clamp_(0.0, 1.0)
     return surroundings(colors, network.observer, None if alpha is None else coverage)
