@@ -1,4 +1,4 @@
-"""Applies a scene network to an image of any size, tile by tile: memory grows with the tile, not with the image."""
+"""Applies a scene network to an image of any size, tile by tile: memory grows with the tile, not with the area."""
 
 from __future__ import annotations
 

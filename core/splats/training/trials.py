@@ -4,29 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import TypeVar
 
 from ..gaussians import Gaussians
-from ..raster import Adam, LearningRates, ParameterSet
+from ..raster import LearningRates
 from .decisions import GrowthRule, GrowthTrial, ShDegreeRule
 from .fitting import Fit
 
+T = TypeVar("T")
+
 
 def try_correction(fit: Fit, branch: Callable[[bool], float], settle: Callable[[float], bool]) -> bool:
-    """Whether a correction is worthwhile; `fit` is left at the end of the branch that is chosen, so no step is lost.
+    """Whether a correction is worthwhile; `fit` is left at the end of the branch that is chosen.
 
     Args:
         branch: fits with or without the correction for a while; returns the PSNR of the validation views.
         settle: told the dB that the correction gains, at the end of the branch that corrects; says whether to keep it.
     """
     start = fit.parameters.to_gaussians()
-    fit.restart(start)
-    without = branch(False)
-    uncorrected = fit.state
-    fit.restart(start)
-    kept = settle(branch(True) - without)
-    if not kept:
-        fit.state = uncorrected
-    return kept
+    return _second_is_kept(fit, (start, start), branch, lambda without, corrected: settle(corrected - without))
 
 
 def more_pay(
@@ -42,31 +38,37 @@ def more_pay(
     trial = rule.trial_steps(steps)
     if not trial or not rule.tells(len(fit), len(grown)):
         return False, ""
-    fewer, gained = growth_gain(fit, grown, lambda: branch(trial))
-    if not rule.pays(gained):
-        fit.state = fewer
-    return rule.pays(gained), gained.words
+    start, words = fit.parameters.to_gaussians(), ""
+    doublings = math.log2(len(grown) / len(start))
+
+    def pays(fewer: tuple[float, float], more: tuple[float, float]) -> bool:
+        nonlocal words
+        psnr, contrast = ((after - before) / doublings for before, after in zip(fewer, more, strict=True))
+        gained = GrowthTrial(psnr, contrast)
+        words = gained.words
+        return rule.pays(gained)
+
+    kept = _second_is_kept(fit, (start, grown), lambda _: branch(trial), pays)
+    return kept, words
 
 
-def growth_gain(
-    fit: Fit, grown: Gaussians, branch: Callable[[], tuple[float, float]]
-) -> tuple[tuple[ParameterSet, Adam], GrowthTrial]:
-    """What more Gaussians gain, after the state of `fit` at the end of the branch without them.
-
-    `fit` is left at the end of the branch that has them.
+def _second_is_kept(
+    fit: Fit, starts: tuple[Gaussians, Gaussians], branch: Callable[[bool], T], prefers: Callable[[T, T], bool]
+) -> bool:
+    """Whether the second of two branches is preferred; `fit` goes on from the end of the preferred one.
 
     Args:
-        grown: more of them than `fit` has.
-        branch: fits for a while; returns PSNR and CCPR of the validation views.
+        branch: fits for a while from one of the `starts`, the second if it is told so; returns what is compared.
+        prefers: whether the second, at whose end it is asked.
     """
-    start = fit.parameters.to_gaussians()
-    doublings = math.log2(len(grown) / len(start))
-    fit.restart(start)
-    psnr, contrast = branch()
-    fewer = fit.state
-    fit.restart(grown)
-    grown_psnr, grown_contrast = branch()
-    return fewer, GrowthTrial((grown_psnr - psnr) / doublings, (grown_contrast - contrast) / doublings)
+    fit.restart(starts[0])
+    first = branch(False)
+    end_of_first = fit.state
+    fit.restart(starts[1])
+    kept = prefers(first, branch(True))
+    if not kept:
+        fit.state = end_of_first
+    return kept
 
 
 def choose_degree(
