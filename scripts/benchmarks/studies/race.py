@@ -26,7 +26,6 @@ from ..options import Part, add_study_arguments, chosen_sources, with_quick_defa
 from ..provenance import fingerprint, trained_product
 from ..tables import Column, frame_of, markdown_table, write_csv, write_text
 from ..timing.runs import train_once
-from ..timing.trainer import QUICK_PLAN
 from .captures import DEMO, Centred, SubjectSource
 from .peers import OPENSPLAT_ITERATIONS, OpenSplat, OpenSplatRun, Point, opensplat_runs, train_opensplat
 
@@ -37,13 +36,18 @@ if TYPE_CHECKING:
 NAME = "peers"
 FINISHES_FILE = "peers.jsonl"
 SIZE = 480
-STANDARD = next(quality.iterations for quality in QUALITIES if quality.name == "STANDARD")
-BY_ITSELF = "ours, as it is by itself"
+DRAFT, STANDARD = (
+    next(quality.iterations for quality in QUALITIES if quality.name == name) for name in ("DRAFT", "STANDARD")
+)
+SHORT = 300
+"""Steps of our shortest run."""
+LONG = "ours, a long run"
 OURS = {
-    "ours, quick": QUICK_PLAN,
-    BY_ITSELF: TrainingPlan(steps=STANDARD, limit=None, sh_degree=None, curve_points=40),
+    label: TrainingPlan(steps=steps, limit=None, sh_degree=None, curve_points=40)
+    for label, steps in ((f"ours, {SHORT} steps", SHORT), ("ours, a draft", DRAFT), (LONG, STANDARD))
 }
-"""Plans of our trainings, measured often enough to read off when they reach a quality."""
+"""Plans of our trainings, with everything decided automatically, measured often enough to read off when they reach a
+quality."""
 _PANEL, _HEIGHT = 4.6, 4.0  # inches
 _COLUMNS: tuple[Column, ...] = (
     ("capture", "capture", ""),
@@ -177,7 +181,7 @@ def our_finishes(source: SubjectSource, store: FinishStore, iterations: int, rep
     """Our trainings of a capture; those that `store` has are not repeated.
 
     Args:
-        iterations: of the run that is as it is by itself.
+        iterations: of the longest run.
     """
 
     def train(label: str, plan: TrainingPlan) -> Finish:
@@ -186,7 +190,7 @@ def our_finishes(source: SubjectSource, store: FinishStore, iterations: int, rep
         curve = tuple(Point(run.busy * seconds, psnr) for seconds, psnr in run.curve)
         return Finish(source.name, label, run.steps, run.psnr, run.seconds, run.processor_seconds, run.gaussians, curve)
 
-    plans = {**OURS, BY_ITSELF: replace(OURS[BY_ITSELF], steps=iterations)}
+    plans = {**OURS, LONG: replace(OURS[LONG], steps=iterations)}
     product = trained_product()
     return [store.get(_key(source, product, name, plan), partial(train, name, plan)) for name, plan in plans.items()]
 
