@@ -26,6 +26,7 @@ from ..options import Part, add_study_arguments, chosen_sources, with_quick_defa
 from ..provenance import fingerprint, trained_product
 from ..tables import Column, frame_of, markdown_table, write_csv, write_text
 from ..timing.runs import train_once
+from ..timing.trainer import QUICK_PLAN
 from .captures import DEMO, Centred, SubjectSource
 from .peers import OPENSPLAT_ITERATIONS, OpenSplat, OpenSplatRun, Point, opensplat_runs, train_opensplat
 
@@ -43,11 +44,14 @@ SHORT = 300
 """Steps of our shortest run."""
 LONG = "ours, a long run"
 OURS = {
-    label: TrainingPlan(steps=steps, limit=None, sh_degree=None, curve_points=40)
-    for label, steps in ((f"ours, {SHORT} steps", SHORT), ("ours, a draft", DRAFT), (LONG, STANDARD))
+    "ours, quick": QUICK_PLAN,
+    **{
+        label: TrainingPlan(steps=steps, limit=None, sh_degree=None, curve_points=40)
+        for label, steps in ((f"ours, {SHORT} steps", SHORT), ("ours, a draft", DRAFT), (LONG, STANDARD))
+    },
 }
-"""Plans of our trainings, with everything decided automatically, measured often enough to read off when they reach a
-quality."""
+"""Plans of our trainings, measured often enough to read off when they reach a quality. But for the quick one everything
+is decided automatically."""
 _PANEL, _HEIGHT = 4.6, 4.0  # inches
 _COLUMNS: tuple[Column, ...] = (
     ("capture", "capture", ""),
