@@ -28,8 +28,7 @@ class RoughScene:
 
     Attributes:
         visits: steps of the run in which a Gaussian is in view, on average, below which it is too short.
-        side: pixels that the longer side of a small photograph has at least; three quarters of that where photographs
-            can only be halved.
+        side: pixels that the longer side of a small photograph has at least.
         steps: of the rough scene, relative to the run's.
         means_rate: factor of the means' learning rate in the run that starts from it, in which they have settled.
     """
@@ -127,9 +126,7 @@ def rough_fit(
         return None
     steps = plan.rough.steps_before(plan.steps, reach)
     sides = [view.image.shape[:2] for view in views]
-    longest = max(map(max, sides))
-    reduction = max(longest // plan.rough.side, min(longest // (3 * plan.rough.side // 4), 2))
-    reduction = min(reduction, min(map(min, sides)) // _SHORTEST_SIDE)
+    reduction = min(max(map(max, sides)) // plan.rough.side, min(map(min, sides)) // _SHORTEST_SIDE)
     if not steps or reduction < 2:  # photographs are small anyway
         return None
     return RoughFit(plan, plan.rough.means_rate, steps, reduction, views, background, train, reporter, stage)
