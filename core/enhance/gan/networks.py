@@ -7,10 +7,10 @@ views have in common by that, their mean, becomes one code of the scene, and the
 
     parameters = base + direction · base' + basis · code
     table += direction · share · (what the observer loses, made visible)
-    table += Σ shift · exp(-|color - attended color|² / 2 width²)
+    table += mean of the pixels' votes
 
-The last sum, over the attentions, moves just those colours that an attention has found: cloth has few colours, and
-those that look alike have to be moved apart.
+Every pixel votes for how its own colour is to be shifted. It sees what surrounds it, and so which colours look alike
+and have to be moved apart; the code alone would have to remember where on the table each of them is.
 
 One prediction holds for the whole scene, so that all views agree as they do after a fit. There are two of them: colours
 that look alike can be moved apart in either direction, as a fit tries both, and which is better the objective tells
@@ -32,6 +32,7 @@ from torch.nn import functional
 from ...color.simulation import Observer
 from ..scene.network import SceneNetwork
 from .conditioning import CONDITION_FEATURES
+from .votes import Votes
 
 DIRECTIONS = (1.0, -1.0)
 """Of the two predictions: along the start that makes visible what an observer loses, and against it."""
@@ -44,8 +45,6 @@ _SLOPE = 0.2  # of leaky ReLUs, as in pix2pix
 _HIDDEN = 128  # between the summary of the views and the code
 _TABLE_SCALE, _PERCEPTRON_SCALE = 0.05, 0.3  # bring both parts of the parameters to the order of 1
 _LAST_SCALE = 0.01  # of the perceptron's last layer at first: next to nothing
-_SHIFT_SCALE, _SLOT_SCALE = 0.05, 0.3  # of the shifts of attended colours; of the layer that gives them, at first
-_WIDTHS = (0.1, 0.5)  # around an attended colour, the least and the most, in units of sRGB: no less than a table's cell
 _TABLE = "table"
 
 
@@ -106,8 +105,8 @@ class Generator(nn.Module):
         self.hidden = nn.Sequential(nn.Linear(summary + embedding + 1, _HIDDEN), nn.SiLU())
         self.code = nn.Sequential(nn.Linear(_HIDDEN, config.code), nn.SiLU())
         self.share = nn.Linear(config.code, 1)
-        self.slots = nn.Linear(_HIDDEN, 4 * config.attentions)
         self._shapes = {name: value.shape for name, value in SceneNetwork(Observer("deutan", 1.0)).state_dict().items()}
+        self.votes = Votes(widths[0] + _SEEN, self._shapes[_TABLE][0], len(DIRECTIONS))
         self.parameters_of = nn.Linear(config.code + 1, sum(math.prod(shape) for shape in self._shapes.values()))
         self._initialise()
 
@@ -121,11 +120,9 @@ class Generator(nn.Module):
             self.parameters_of.weight[: math.prod(self._shapes[_TABLE])] = 0.0
             self.share.weight.mul_(0.1)
             self.share.bias.fill_(1.0)
-            self.slots.weight.mul_(_SLOT_SCALE)
-            self.slots.bias.zero_()
 
     def summary(self, views: Tensor, condition: Tensor, coverage: Tensor | None = None) -> Tensor:
-        """(V, S) what the attentions find in each view.
+        """(V, S) what the attentions find in each view, and how its pixels vote.
 
         Args:
             views: (V, 6, H, W) `seen_features`, with sides that are multiples of `STRIDE`.
@@ -141,12 +138,14 @@ class Generator(nn.Module):
             beside = levels.pop()
             found = layer(torch.cat([functional.interpolate(found, scale_factor=2.0), beside], 1), steer)
         weight = self.attention(found)
-        if coverage is not None:
-            covered = functional.avg_pool2d(coverage, 2)
-            weight = weight + covered.clamp(min=torch.finfo(covered.dtype).tiny).log()
-        weight = weight.flatten(2).softmax(2)
-        values = torch.cat([found, functional.avg_pool2d(views, 2)], 1).flatten(2)
-        return torch.einsum("vap,vcp->vac", weight, values).flatten(1)
+        share = torch.ones_like(weight[:, :1]) if coverage is None else functional.avg_pool2d(coverage, 2)
+        share = share.clamp(min=torch.finfo(share.dtype).tiny)
+        weight = (weight + share.log()).flatten(2).softmax(2)
+        seen = functional.avg_pool2d(views, 2)
+        values = torch.cat([found, seen], 1)
+        attended = torch.einsum("vap,vcp->vac", weight, values.flatten(2)).flatten(1)
+        votes = self.votes.sums(values, seen[:, :3] + 0.5, share / share.sum((2, 3), keepdim=True))
+        return torch.cat([attended, votes], 1)
 
     def forward(self, summary: Tensor, condition: Tensor, start: Tensor, direction: float) -> dict[str, Tensor]:
         """The state of a `SceneNetwork` for each scene, by name, with a first axis for the scenes.
@@ -157,32 +156,17 @@ class Generator(nn.Module):
             start: (B, N, N, N, 3) tables that make visible what each observer loses.
             direction: one of `DIRECTIONS`.
         """
+        attended, votes = summary.split([summary.shape[1] - self.votes.size, self.votes.size], 1)
         towards = torch.full_like(summary[:, :1], direction)
-        hidden = self.hidden(torch.cat([summary, self.steer(condition), towards], 1))
-        code = self.code(hidden)
+        code = self.code(self.hidden(torch.cat([attended, self.steer(condition), towards], 1)))
         sizes = [math.prod(shape) for shape in self._shapes.values()]
         parts = zip(
             self._shapes.items(), self.parameters_of(torch.cat([code, towards], 1)).split(sizes, 1), strict=True
         )
         state = {name: _scale(name) * values.reshape(-1, *shape) for (name, shape), values in parts}
         state[_TABLE] = state[_TABLE] + direction * self.share(code)[:, :, None, None, None] * start
-        state[_TABLE] = state[_TABLE] + self._shifts(hidden, self._attended(summary))
+        state[_TABLE] = state[_TABLE] + self.votes.table(votes, DIRECTIONS.index(direction))
         return state
-
-    def _attended(self, summary: Tensor) -> Tensor:
-        """(B, A, 3) mean colour, in sRGB, of what each attention points at."""
-        return summary.reshape(len(summary), self.config.attentions, -1)[..., -_SEEN:][..., :3] + 0.5
-
-    def _shifts(self, hidden: Tensor, colors: Tensor) -> Tensor:
-        """(B, N, N, N, 3) table that shifts what lies around each of the (B, A, 3) colours."""
-        slots = self.slots(hidden).unflatten(1, (self.config.attentions, 4))
-        least, most = _WIDTHS
-        width = least + (most - least) * torch.sigmoid(slots[..., 3] - 1.0)
-        nodes = torch.linspace(0.0, 1.0, self._shapes[_TABLE][0])
-        # A Gaussian of three coordinates is the product of one of each.
-        along = torch.exp(-0.5 * ((nodes - colors[..., None]) / width[..., None, None]) ** 2)
-        red, green, blue = along.unbind(2)
-        return torch.einsum("bar,bag,bac,bav->brgcv", red, green, blue, _SHIFT_SCALE * slots[..., :3])
 
 
 class _Steered(nn.Module):

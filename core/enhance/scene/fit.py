@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -49,6 +50,9 @@ class FitSettings:
             surfaces. The digit of a colour plate differs from its ground in hue alone, but dots from their neighbours
             in lightness: all contrast seems to be there.
         objective: weights of its terms.
+        start_objective: the same where given starts are judged, and where they are trained. A prediction is coarser
+            than a fit; by the fit's weights it would rather hold whole surfaces apart than restore the contrast of
+            neighbours, which CCPR counts.
     """
 
     size: int = 160
@@ -68,6 +72,7 @@ class FitSettings:
     budget_base: float = 0.2
     coarse_share: float = 0.7
     objective: ObjectiveWeights = field(default_factory=ObjectiveWeights)
+    start_objective: ObjectiveWeights = field(default_factory=lambda: ObjectiveWeights(neighbours=80.0, areas=18.0))
 
 
 _BETAS = (0.9, 0.99)  # of Adam; short, because a fit is
@@ -192,16 +197,22 @@ class _Fit:
             alone.table.data.copy_(self._best_start())
         else:
             # From less than the budget where that serves: a short fit finds its way back from too much more slowly.
-            network = self._best_scaled(self._nearest(starts))
+            network = self._best_scaled(self._nearest(starts), self._settings.start_objective)
             alone.table.data.copy_(network.table.data)
+        start = deepcopy(network)
         self._optimise(alone, [alone.table], self._settings.table_steps, whole=False)
         if not starts:
             network.table.data.copy_(alone.table.data)
         table = self._at_budget(alone, whole=False).table.detach()
         self._weight, self._mean_change = self._settings.weight, None
         self._optimise(network, list(network.parameters()), self._settings.steps, whole=True)
-        # A short fit ends before the weight of naturalness has found what the scene needs.
-        network = self._at_budget(network, whole=True) if not starts else self._best_scaled(network)
+        if not starts:
+            network = self._at_budget(network, whole=True)
+        elif self._settings.steps:
+            # A short fit ends before the weight of naturalness has found what the scene needs. With a budget far below
+            # that, it may end with less contrast than it began with.
+            ends = [self._best_scaled(network, self._settings.objective), start]
+            network = min(ends, key=lambda one: self._score(one, self._settings.objective))
         self._reporter.progress(STAGE, 1.0)
         return FittedNetwork(network.requires_grad_(False), table, self._budget, self._change(network, whole=True))
 
@@ -281,9 +292,11 @@ class _Fit:
     def _nearest(self, starts: Sequence[SceneNetwork]) -> SceneNetwork:
         """A copy of the start that has the least objective once its change is scaled to the budget."""
         scaled = [self._at_budget(start, whole=True, least=_LEAST_SCALE, most=_MOST_SCALE) for start in starts]
-        return min(scaled, key=self._score) if len(scaled) > 1 else scaled[0]
+        if len(scaled) == 1:
+            return scaled[0]
+        return min(scaled, key=lambda one: self._score(one, self._settings.start_objective))
 
-    def _best_scaled(self, network: SceneNetwork) -> SceneNetwork:
+    def _best_scaled(self, network: SceneNetwork, weights: ObjectiveWeights) -> SceneNetwork:
         """A copy whose change is scaled to the budget, or to a part of it where that is enough for the objective."""
         whole = self._at_budget(network, whole=True, least=_LEAST_SCALE, most=_MOST_SCALE)
         scaled = []
@@ -292,13 +305,15 @@ class _Fit:
             copy.load_state_dict(whole.state_dict())
             copy.scale(part)
             scaled.append(copy)
-        return min(scaled, key=self._score)
+        return min(scaled, key=lambda one: self._score(one, weights))
 
-    def _score(self, network: SceneNetwork) -> float:
-        """The objective of all views."""
+    def _score(self, network: SceneNetwork, weights: ObjectiveWeights) -> float:
+        """The objective of all views, with some weights of its terms."""
         with torch.no_grad():
-            shown = [(view.objective, view.shown(network, whole=True)) for view in self._views]
-            return sum(float(objective(one, _LAX_WEIGHT)) for objective, one in shown)
+            return sum(
+                float(view.objective(view.shown(network, whole=True), _LAX_WEIGHT, weights=weights))
+                for view in self._views
+            )
 
     def _change(self, network: SceneNetwork, *, whole: bool) -> float:
         with torch.no_grad():

@@ -111,18 +111,21 @@ class Objective:
         pixels = torch.nonzero(self._coverage.flatten())[:, 0]
         self._judged = pixels[:: max(len(pixels) // _JUDGED, 1)]
 
-    def __call__(self, shown: Tensor, naturalness: float, structure: float = 1.0) -> Tensor:
+    def __call__(
+        self, shown: Tensor, naturalness: float, structure: float = 1.0, weights: ObjectiveWeights | None = None
+    ) -> Tensor:
         """The weighted sum for a picture before it is clipped.
 
         Args:
             shown: (3, H, W) sRGB.
             naturalness: weight of the change.
             structure: factor on the weight of that term.
+            weights: of the terms; None for the objective's own.
         """
-        weights = {**vars(self.weights), "change": naturalness}
-        weights["structure"] *= structure
+        factors = {**vars(weights or self.weights), "change": naturalness}
+        factors["structure"] *= structure
         terms = self.terms(shown)
-        return torch.stack([weight * terms[name] for name, weight in weights.items()]).sum()
+        return torch.stack([factor * terms[name] for name, factor in factors.items()]).sum()
 
     def terms(self, shown: Tensor) -> dict[str, Tensor]:
         """The terms without their weights, by name; `shown` as for the call."""

@@ -1,9 +1,9 @@
 """Trains the conditional GAN: from nothing to weights in one schedule, and on from a checkpoint.
 
-The generator minimises L_GAN + λ L_cd + λ_1 L1 (Hu and Xiao 2026, Eq. 5): L_cd is the scene network's own objective,
-relative to that of the untouched picture so that no scene rules the others, and L1 compares what is shown with what
-fitted networks show. What is shown always has the scene's budget. The scaling is part of what is differentiated, so
-that a change that is not worth its ΔE is unlearned.
+The generator minimises L_GAN + λ L_cd + λ_1 L1 (Hu and Xiao 2026, Eq. 5): L_cd is the objective by which a fit judges
+its starts, relative to that of the untouched picture so that no scene rules the others, and L1 compares what is shown
+with what fitted networks show. What is shown always has the scene's budget. The scaling is part of what is
+differentiated, so that a change that is not worth its ΔE is unlearned.
 
 Both networks are trained by Adam, whose rates fall linearly to zero after half of the steps. Step k draws its scenes
 from (seed, k) alone.
@@ -30,7 +30,7 @@ from ....core.enhance.gan.prediction import scene_condition, start_table
 from ....core.enhance.gan.weights import save_generator
 from ....core.enhance.scene.fit import FitSettings
 from ....core.enhance.scene.network import SceneNetwork, features, seen_features
-from ....core.enhance.scene.objective import Objective, smooth_change
+from ....core.enhance.scene.objective import Objective, ObjectiveWeights, smooth_change
 from ....core.runtime.protocol import Reporter
 from .checkpoint import load_checkpoint, save_checkpoint
 from .examples import DRAWN, KEPT, Pairs, Scene, draw_scene, watched
@@ -61,6 +61,7 @@ class TrainingSettings:
         steps_a_pair: steps after which there is one pair more.
         pairs: that there are at most, and at first.
         rate, discriminator_rate: of Adam.
+        objective: weights of its terms.
         objective_weight, l1_weight: λ and λ_1.
         adversarial_weight: of L_GAN; 0 trains without an adversary.
         average_decay: of the running mean of the generator's weights, which is what is kept.
@@ -77,6 +78,7 @@ class TrainingSettings:
     pairs: tuple[int, int] = (400, 8)
     rate: float = 1e-3
     discriminator_rate: float = 2e-4
+    objective: ObjectiveWeights = FitSettings().start_objective
     objective_weight: float = 12.0
     l1_weight: float = 20.0
     adversarial_weight: float = 0.3
@@ -156,7 +158,7 @@ class Training:
         most, first = settings.pairs
         pair = self._pairs[int(generator.integers(min(first + self.step // settings.steps_a_pair, most)))]
         torch.manual_seed(int(generator.integers(2**62)))  # after what may be there already, or not
-        judged = [_Judged(scene) for scene in (*scenes, pair)]
+        judged = [_Judged(scene, settings.objective) for scene in (*scenes, pair)]
         both = predict(self.generator, [*scenes, pair])
         with torch.no_grad():
             better = [one.better(states) for one, states in zip(judged, both, strict=True)]
@@ -251,13 +253,16 @@ def predict(generator: Generator, scenes: Sequence[Scene]) -> list[list[dict[str
 
 
 def judge_kept(generator: Generator, scenes: Sequence[Scene]) -> tuple[float, float]:
-    """Mean relative objective of the better predictions, and mean difference of what they and fitted networks show."""
+    """Mean relative objective of the better predictions, and mean difference of what they and fitted networks show.
+
+    The objective is that of a fit, whatever the training's weights.
+    """
     objectives, differences = [], []
     with torch.no_grad():
         for scene in scenes:
             torch.manual_seed(0)
             (states,) = predict(generator, [scene])
-            judged = _Judged(scene)
+            judged = _Judged(scene, ObjectiveWeights())
             loss, shown = judged.loss(states[judged.better(states)])
             objectives.append(loss.item())
             differences.append((shown - judged.target()).abs().mean().item())
@@ -267,9 +272,9 @@ def judge_kept(generator: Generator, scenes: Sequence[Scene]) -> tuple[float, fl
 class _Judged:
     """The first view of a scene, with what is needed to judge a prediction."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, weights: ObjectiveWeights) -> None:
         self._scene, self._view = scene, scene.view(0)
-        self._objective = Objective(self._view, scene.observer)
+        self._objective = Objective(self._view, scene.observer, weights=weights)
         self._colors = self._view.flatten(1).T.contiguous()
         self._features = features(self._view, scene.observer)
         with torch.no_grad():

@@ -19,6 +19,7 @@ from cvdgs.core.enhance import CganEnhancer, ColorLut, SceneNetworkEnhancer, mak
 from cvdgs.core.enhance.gan.weights import save_generator
 from cvdgs.core.enhance.scene.fit import FitSettings, FittedNetwork, fit_network
 from cvdgs.core.enhance.scene.network import SceneNetwork
+from cvdgs.core.enhance.scene.objective import ObjectiveWeights
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 
@@ -171,6 +172,21 @@ def test_uncovered_pixels_do_not_steer() -> None:
     assert all(torch.equal(results[0][name], results[1][name]) for name in results[0])
     with pytest.raises(InputError, match="visible"):
         fit_network([image], DEUTAN, alphas=[0 * alpha], settings=BRIEF)
+
+
+def test_without_a_fit_a_start_keeps_as_much_of_its_change_as_its_own_objective_wants() -> None:
+    nothing = ObjectiveWeights(**dict.fromkeys(vars(ObjectiveWeights()), 0.0))
+    kept = []
+    for wanted in (nothing, replace(nothing, neighbours=80.0)):
+        found = fit_network(
+            views(),
+            DEUTAN,
+            starts=[fitted("deutan").network],
+            budget=fitted("deutan").budget,
+            settings=replace(LEAN, table_steps=0, steps=0, start_objective=wanted),
+        )
+        kept.append(found.change)
+    assert kept[1] > 1.5 * kept[0] > 0.0
 
 
 def test_a_fit_goes_on_from_the_best_of_some_starts_and_leaves_them_as_they_were() -> None:
