@@ -71,7 +71,9 @@ class Provenance:
 
 def enhanced_product() -> tuple[Any, ...]:
     """The constants of enhancement, and the digest of the weights."""
-    return *_fitted_product(), weights_of_product()
+    from ...core.enhance.scene.fit import START_WEIGHTS
+
+    return *_fitted_product(), START_WEIGHTS, weights_of_product()
 
 
 def weights_of_product() -> str:

@@ -50,9 +50,6 @@ class FitSettings:
             surfaces. The digit of a colour plate differs from its ground in hue alone, but dots from their neighbours
             in lightness: all contrast seems to be there.
         objective: weights of its terms.
-        start_objective: the same where given starts are judged, and where they are trained. A prediction is coarser
-            than a fit; by the fit's weights it would rather hold whole surfaces apart than restore the contrast of
-            neighbours, which CCPR counts.
     """
 
     size: int = 160
@@ -72,8 +69,14 @@ class FitSettings:
     budget_base: float = 0.2
     coarse_share: float = 0.7
     objective: ObjectiveWeights = field(default_factory=ObjectiveWeights)
-    start_objective: ObjectiveWeights = field(default_factory=lambda: ObjectiveWeights(neighbours=80.0, areas=18.0))
 
+
+START_WEIGHTS = ObjectiveWeights(neighbours=80.0, areas=18.0)
+"""Of the objective where given starts are judged, and where predicted ones are trained.
+
+A prediction is coarser than a fit: by the fit's weights it would rather hold whole surfaces apart than restore the
+contrast of neighbours, which CCPR counts.
+"""
 
 _BETAS = (0.9, 0.99)  # of Adam; short, because a fit is
 _SLOWNESS = 0.8  # of the mean change that the weight of naturalness follows
@@ -112,6 +115,7 @@ def fit_network(
     alphas: Alphas = None,
     budget: float | None = None,
     starts: Sequence[SceneNetwork] = (),
+    start_weights: ObjectiveWeights = START_WEIGHTS,
     settings: FitSettings = FitSettings(),
     seed: int = 0,
     reporter: Reporter | None = None,
@@ -124,12 +128,13 @@ def fit_network(
         budget: mean ΔE00 by which colours may change; None to take it from how much contrast the observer loses.
         starts: networks for the observer, such as predicted ones. The fit goes on from the best of them, once their
             change is scaled to the budget or to what part of it is enough; they are left as they are.
+        start_weights: of the objective by which they are judged.
 
     Raises:
         InputError: no view has a covered pixel.
     """
     with one_thread():
-        return _Fit(images, observer, alphas, budget, settings, seed, reporter or Reporter()).run(starts)
+        return _Fit(images, observer, alphas, budget, settings, seed, reporter or Reporter()).run(starts, start_weights)
 
 
 def default_budget(
@@ -189,7 +194,7 @@ class _Fit:
         self._total = len(settings.shifts) * settings.start_steps + settings.table_steps + settings.steps
         self._done = 0
 
-    def run(self, starts: Sequence[SceneNetwork]) -> FittedNetwork:
+    def run(self, starts: Sequence[SceneNetwork], start_weights: ObjectiveWeights) -> FittedNetwork:
         """Fit, from the best of some starts or of the settings' own."""
         network, alone = SceneNetwork(self._observer), SceneNetwork(self._observer)
         if not starts:
@@ -197,7 +202,7 @@ class _Fit:
             alone.table.data.copy_(self._best_start())
         else:
             # From less than the budget where that serves: a short fit finds its way back from too much more slowly.
-            network = self._best_scaled(self._nearest(starts), self._settings.start_objective)
+            network = self._best_scaled(self._nearest(starts, start_weights), start_weights)
             alone.table.data.copy_(network.table.data)
         start = deepcopy(network)
         self._optimise(alone, [alone.table], self._settings.table_steps, whole=False)
@@ -289,12 +294,12 @@ class _Fit:
             factor = wanted
         return copy
 
-    def _nearest(self, starts: Sequence[SceneNetwork]) -> SceneNetwork:
+    def _nearest(self, starts: Sequence[SceneNetwork], weights: ObjectiveWeights) -> SceneNetwork:
         """A copy of the start that has the least objective once its change is scaled to the budget."""
         scaled = [self._at_budget(start, whole=True, least=_LEAST_SCALE, most=_MOST_SCALE) for start in starts]
         if len(scaled) == 1:
             return scaled[0]
-        return min(scaled, key=lambda one: self._score(one, self._settings.start_objective))
+        return min(scaled, key=lambda one: self._score(one, weights))
 
     def _best_scaled(self, network: SceneNetwork, weights: ObjectiveWeights) -> SceneNetwork:
         """A copy whose change is scaled to the budget, or to a part of it where that is enough for the objective."""

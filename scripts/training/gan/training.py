@@ -28,7 +28,7 @@ from ....core.enhance.gan.conditioning import observer_features
 from ....core.enhance.gan.networks import DIRECTIONS, Generator, GeneratorConfig
 from ....core.enhance.gan.prediction import scene_condition, start_table
 from ....core.enhance.gan.weights import save_generator
-from ....core.enhance.scene.fit import FitSettings
+from ....core.enhance.scene.fit import START_WEIGHTS, FitSettings
 from ....core.enhance.scene.network import SceneNetwork, features, seen_features
 from ....core.enhance.scene.objective import Objective, ObjectiveWeights, smooth_change
 from ....core.runtime.protocol import Reporter
@@ -78,7 +78,7 @@ class TrainingSettings:
     pairs: tuple[int, int] = (400, 8)
     rate: float = 1e-3
     discriminator_rate: float = 2e-4
-    objective: ObjectiveWeights = FitSettings().start_objective
+    objective: ObjectiveWeights = START_WEIGHTS
     objective_weight: float = 12.0
     l1_weight: float = 20.0
     adversarial_weight: float = 0.3

@@ -183,7 +183,8 @@ def test_without_a_fit_a_start_keeps_as_much_of_its_change_as_its_own_objective_
             DEUTAN,
             starts=[fitted("deutan").network],
             budget=fitted("deutan").budget,
-            settings=replace(LEAN, table_steps=0, steps=0, start_objective=wanted),
+            start_weights=wanted,
+            settings=replace(LEAN, table_steps=0, steps=0),
         )
         kept.append(found.change)
     assert kept[1] > 1.5 * kept[0] > 0.0
