@@ -14,6 +14,7 @@ from ...color.simulation import Observer
 from ...color.spaces import srgb_to_lab
 from ...settings import CVD_TYPES, SIMULATIONS
 from ..lut import as_float
+from .nodes import shared_out
 
 OBSERVER_FEATURES = len(CVD_TYPES) + len(SIMULATIONS)
 """Length of an observer's vector."""
@@ -66,7 +67,7 @@ def palette(
         if len(colors) > _PALETTE_PIXELS:
             colors = colors[generator.integers(0, len(colors), _PALETTE_PIXELS)]
         if len(colors):
-            shares += _soft_histogram(as_float(colors)) / len(colors)
+            shares += _histogram(as_float(colors)) / len(colors)
             moments += _moments(as_float(colors))
     total = shares.sum()
     if not total:
@@ -91,14 +92,7 @@ def _statistics(moments: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([mean, deviation, correlation[np.triu_indices(3, 1)]])
 
 
-def _soft_histogram(colors: NDArray[np.float32]) -> NDArray[np.float64]:
-    position = np.clip(colors, 0.0, 1.0) * (PALETTE_BINS - 1)
-    lower = np.minimum(position.astype(np.int64), PALETTE_BINS - 2)
-    fraction = position - lower
-    histogram = np.zeros(PALETTE_BINS**3)
-    for corner in np.ndindex(2, 2, 2):
-        red, green, blue = (lower + corner).T
-        weight = np.where(np.array(corner, bool), fraction, 1.0 - fraction).prod(1)
-        index = (red * PALETTE_BINS + green) * PALETTE_BINS + blue
-        histogram += np.bincount(index, weight, PALETTE_BINS**3)
-    return histogram
+def _histogram(colors: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(PALETTE_BINS^3,) of (P, 3) colours."""
+    ones = torch.ones(1, 1, len(colors), dtype=torch.float64)
+    return shared_out(ones, torch.from_numpy(colors.T)[None], PALETTE_BINS)[0, 0].numpy()

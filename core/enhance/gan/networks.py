@@ -32,7 +32,7 @@ from torch.nn import functional
 from ...color.simulation import Observer
 from ..scene.network import SceneNetwork
 from .conditioning import CONDITION_FEATURES
-from .votes import Votes
+from .votes import SLOPE, Votes
 
 DIRECTIONS = (1.0, -1.0)
 """Of the two predictions: along the start that makes visible what an observer loses, and against it."""
@@ -41,7 +41,6 @@ STRIDE = 16
 """Sides of the generator's views are multiples of this, in pixels."""
 
 _SEEN = 6  # channels of a view: `seen_features`
-_SLOPE = 0.2  # of leaky ReLUs, as in pix2pix
 _HIDDEN = 128  # between the summary of the views and the code
 _TABLE_SCALE, _PERCEPTRON_SCALE = 0.05, 0.3  # bring both parts of the parameters to the order of 1
 _LAST_SCALE = 0.01  # of the perceptron's last layer at first: next to nothing
@@ -100,7 +99,7 @@ class Generator(nn.Module):
         )
         rising = list(zip(widths[:0:-1], widths[-2::-1], strict=True))
         self.up = nn.ModuleList(_Steered(below + beside, beside, embedding) for below, beside in rising)
-        self.attention = nn.Conv2d(widths[0], config.attentions, 1)
+        self.attention = nn.Conv2d(widths[0], config.attentions, 1, bias=False)  # softmax would not see it
         summary = config.attentions * (widths[0] + _SEEN)
         self.hidden = nn.Sequential(nn.Linear(summary + embedding + 1, _HIDDEN), nn.SiLU())
         self.code = nn.Sequential(nn.Linear(_HIDDEN, config.code), nn.SiLU())
@@ -179,7 +178,7 @@ class _Steered(nn.Module):
 
     def forward(self, found: Tensor, steer: Tensor) -> Tensor:
         scale, shift = self.modulation(steer)[:, :, None, None].chunk(2, 1)
-        return functional.leaky_relu(self.convolution(found) * (1.0 + scale) + shift, _SLOPE)
+        return functional.leaky_relu(self.convolution(found) * (1.0 + scale) + shift, SLOPE)
 
 
 def _scale(name: str) -> float:

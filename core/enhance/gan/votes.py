@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from .nodes import shared_out
+
+SLOPE = 0.2
+"""Of the generator's leaky ReLUs, as in pix2pix."""
+
 _HIDDEN = 32  # channels between what a pixel knows and its votes
-_SLOPE = 0.2  # of the leaky ReLU
 _FIRST_SCALE = 0.3  # of the layer that gives the votes, at first
 _SHIFT_SCALE = 0.1  # sRGB units of a vote of 1
 _SPREAD = 0.1  # part of its votes that a node passes to each next one, along every axis
@@ -29,7 +31,7 @@ class Votes(nn.Module):
         super().__init__()
         self._nodes, self._directions = nodes, directions
         first, last = nn.Conv2d(channels, _HIDDEN, 1), nn.Conv2d(_HIDDEN, 4 * directions, 1)
-        self.layers = nn.Sequential(first, nn.LeakyReLU(_SLOPE), last)
+        self.layers = nn.Sequential(first, nn.LeakyReLU(SLOPE), last)
         with torch.no_grad():
             for name, values in last.named_parameters():
                 values.mul_(_FIRST_SCALE if name == "weight" else 0.0)
@@ -50,18 +52,7 @@ class Votes(nn.Module):
         votes = self.layers(known).unflatten(1, (self._directions, 4)).flatten(3)
         trust = torch.sigmoid(votes[:, :, 3:]) * share.flatten(2)[:, None]
         trusted = torch.cat([trust * votes[:, :, :3], trust], 2).flatten(1, 2)
-        position = colors.flatten(2).clamp(0.0, 1.0) * (self._nodes - 1)
-        lower = position.floor().clamp(max=self._nodes - 2)
-        fraction, lower = position - lower, lower.long()
-        sums = trusted.new_zeros(*trusted.shape[:2], self._nodes**3)
-        # To the eight nodes around a colour, with the weights by which the table is read there.
-        for corner in itertools.product((0, 1), repeat=3):
-            upper = lower.new_tensor(corner)[:, None]
-            weight = torch.where(upper == 1, fraction, 1.0 - fraction).prod(1, keepdim=True)
-            red, green, blue = (lower + upper).unbind(1)
-            node = (red * self._nodes + green) * self._nodes + blue
-            sums = sums.scatter_add(2, node[:, None].expand_as(trusted), weight * trusted)
-        return sums.flatten(1)
+        return shared_out(trusted, colors.flatten(2), self._nodes).flatten(1)
 
     def table(self, sums: Tensor, direction: int) -> Tensor:
         """(B, N, N, N, 3) shifts in sRGB.

@@ -85,3 +85,16 @@ def test_attention_finds_no_features_where_nothing_is_covered():
     attended = generator.summary(views, told, coverage)[:, : -generator.votes.size]
     seen = attended.reshape(generator.config.attentions, -1)[:, -6:]
     assert torch.allclose(seen, torch.full_like(seen, 0.25), atol=1e-5)
+
+
+def test_no_parameter_is_without_effect():
+    # Adam scales the rounding errors of such a parameter's gradient up to whole steps: no two trainings are the same.
+    generator = random_generator().double().requires_grad_(True)
+    views = torch.rand(2, 6, 2 * STRIDE, 2 * STRIDE, dtype=torch.float64)
+    told = torch.rand(2, CONDITION_FEATURES, dtype=torch.float64)
+    start = torch.zeros(2, 9, 9, 9, 3, dtype=torch.float64)
+    summary = generator.summary(views, told)
+    loss = sum(value.pow(2).sum() for way in DIRECTIONS for value in generator(summary, told, start + 0.1, way).values())
+    names, parameters = zip(*generator.named_parameters(), strict=True)
+    gradients = torch.autograd.grad(loss, parameters)
+    assert [n for n, gradient in zip(names, gradients, strict=True) if gradient.abs().max() < 1e-9] == []
