@@ -29,6 +29,7 @@ _GRID_SIDE, _SEARCH_SIDE = 120, 240  # pixels of the longer side at which lines 
 _DIRECTIONS = 8
 _LENGTHS = (0.006, 0.012, 0.024, 0.048, 0.096)  # of the longer side
 _ROUNDS = 4  # of the search around a line
+_SHARPENING = 3.0  # of gradients: detail that a line averages away altogether counts four times
 
 
 @dataclass(frozen=True)
@@ -125,6 +126,16 @@ def _spread(slope: torch.Tensor, line: NDArray[np.float64]) -> torch.Tensor:
         inner.narrow(dim, size - 1, 1).add_(wide.narrow(dim, radius + size, radius).sum(dim, keepdim=True))
         wide = inner
     return wide.permute(1, 2, 0)
+
+
+def sharpened(gradient: torch.Tensor, line: NDArray[np.float64]) -> torch.Tensor:
+    """(H, W, C) gradient of an image that is compared through a line, for detail to come back sooner.
+
+    A line that leaves a share κ of a pattern leaves that share of its gradient as well, so the detail that is missing
+    is what a descent is slowest to find. Here the share is multiplied by 1 + `_SHARPENING` (1 - κ), which is positive
+    for every pattern (κ is from -0.22 to 1): the loss still falls along it, and ends at the same image.
+    """
+    return torch.lerp(smeared(gradient, line), gradient, 1.0 + _SHARPENING)
 
 
 def smeared_array(image: NDArray[np.float32], line: NDArray[np.float64] | None) -> NDArray[np.float32]:
@@ -250,14 +261,17 @@ class MotionBlur:
         color.copy_(smeared(self._sharp, self.lines[view] / reduction))
 
     def backward(self, frame: Frame, view: int, reduction: float) -> None:
-        """After the loss: keep the line's gradient, and take the line out of the frame's colour and gradient."""
+        """After the loss: keep the line's gradient, and take the line out of the frame's colour and gradient.
+
+        The gradient is `sharpened`.
+        """
         if self._sharp is None:
             self._gradient = np.zeros(2)
             return
         slope, line = wp.to_torch(frame.grad_color, requires_grad=False), self.lines[view] / reduction
         by_line = _filtered(self._sharp, line_slopes(line)).mul_(slope[..., None]).sum(dim=(0, 1, 2))
         self._gradient = by_line.double().cpu().numpy()
-        slope.copy_(_spread(slope, line))
+        slope.copy_(sharpened(_spread(slope, line), line))
         wp.to_torch(frame.color, requires_grad=False).copy_(self._sharp)
         self._sharp = None
 

@@ -94,7 +94,8 @@ def test_no_parameter_is_without_effect():
     told = torch.rand(2, CONDITION_FEATURES, dtype=torch.float64)
     start = torch.zeros(2, 9, 9, 9, 3, dtype=torch.float64)
     summary = generator.summary(views, told)
-    loss = sum(value.pow(2).sum() for way in DIRECTIONS for value in generator(summary, told, start + 0.1, way).values())
+    states = [generator(summary, told, start + 0.1, direction) for direction in DIRECTIONS]
+    loss = torch.stack([value.pow(2).sum() for state in states for value in state.values()]).sum()
     names, parameters = zip(*generator.named_parameters(), strict=True)
     gradients = torch.autograd.grad(loss, parameters)
     assert [n for n, gradient in zip(names, gradients, strict=True) if gradient.abs().max() < 1e-9] == []

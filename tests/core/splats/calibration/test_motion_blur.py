@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 import torch
 import warp as wp
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from scipy.ndimage import gaussian_filter, shift
 
 from cvdgs.core.runtime.protocol import Reporter
@@ -16,6 +19,8 @@ from cvdgs.core.splats.calibration.motion_blur import (
     best_line,
     line_kernel,
     line_slopes,
+    sharpened,
+    smeared,
     smeared_array,
 )
 from cvdgs.core.splats.raster import ParameterSet, Rasterizer
@@ -73,7 +78,7 @@ def test_the_slopes_of_a_kernel_are_its_differences(line):
         np.testing.assert_allclose(slope, (around[0] - around[1]) / (2 * step), atol=1e-6)
 
 
-def test_the_gradient_of_a_smeared_frame_is_that_of_autograd():
+def test_the_gradient_of_a_smeared_frame_is_that_of_autograd_sharpened():
     scene, line = random_scene(40, 48, 40, seed=1), np.array([5.3, -2.2])
     frame = Rasterizer("cpu", 1).render(ParameterSet.from_gaussians(scene.gaussians), scene.camera)
     cotangent = np.random.default_rng(1).normal(size=frame.color.shape).astype(np.float32)
@@ -89,8 +94,31 @@ def test_the_gradient_of_a_smeared_frame_is_that_of_autograd():
     padded = torch.nn.functional.pad(image.permute(2, 0, 1)[:, None], [radius] * 4, mode="replicate")
     kernel = torch.from_numpy(line_kernel(line).astype(np.float32))[None, None]
     (torch.nn.functional.conv2d(padded, kernel)[:, 0].permute(1, 2, 0) * torch.from_numpy(cotangent)).sum().backward()
-    np.testing.assert_allclose(frame.grad_color.numpy(), image.grad.numpy(), atol=1e-5)
+    np.testing.assert_allclose(frame.grad_color.numpy(), sharpened(image.grad, line).numpy(), atol=1e-5)
     np.testing.assert_array_equal(frame.color.numpy(), sharp)
+
+
+@given(
+    st.tuples(st.floats(-12.0, 12.0), st.floats(-12.0, 12.0)),
+    arrays(np.float32, (16, 20, 1), elements=st.floats(-1.0, 1.0, width=32)),
+)
+def test_the_loss_falls_along_a_sharpened_gradient(line, values):
+    gradient = torch.from_numpy(values)
+    assert float((gradient * sharpened(gradient, np.array(line))).sum()) >= 0.9 * float(gradient.square().sum())
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_sharpened_gradients_bring_back_detail_sooner(line):
+    line, sharp = np.array(line), torch.from_numpy(picture(96, 72))
+    photograph = smeared(sharp, line)
+
+    def left(change) -> float:
+        image = photograph.clone()
+        for _ in range(20):
+            image -= 0.9 * change(smeared(smeared(image, line) - photograph, line))
+        return float((image - sharp).square().mean())
+
+    assert left(lambda gradient: sharpened(gradient, line)) < 0.8 * left(lambda gradient: gradient)
 
 
 @pytest.mark.parametrize("line", LINES)
