@@ -133,7 +133,7 @@ def sharpened(gradient: torch.Tensor, line: NDArray[np.float64]) -> torch.Tensor
 
     A line that leaves a share κ of a pattern leaves that share of its gradient as well, so the detail that is missing
     is what a descent is slowest to find. Here the share is multiplied by 1 + `_SHARPENING` (1 - κ), which is positive
-    for every pattern (κ is from -0.22 to 1): the loss still falls along it, and ends at the same image.
+    for every pattern (κ is from -0.22 to 1): the loss still falls along it, and it vanishes where the gradient does.
     """
     return torch.lerp(smeared(gradient, line), gradient, 1.0 + _SHARPENING)
 
