@@ -10,14 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import convolve, gaussian_filter, shift
+from scipy.ndimage import gaussian_filter, shift
 
-_LUMA = np.array([0.2126, 0.7152, 0.0722])  # of Rec. 709, on encoded values, as in video
-# Immerkær (1996), "Fast noise variance estimation": differences of two Laplacians, blind to straight edges.
-_NOISE_MASK = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]])
-_BLOCK = 16  # pixels
-_FLATTEST = 10  # percentile of the blocks: noise is everywhere, texture is not
-_BLACK, _WHITE = 8.0, 247.0  # beyond these a block is clipped, and noise with it
+from ..color.noise import luma, noise_level
+
 _JPEG_BLOCK = 8
 _ALIGN_BLUR = 1.5  # pixels
 _ALIGN_ROUNDS = 4
@@ -64,20 +60,6 @@ class PhotographQuality:
             blocks=float(np.median([blockiness(image) for image in lumas])),
             brightness=float(np.median([np.median(values) for values in covered])) / 255.0,
         )
-
-
-def luma(image: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """(H, W) in [0, 255] of an (H, W, 3) image."""
-    return image @ _LUMA
-
-
-def noise_level(image: NDArray[np.float64]) -> float:
-    """Standard deviation of white noise in the flattest blocks of an (H, W) image; 0 if all are clipped."""
-    residual = np.abs(convolve(image, _NOISE_MASK, mode="nearest")) / np.linalg.norm(_NOISE_MASK)
-    deviations, means = (_blocks(values).mean(axis=(1, 3)) for values in (residual, image))
-    usable = (means > _BLACK) & (means < _WHITE)
-    # For a normal distribution the mean magnitude is sqrt(2 / pi) of the standard deviation.
-    return float(np.sqrt(np.pi / 2) * np.percentile(deviations[usable], _FLATTEST)) if usable.any() else 0.0
 
 
 def sharpness(image: NDArray[np.float64], noise: float) -> float:
@@ -134,10 +116,3 @@ def _tile_shift(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDAr
 
 def _tiles(image: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     return [tile for band in np.array_split(image, _TILES, axis=0) for tile in np.array_split(band, _TILES, axis=1)]
-
-
-def _blocks(image: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(rows, _BLOCK, columns, _BLOCK) view of an image, cropped to whole blocks."""
-    side = min(_BLOCK, *image.shape)
-    rows, columns = (length // side for length in image.shape)
-    return image[: rows * side, : columns * side].reshape(rows, side, columns, side)

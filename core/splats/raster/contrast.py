@@ -6,18 +6,20 @@ A photometric loss settles for less contrast than its target has, and weak diffe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
 
 from ...color.matrices import RGB_TO_XYZ, LinearSimulation
+from ...color.noise import neighbour_difference
 from .frame import Frame
 from .rasterizer import Rasterizer
 
 _DIRECTIONS = 4  # pairs of a pixel: right, below, below right, below left
 _LAB_SCALE = 100.0  # L* of white, so that the loss is comparable to differences of sRGB values
 _LANES = 8  # as in numeric.h
+_TIMES_NOISE = 2.0  # what noise makes neighbours differ by; pairs are listed from there on
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,10 @@ class ContrastPlan:
     cap: float = 10.0
     invented: float = 0.0
     floor: float = 2.0
+
+    def beyond(self, noise: float) -> ContrastPlan:
+        """The same for photographs with this standard deviation of noise, in [0, 1], which alone lists no pair."""
+        return replace(self, listed=max(self.listed, _TIMES_NOISE * neighbour_difference(noise)))
 
 
 class ContrastHinge:

@@ -108,7 +108,7 @@ static inline double ssim_row(State& s, const LossRows& l, int row, const float*
     for (int i = 0; i < n; i += LANES) {
         Real mx = across(v + i), my = across(v + stride + i);
         Real squares = across(v + 2 * stride + i), product = across(v + 3 * stride + i);
-        Similarity r = similarity(mx, my, squares, product);
+        Similarity r = similarity(mx, my, squares, product, s.ssim_c2);
         if (weights) {
             Real m = load(weights + i);
             r.value *= m;

@@ -100,7 +100,7 @@ RASTER_FN void ssim_block(State& s, int block, int thread) {
         float windowed[4];
         window<4>(halo, rows, thread, windowed);
         if (b.inside) {
-            Similarity r = similarity(windowed[0], windowed[1], windowed[2], windowed[3]);
+            Similarity r = similarity(windowed[0], windowed[1], windowed[2], windowed[3], s.ssim_c2);
             total += (double)(r.value * mask);
             float* maps = s.ssim_maps.data + 3 * pixel + channel;
             maps[0] = r.d_mean * mask;

@@ -10,6 +10,7 @@ from .frame import Frame, Loss, Mask, RasterCamera
 from .parameters import FIELDS, Gradients, ParameterSet
 from .runner import TILE_HEIGHT, TILE_WIDTH, make_runner, resolve_device
 
+_SSIM_C2 = 0.03**2  # (K2 · range)²
 _SIZES_KEPT = 16  # image sizes whose buffers are kept; captures have few
 
 
@@ -64,7 +65,13 @@ class Rasterizer:
         )
 
     def photometric_loss(
-        self, frame: Frame, target: wp.array, ssim_weight: float = 0.2, mask: Mask | None = None
+        self,
+        frame: Frame,
+        target: wp.array,
+        ssim_weight: float = 0.2,
+        mask: Mask | None = None,
+        *,
+        noise: float = 0.0,
     ) -> Loss:
         """(1 - w) L1 + w (1 - SSIM) of the frame's colour against a photograph; fills `frame.grad_color`.
 
@@ -75,6 +82,9 @@ class Rasterizer:
             ssim_weight: w.
             mask: multiplies both images, so that SSIM treats what the photograph does not cover like what lies outside
                 the image; the means are weighted by it.
+            noise: standard deviation of the target's noise, in [0, 1]. What two noisy pixels differ by, twice its
+                variance, is added to SSIM's stabiliser of contrast and structure, (K2)²: flat parts need not match
+                noise, and textured ones count as before.
         """
         self._require_current(frame)
         runner, state = self.runner, self.runner.state
@@ -96,6 +106,7 @@ class Rasterizer:
         scale = 1.0 / (3.0 * weight) if weight > 0.0 else 0.0
         state.l1_scale = (1.0 - ssim_weight) * scale
         state.ssim_scale = ssim_weight * scale
+        state.ssim_c2 = _SSIM_C2 + 2.0 * noise**2
         sums = runner.loss()
 
         def read() -> tuple[float, float]:

@@ -78,6 +78,7 @@ class State:
     mask_bytes: wp.array2d(dtype=wp.uint8)
     l1_scale: wp.float32
     ssim_scale: wp.float32
+    ssim_c2: wp.float32  # SSIM's stabiliser of contrast and structure
     loss_scratch: wp.array(dtype=wp.float32)
     loss_partial: wp.array2d(dtype=wp.float64)  # per strip or block: sums of |x - y| and of SSIM
     ssim_maps: wp.array(dtype=wp.float32)  # CUDA: three derivatives, (3, H, W, 3)

@@ -42,6 +42,7 @@ class Fit:
         gaussians: initial ones, in frame units.
         background: behind the Gaussians.
         ssim_weight: λ of the photometric loss (1 - λ) L1 + λ (1 - SSIM).
+        noise: standard deviation of the photographs' noise, in [0, 1].
 
     Attributes:
         parameters: the current Gaussians.
@@ -50,11 +51,16 @@ class Fit:
     """
 
     def __init__(
-        self, rasterizer: Rasterizer, gaussians: Gaussians, background: Background, ssim_weight: float
+        self,
+        rasterizer: Rasterizer,
+        gaussians: Gaussians,
+        background: Background,
+        ssim_weight: float,
+        noise: float = 0.0,
     ) -> None:
         self._rasterizer = rasterizer
         self._background = background
-        self._ssim_weight = ssim_weight
+        self._ssim_weight, self._noise = ssim_weight, noise
         self._steps = 0
         self.work = 0
         self.skipped = 0
@@ -228,7 +234,7 @@ class Fit:
         return float(-10.0 * np.log10(max(error.mean(), 1e-12)))
 
     def _photometric_loss(self, frame: Frame, image: wp.array, mask: Mask | None) -> Loss:
-        return self._rasterizer.photometric_loss(frame, image, self._ssim_weight, mask)
+        return self._rasterizer.photometric_loss(frame, image, self._ssim_weight, mask, noise=self._noise)
 
     def _clear_gradients(self) -> None:
         self._gradient = np.zeros(len(self), np.float32)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...capture.model import View
+from ...color.noise import typical_noise
 from ...runtime.protocol import Reporter, StageSpan
 from ..gaussians import Gaussians
 from ..raster import LearningRates, Rasterizer
@@ -105,12 +106,13 @@ class JointTraining:
             photographs = [_still(view, result) for view in self.contrast.photographs]
             kept = KeptContrast.of(self.rasterizer, replace(self.contrast, photographs=photographs), self.background)
         span = StageSpan(reporter, STAGE, turn, 1.0, "making the views agree")
+        noise = typical_noise([view.image for view in self.views])
         gaussians, skipped = fit_guided(
             self.rasterizer,
             result.gaussians,
             [replace(_still(view, result), smear=result.smears.get(view.key)) for view in self.views],
             self.background,
-            GuidedLoss(self.rasterizer, guides, self.plan.ssim_weight, joint.multi_view_weight, kept),
+            GuidedLoss(self.rasterizer, guides, self.plan.ssim_weight, joint.multi_view_weight, kept, noise),
             lambda done: joint.learning_rates.scaled(joint.lr_final_factor**done),
             together,
             self.seed,

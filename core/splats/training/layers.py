@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from ...capture.model import View
+from ...color.noise import typical_noise
 from ..gaussians import Gaussians
 from ..raster import ContrastPlan, LearningRates, Rasterizer
 from ..targets import Background
@@ -27,7 +28,8 @@ class LayerPlan:
         lr_final_factor: factor of the learning rate at the end, reached exponentially.
         ssim_weight: weight of 1 - SSIM in the loss; higher than for the geometry, since layers are about contrast.
         multi_view_weight: λ_mv of the multi-view loss, for guides with a consensus.
-        contrast: the hinge that keeps the contrast of the enhanced views for the layer's observer.
+        contrast: the hinge that keeps the contrast of the enhanced views for the layer's observer; with a weight of 0
+            noise counts as detail.
     """
 
     epochs: int = 3
@@ -65,7 +67,8 @@ def fit_layer(
         contrast: to keep, of the same views; None leaves it to the photometric loss.
     """
     kept = KeptContrast.of(rasterizer, contrast, background) if contrast else None
-    loss = GuidedLoss(rasterizer, guides, plan.ssim_weight, plan.multi_view_weight, kept)
+    noise = typical_noise([view.image for view in views]) if plan.contrast.weight else 0.0
+    loss = GuidedLoss(rasterizer, guides, plan.ssim_weight, plan.multi_view_weight, kept, noise)
     fitted, _ = fit_guided(
         rasterizer,
         gaussians.with_base_colors(gaussians.base_colors),

@@ -13,6 +13,7 @@ from scipy.ndimage import binary_erosion
 
 from ...capture.model import View
 from ...color.matrices import LinearSimulation
+from ...color.noise import typical_noise
 from ...consistency import Consensus
 from ..raster import ContrastHinge, ContrastPlan, Frame, Loss, Mask, Rasterizer
 from ..targets import Background, TrainingView
@@ -81,7 +82,8 @@ class KeptContrast:
             (wp.array(background.behind(view), dtype=wp.uint8, device=rasterizer.device), view.mask)
             for view in contrast.photographs
         )
-        return cls(rasterizer, contrast.plan, images, contrast.observer)
+        plan = contrast.plan.beyond(typical_noise([view.image for view in contrast.photographs]))
+        return cls(rasterizer, plan, images, contrast.observer)
 
     def add_gradient(self, view: int, frame: Frame, target: wp.array) -> None:
         """Add the gradient of a view, by its index, to `frame.grad_color`, which the photometric loss has filled."""
@@ -105,6 +107,7 @@ class GuidedLoss:
         ssim_weight: weight of 1 - SSIM in the photometric loss.
         multi_view_weight: λ_mv.
         contrast: to keep; None leaves out the contrast hinge.
+        noise: standard deviation of the views' noise, in [0, 1].
     """
 
     def __init__(
@@ -114,9 +117,10 @@ class GuidedLoss:
         ssim_weight: float,
         multi_view_weight: float,
         contrast: KeptContrast | None = None,
+        noise: float = 0.0,
     ) -> None:
         device = rasterizer.device
-        self._rasterizer, self.ssim_weight = rasterizer, ssim_weight
+        self._rasterizer, self.ssim_weight, self._noise = rasterizer, ssim_weight, noise
         self._masks = [Mask.of(guide.weights, device) for guide in guides or ()]
         self._pulls = [
             MultiViewLoss(guide.consensus, guide.weights, multi_view_weight, device)
@@ -128,11 +132,17 @@ class GuidedLoss:
 
     @classmethod
     def of_photographs(
-        cls, rasterizer: Rasterizer, views: Sequence[TrainingView], ssim_weight: float, plan: ContrastPlan
+        cls,
+        rasterizer: Rasterizer,
+        views: Sequence[TrainingView],
+        ssim_weight: float,
+        plan: ContrastPlan,
+        noise: float = 0.0,
     ) -> GuidedLoss:
-        """The photometric loss of `views` with the contrast hinge for normal vision."""
-        contrast = KeptContrast(rasterizer, plan, ((view.at(1)[0], view.looked_at()) for view in views))
-        return cls(rasterizer, None, ssim_weight, 0.0, contrast)
+        """The photometric loss of `views`, which have this noise, with the contrast hinge for normal vision."""
+        photographs = ((view.at(1)[0], view.looked_at()) for view in views)
+        contrast = KeptContrast(rasterizer, plan.beyond(noise), photographs)
+        return cls(rasterizer, None, ssim_weight, 0.0, contrast, noise)
 
     def of(self, view: int) -> Callable[[Frame, wp.array, Mask | None], Loss]:
         """The loss of a view, by its index, which fills `frame.grad_color`; guides take the place of a mask.
@@ -143,7 +153,7 @@ class GuidedLoss:
 
     def _measure(self, view: int, frame: Frame, image: wp.array, mask: Mask | None = None) -> Loss:
         mask = self._masks[view] if self._masks else mask
-        loss = self._rasterizer.photometric_loss(frame, image, self.ssim_weight, mask)
+        loss = self._rasterizer.photometric_loss(frame, image, self.ssim_weight, mask, noise=self._noise)
         pull = self._pulls[view] if self._pulls else None
         if pull is not None:
             pull.add_gradient(frame, image)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...runtime.protocol import Reporter
 from ..calibration.corrections import ViewCorrections
+from ..raster import ContrastPlan
 from ..scene_frame import SceneFrame
 from .moving import MovingThings
 from .plan import Region
@@ -17,12 +18,20 @@ from .validation import HeldOut
 
 
 def conclude(
-    reporter: Reporter, steps: int, skipped: int, corrections: ViewCorrections, moving: MovingThings, *, aligned: bool
+    reporter: Reporter,
+    steps: int,
+    skipped: int,
+    corrections: ViewCorrections,
+    moving: MovingThings,
+    *,
+    aligned: bool,
+    noise: float = 0.0,
 ) -> dict[str, Any]:
     """Report steps that were skipped, of so many, and what was corrected; returns decisions about the views.
 
     Args:
         aligned: whether held-out views were aligned with the scene.
+        noise: of the photographs that the fit allowed for: its standard deviation, in [0, 1].
     """
     if skipped:
         reporter.warning(
@@ -45,6 +54,9 @@ def conclude(
     decision = corrections.in_words() | moving.in_words()
     if aligned:
         decision["poses"] += "; the held-out views were then aligned with the finished scene"
+    if noise:
+        least = ContrastPlan().beyond(noise).listed
+        decision["noise"] = f"allowed for: neighbouring pixels count as distinct from {least:.0f} ΔE on"
     return decision
 
 

@@ -102,7 +102,8 @@ class TrainingPlan:
             they are measured.
         blur: how motion blur is kept out of the scene; None to leave it in.
         moving: how things that move are left out; None leaves them in.
-        contrast: hinge that brings back weak contrast in the last part of the run; None leaves it out.
+        contrast: hinge that brings back weak contrast in the last part of the run; None leaves it out, and counts noise
+            as detail.
         contrast_from: fraction of the run from which it counts.
         curve_points: measurements on the held-out views.
         curve_views: views in each of them, about.
@@ -171,7 +172,7 @@ class TrainingResult:
         seconds: of the loop and its preparation, without the measurements for the curve.
         initial: number of Gaussians at the start.
         decision: automatic decisions and their reasons in plain words: views, strategy, gaussians, steps, sh_degree,
-            exposure, poses, moving.
+            exposure, poses, moving, noise.
         skipped: steps skipped, entirely or for some Gaussians, because of non-finite numbers.
         moved_poses: (4, 4) world-to-camera by view key, if poses were refined. Held-out views are then aligned with
             the finished scene, which is not fitted to them.

@@ -81,6 +81,7 @@ class StartTrial:
         ssim_weight: of the loss.
         learning_rates: the initial ones.
         seed: of the order of the views.
+        noise: standard deviation of the photographs' noise, in [0, 1].
         told: receives what is being done, in words.
     """
 
@@ -93,6 +94,7 @@ class StartTrial:
     ssim_weight: float
     learning_rates: LearningRates
     seed: int
+    noise: float = 0.0
     told: Callable[[str], None] = lambda _message: None
 
     @property
@@ -104,7 +106,7 @@ class StartTrial:
         """The Gaussians after a trial from `start`, and their PSNR on the views that judge, in dB."""
         cameras = [view.at(1)[1] for view in self.fitted]
         rates = replace(self.learning_rates, means=self.learning_rates.means * means_reach(start.means, cameras))
-        fit = Fit(self.rasterizer, start, self.background, self.ssim_weight)
+        fit = Fit(self.rasterizer, start, self.background, self.ssim_weight, self.noise)
         order = ViewOrder(len(self.fitted), np.random.default_rng(self.seed))
         for _ in range(self.steps):
             fit.step(self.fitted[order.next()], self.reduction, rates)

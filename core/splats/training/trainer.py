@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...capture.model import View
+from ...color.noise import typical_noise
 from ...files.states import Restorable, SavedState, State, restore_random
 from ...runtime.protocol import Reporter
 from ..calibration.corrections import Proposal, ViewCorrections
@@ -76,9 +77,7 @@ class Trainer:
     ) -> None:
         self._curve, self._reporter = Curve(), reporter or Reporter()
         self._done_before = 0.0  # of the stage, before the first step
-        self._rasterizer = rasterizer
-        self._plan = plan
-        self._background = background
+        self._rasterizer, self._plan, self._background = rasterizer, plan, background
         self._rng = np.random.default_rng(seed)
         self._frame = SceneFrame.around(views, points)
         self._split = split_views(len(views), len(held_out), decides=plan.decides)
@@ -88,7 +87,8 @@ class Trainer:
         self._limit = plan.limit or plan.growth.ceiling(sum(v.camera.width * v.camera.height for v in views))
         self._strategy = plan.strategy or MultiViewConsistent()
         self._schedule = TrainingSchedule(plan, self._strategy.schedule)
-        self.fit = Fit(rasterizer, Gaussians.none(), background, plan.ssim_weight)
+        self._noise = typical_noise([view.image for view in fitted]) if plan.contrast else 0.0
+        self.fit = Fit(rasterizer, Gaussians.none(), background, plan.ssim_weight, self._noise)
         self._step, self._ended = 0, False
         self._corrections = ViewCorrections(
             rasterizer, self._targets, background, plan.exposure, plan.poses, plan.blur, plan.steps
@@ -121,7 +121,7 @@ class Trainer:
         plan, fitted, judging = self._plan, self._targets[: self._fitted_count], self._targets[self._fitted_count :]
         trial = StartTrial(
             *(self._rasterizer, self._background, fitted, judging, self._schedule.coarsest),
-            *(plan.start.trial_steps(plan.steps), plan.ssim_weight, plan.learning_rates, seed),
+            *(plan.start.trial_steps(plan.steps), plan.ssim_weight, plan.learning_rates, seed, self._noise),
             partial(self._reporter.status, STAGE),
         )
 
@@ -176,6 +176,7 @@ class Trainer:
         decision = self._log.in_words(self._step, self.fit) | conclude(
             *(reporter, self._step, self.fit.skipped, self._corrections, self._moving),
             aligned=bool(self._held_out.poses),
+            noise=self._noise,
         )
         measured = self._curve.entries, self._curve.seconds, self._log.initial
         found = found_in_views(self._corrections, self._moving, self._keys, self._held_out, self._frame)
@@ -228,7 +229,7 @@ class Trainer:
         )
 
     def _contrast_loss(self, plan: ContrastPlan) -> GuidedLoss:
-        return GuidedLoss.of_photographs(self._rasterizer, self._targets, self._plan.ssim_weight, plan)
+        return GuidedLoss.of_photographs(self._rasterizer, self._targets, self._plan.ssim_weight, plan, self._noise)
 
     # Densification
 

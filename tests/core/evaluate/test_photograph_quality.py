@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, shift
 
-from cvdgs.core.evaluate.photograph_quality import PhotographQuality, blockiness, image_shift, noise_level
+from cvdgs.core.evaluate.photograph_quality import PhotographQuality, blockiness, image_shift
 
 
 def scene(seed: int = 0, detail: float = 1.2) -> np.ndarray:
@@ -14,19 +14,6 @@ def scene(seed: int = 0, detail: float = 1.2) -> np.ndarray:
     rng = np.random.default_rng(seed)
     image = gaussian_filter(rng.standard_normal((144, 192, 3)), (detail, detail, 0))
     return np.clip(128 + 40 * image / image.std(), 0, 255).astype(np.uint8)
-
-
-@pytest.mark.parametrize("deviation", [2.0, 5.0, 12.0])
-def test_noise_is_found_on_a_flat_image(deviation: float) -> None:
-    noise = np.random.default_rng(3).normal(0.0, deviation, (160, 160))
-    assert noise_level(128.0 + noise) == pytest.approx(deviation, rel=0.2)
-
-
-def test_straight_edges_and_clipped_parts_are_no_noise() -> None:
-    image = np.zeros((96, 96))
-    image[:, 48:] = 200.0
-    assert noise_level(image) == pytest.approx(0.0, abs=1e-9)
-    assert noise_level(np.zeros((64, 64))) == 0.0
 
 
 def test_the_black_around_a_subject_that_is_cut_out_is_no_darkness() -> None:

@@ -125,6 +125,23 @@ def test_pictures_without_contrast_ask_for_nothing() -> None:
     assert not Scene().gradient(rendered, grey, grey, OBSERVERS[0], ContrastPlan()).any()
 
 
+def test_noise_that_is_known_is_no_contrast() -> None:
+    noise = 5.0 / 255.0
+    flat = np.random.default_rng(0).normal(120.0, 5.0, (HEIGHT, WIDTH, 3))
+    edge = np.where(np.arange(WIDTH)[:, None] < WIDTH // 2, flat, flat + 100.0)
+    usual, beyond = (ContrastHinge(Scene().rasterizer, plan) for plan in (ContrastPlan(), ContrastPlan().beyond(noise)))
+
+    def to_the_right(hinge: ContrastHinge, image: NDArray) -> NDArray[np.bool_]:
+        return hinge.pairs(wp.array(np.clip(image, 0, 255).astype(np.uint8), dtype=wp.uint8)).numpy() & 1 > 0
+
+    assert to_the_right(beyond, flat).sum() < 0.05 * to_the_right(usual, flat).sum()
+    assert to_the_right(beyond, edge)[:, WIDTH // 2 - 1].all()
+
+
+def test_photographs_without_noise_leave_the_plan_as_it_is() -> None:
+    assert ContrastPlan().beyond(0.0) == ContrastPlan()
+
+
 def test_images_of_another_size_are_refused() -> None:
     scene = Scene()
     hinge = ContrastHinge(scene.rasterizer, ContrastPlan())

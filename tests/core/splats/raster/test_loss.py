@@ -15,7 +15,7 @@ WINDOW, SIGMA, C1, C2 = 11, 1.5, 0.01**2, 0.03**2
 SIZES = [(40, 33), (7, 5), (1, 1), (11, 100), (96, 64), (65, 31)]
 
 
-def ssim_map(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+def ssim_map(x: torch.Tensor, y: torch.Tensor, c2: float = C2) -> torch.Tensor:
     """(3, H, W) in the same shape: Wang et al. 2004 with zero padding, by plain two-dimensional convolutions."""
     offsets = torch.arange(WINDOW, dtype=torch.float64) - WINDOW // 2
     window = torch.exp(-(offsets**2) / (2 * SIGMA**2))
@@ -26,16 +26,16 @@ def ssim_map(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
 
     mx, my = blur(x), blur(y)
     vx, vy, vxy = blur(x * x) - mx**2, blur(y * y) - my**2, blur(x * y) - mx * my
-    return (2 * mx * my + C1) * (2 * vxy + C2) / ((mx**2 + my**2 + C1) * (vx + vy + C2))
+    return (2 * mx * my + C1) * (2 * vxy + c2) / ((mx**2 + my**2 + C1) * (vx + vy + c2))
 
 
-def expected_loss(x: np.ndarray, y: np.ndarray, weight: float, mask: np.ndarray | None):
+def expected_loss(x: np.ndarray, y: np.ndarray, weight: float, mask: np.ndarray | None, noise: float = 0.0):
     color = torch.from_numpy(x.astype(np.float64)).requires_grad_()
     target = torch.from_numpy(y.astype(np.float64))
     m = torch.ones(x.shape[:2], dtype=torch.float64) if mask is None else torch.from_numpy(mask.astype(np.float64))
     a, b = color * m[..., None], target * m[..., None]
     l1 = (a - b).abs().sum() / (3 * m.sum())
-    ssim = (ssim_map(a.permute(2, 0, 1), b.permute(2, 0, 1)) * m).sum() / (3 * m.sum())
+    ssim = (ssim_map(a.permute(2, 0, 1), b.permute(2, 0, 1), C2 + 2.0 * noise**2) * m).sum() / (3 * m.sum())
     total = (1 - weight) * l1 + weight * (1 - ssim)
     total.backward()
     return float(total.detach()), float(l1.detach()), float(ssim.detach()), color.grad.numpy()
@@ -70,17 +70,16 @@ def masks(width: int, height: int) -> dict[str, np.ndarray | None]:
 
 @pytest.mark.parametrize("mask_name", ["none", "soft", "bytes"])
 @pytest.mark.parametrize(("width", "height"), SIZES)
-@pytest.mark.parametrize("weight", [0.2, 1.0])
-def test_value_and_gradient_match_float64(width, height, mask_name, weight):
+@pytest.mark.parametrize(("weight", "noise"), [(0.2, 0.0), (1.0, 0.0), (0.4, 0.05)])
+def test_value_and_gradient_match_float64(width, height, mask_name, weight, noise):
     x, photograph = images(width, height)
     mask = masks(width, height)[mask_name]
     rasterizer = Rasterizer(threads=2)
     frame = frame_showing(rasterizer, x)
     as_float = None if mask is None else (mask / 255.0 if mask.dtype == np.uint8 else mask)
-    total, l1, ssim, gradient = expected_loss(x, photograph / 255.0, weight, as_float)
-    loss = rasterizer.photometric_loss(
-        frame, wp.array(photograph, dtype=wp.uint8, device="cpu"), weight, None if mask is None else Mask.of(mask)
-    )
+    total, l1, ssim, gradient = expected_loss(x, photograph / 255.0, weight, as_float, noise)
+    given_mask = None if mask is None else Mask.of(mask)
+    loss = rasterizer.photometric_loss(frame, on_cpu(photograph), weight, given_mask, noise=noise)
     assert loss.total == pytest.approx(total, abs=2e-6)
     assert loss.l1 == pytest.approx(l1, abs=2e-6)
     assert loss.ssim == pytest.approx(ssim, abs=5e-6)

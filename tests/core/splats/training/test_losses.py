@@ -13,6 +13,7 @@ from cvdgs.core.evaluate.scores import Scorer
 from cvdgs.core.splats.gaussians import SH_C0, Gaussians
 from cvdgs.core.splats.raster import ContrastPlan, ParameterSet, RasterCamera, Rasterizer
 from cvdgs.core.splats.renderer import SceneRenderer
+from cvdgs.core.splats.training import layers, losses
 from cvdgs.core.splats.training.layers import LayerPlan, fit_layer
 from cvdgs.core.splats.training.losses import MultiViewLoss, SeenContrast, ViewGuide
 
@@ -157,3 +158,21 @@ def test_views_without_any_contrast_are_fitted_as_ever(scene, views):
     )
     without = fit_layer(Rasterizer("cpu", 1), scene, plain, PLAN, BLACK, 0)
     np.testing.assert_array_equal(with_hinge.sh, without.sh)
+
+
+def test_noise_of_the_photographs_is_not_fitted_as_detail(scene, views, monkeypatch):
+    random = np.random.default_rng(0)
+    noisy = [
+        replace(view, image=np.clip(view.image + random.normal(0, 20, view.image.shape), 0, 255).astype(np.uint8))
+        for view in views[:3]
+    ]
+    rasterizer, error = Rasterizer("cpu", 1), []
+    for known in (True, False):
+        if not known:
+            monkeypatch.setattr(layers, "typical_noise", lambda _: 0.0)
+            monkeypatch.setattr(losses, "typical_noise", lambda _: 0.0)
+        layer = fit_layer(rasterizer, scene, noisy, PLAN, BLACK, 0, contrast=SeenContrast(PLAN.contrast, noisy))
+        shown = SceneRenderer(rasterizer, views, BLACK)
+        clean = [shown.color(layer, index) - view.image.astype(float) for index, view in enumerate(views)]
+        error.append(np.square(clean).mean())
+    assert error[0] < 0.9 * error[1]

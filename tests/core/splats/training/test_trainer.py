@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.capture.model import PinholeCamera, View
+from cvdgs.core.color.noise import neighbour_difference
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.core.splats.gaussians import SH_C0, Gaussians
 from cvdgs.core.splats.raster import ContrastPlan, Rasterizer
@@ -194,6 +195,20 @@ def test_when_psnr_says_enough_a_trial_of_contrast_may_say_more(scene, views):
     assert "of the contrast in a trial" in enough.decision["gaussians"]
     assert "growth paid" in more.decision["gaussians"]
     assert len(more.gaussians) > len(enough.gaussians)
+
+
+def test_a_run_says_whether_it_allowed_for_noise(scene):
+    smooth = photographs(wall(60), size=(192, 144))
+    random = np.random.default_rng(0)
+    noisy = [
+        replace(view, image=np.clip(view.image + random.normal(0, 12, view.image.shape), 0, 255).astype(np.uint8))
+        for view in smooth
+    ]
+    plan = TrainingPlan(steps=20, limit=200)
+    told = [train(views, scene.means, plan).decision.get("noise", "") for views in (smooth, noisy)]
+    assert told[0] == ""
+    _, least = told[1].removesuffix(" ΔE on").split("allowed for: neighbouring pixels count as distinct from ")
+    assert float(least) == pytest.approx(2.0 * neighbour_difference(12.0 / 255.0), rel=0.3)  # some is clipped by black
 
 
 def test_view_dependent_colours_are_detected(views):
