@@ -18,6 +18,7 @@ FEW_VIEWS = 8
 """Training views from which one can be spared for validation if no view is held out."""
 _MOST_VALIDATION = 6
 _ONE_IN = 18  # on the demo, validating on two of 35 views to the end cost 0.3 dB
+_SMALL_SCENE, _FEWEST_PIXELS = 10_000, 50  # up to so many Gaussians, pixels of the training views for each are enough
 _LEAST_DOUBLINGS = 0.1  # of the number of Gaussians, for a gain to be ascribed to it
 # A few validation views scatter by this much from one measurement to the next; a smaller loss is no reason to go back.
 _WORTH_RESTORING = 0.15  # dB
@@ -108,7 +109,8 @@ class GrowthRule:
         trial: share of the run's steps in either branch, at least `fewest_trial_steps`; none is made in runs of which
             that would be more than `largest_trial`.
         window: rounds over which a gain is measured, so that one noisy measurement does not decide.
-        pixels_per_gaussian: of the training views, at least; limits the number of Gaussians.
+        pixels_per_gaussian: of the training views, at least; limits the number of Gaussians. Small scenes, of few
+            photographs or small ones, may have more.
         fewest: lower bound of that limit.
     """
 
@@ -124,7 +126,8 @@ class GrowthRule:
 
     def ceiling(self, pixels: int) -> int:
         """Most Gaussians that this number of pixels can determine."""
-        return max(pixels // self.pixels_per_gaussian, self.fewest)
+        small = min(pixels // _FEWEST_PIXELS, _SMALL_SCENE)
+        return max(pixels // self.pixels_per_gaussian, small, self.fewest)
 
     def verdict(self, rounds: Sequence[Measurement]) -> str | None:
         """Why the last `window` rounds show that there are enough; None while growth pays."""

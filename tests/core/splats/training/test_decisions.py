@@ -51,6 +51,19 @@ def test_gaussians_are_worth_it_for_psnr_or_for_contrast():
     assert not rule.pays(GrowthTrial(psnr=0.3, contrast=0.005))
 
 
+def test_few_photographs_may_have_twice_as_many_gaussians_for_their_pixels_as_many_photographs():
+    photograph = 240 * 180
+    assert GrowthRule().ceiling(10 * photograph) == 10 * photograph // 50
+    assert GrowthRule().ceiling(40 * photograph) == 40 * photograph // 100
+    assert GrowthRule(fewest=500).ceiling(1) == 500
+
+
+@given(st.integers(0, 10**9), st.integers(0, 10**9))
+def test_more_pixels_never_mean_fewer_gaussians(first, second):
+    fewer, more = sorted((first, second))
+    assert GrowthRule().ceiling(fewer) <= GrowthRule().ceiling(more)
+
+
 def test_a_trial_of_growth_is_made_where_it_can_tell_and_takes_a_small_share_of_the_run():
     rule = GrowthRule()
     assert rule.trial_steps(100) == 0
