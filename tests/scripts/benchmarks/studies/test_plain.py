@@ -4,6 +4,7 @@ import pandas as pd
 
 from cvdgs.core.capture.reader import read_capture
 from cvdgs.core.demo import SHOWROOM
+from cvdgs.core.splats.training.decisions import GrowthRule
 from cvdgs.scripts.benchmarks.studies.plain import Comparison, compare, write_plain
 
 
@@ -11,7 +12,7 @@ def test_both_are_trained_within_the_same_room():
     capture = read_capture(SHOWROOM, max_size=64)
     found = compare(capture, 64, 20)
     assert found.gain == found.ours - found.plain
-    room = 35 * 64 * 48 // 100
+    room = GrowthRule().ceiling(35 * 64 * 48)
     assert 0 < found.our_gaussians <= room
     assert 0 < found.plain_gaussians <= room
 
