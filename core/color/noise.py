@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -38,7 +39,7 @@ def typical_noise(photographs: Sequence[NDArray[np.uint8]]) -> float:
 
     0 where there is hardly any: what is measured then is texture.
     """
-    chosen = photographs[:: -(-len(photographs) // _MEASURED) or 1]
+    chosen = photographs[:: max(math.ceil(len(photographs) / _MEASURED), 1)]
     level = float(np.median([noise_level(luma(image)) for image in chosen])) if len(chosen) else 0.0
     return level / (255.0 * float(np.linalg.norm(_LUMA))) if level > _QUIET else 0.0
 

@@ -43,7 +43,7 @@ class ContrastPlan:
     floor: float = 2.0
 
     def beyond(self, noise: float) -> ContrastPlan:
-        """The same for photographs with this standard deviation of noise, in [0, 1], which alone lists no pair."""
+        """The same for noise of this standard deviation, in [0, 1], which by itself then lists hardly a pair."""
         return replace(self, listed=max(self.listed, _TIMES_NOISE * neighbour_difference(noise)))
 
 

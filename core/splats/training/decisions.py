@@ -18,7 +18,8 @@ FEW_VIEWS = 8
 """Training views from which one can be spared for validation if no view is held out."""
 _MOST_VALIDATION = 6
 _ONE_IN = 18  # on the demo, validating on two of 35 views to the end cost 0.3 dB
-_SMALL_SCENE, _FEWEST_PIXELS = 10_000, 50  # up to so many Gaussians, pixels of the training views for each are enough
+_SMALL_SCENE = 10_000  # Gaussians, up to which `_SMALL_SCENE_PIXELS` of the training views are enough for each
+_SMALL_SCENE_PIXELS = 50  # with 25, scenes of few photographs overfitted by up to 2.4 dB
 _LEAST_DOUBLINGS = 0.1  # of the number of Gaussians, for a gain to be ascribed to it
 # A few validation views scatter by this much from one measurement to the next; a smaller loss is no reason to go back.
 _WORTH_RESTORING = 0.15  # dB
@@ -109,8 +110,8 @@ class GrowthRule:
         trial: share of the run's steps in either branch, at least `fewest_trial_steps`; none is made in runs of which
             that would be more than `largest_trial`.
         window: rounds over which a gain is measured, so that one noisy measurement does not decide.
-        pixels_per_gaussian: of the training views, at least; limits the number of Gaussians. Small scenes, of few
-            photographs or small ones, may have more.
+        pixels_per_gaussian: of the training views, at least; limits the number of Gaussians. Scenes of few
+            or small photographs may have more.
         fewest: lower bound of that limit.
     """
 
@@ -126,7 +127,7 @@ class GrowthRule:
 
     def ceiling(self, pixels: int) -> int:
         """Most Gaussians that this number of pixels can determine."""
-        small = min(pixels // _FEWEST_PIXELS, _SMALL_SCENE)
+        small = min(pixels // _SMALL_SCENE_PIXELS, _SMALL_SCENE)
         return max(pixels // self.pixels_per_gaussian, small, self.fewest)
 
     def verdict(self, rounds: Sequence[Measurement]) -> str | None:
