@@ -144,8 +144,8 @@ def test_it_ends_with_the_process_that_started_it(run_folder, tmp_path):
     starter = subprocess.Popen(
         [sys.executable, "-c", STARTER, str(WORKER), endless], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     )
-    while b"picture 1" not in starter.stdout.readline():
-        pass
+    while b"picture 2" not in starter.stdout.readline():
+        pass  # a picture is announced before it is rendered: the first one lies there with the second one's message
     starter.kill()
     starter.wait()
     starter.stdout.read()  # until the worker, too, has closed it
