@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -71,6 +71,10 @@ class ParameterSet:
         """The arrays of `numpy` out of a file; raises `InputError` where they are not of `count` Gaussians."""
         arrays = {name: saved.array(name, np.float32, *shape) for name, shape in _shapes(count, sh_count)}
         return cls(**{name: wp.array(array, dtype=wp.float32, device=device) for name, array in arrays.items()})
+
+    def with_opacity_logits(self, logits: NDArray[np.float32]) -> Self:
+        """The same Gaussians with other opacities, (N,); all other arrays are shared."""
+        return replace(self, opacity_logits=wp.array(logits, dtype=wp.float32, device=self.device))
 
     def numpy(self) -> dict[str, NDArray[np.float32]]:
         """The arrays by field name: views of this memory on the CPU, copies on CUDA."""

@@ -22,6 +22,7 @@ from ..raster import Adam, Frame, LearningRates, Loss, Mask, ParameterSet, Raste
 from ..scene_frame import SceneFrame
 from ..strategy import Refinement
 from ..targets import Background, TrainingView, ViewOrder, prepare_targets
+from .dropout import thinned
 from .losses import GuidedLoss
 
 # A larger parameter, in frame units, is the result of a bad step: scenes are about one unit large.
@@ -43,9 +44,11 @@ class Fit:
         background: behind the Gaussians.
         ssim_weight: λ of the photometric loss (1 - λ) L1 + λ (1 - SSIM).
         noise: standard deviation of the photographs' noise, in [0, 1].
+        dropout: share of the Gaussians that is left out of each step, unless colours alone are fitted.
 
     Attributes:
         parameters: the current Gaussians.
+        noise, dropout: as given.
         work: tile intersections so far, a hardware-independent cost proxy.
         skipped: steps skipped, entirely or for some Gaussians, because of non-finite numbers.
     """
@@ -57,10 +60,11 @@ class Fit:
         background: Background,
         ssim_weight: float,
         noise: float = 0.0,
+        dropout: float = 0.0,
     ) -> None:
         self._rasterizer = rasterizer
         self._background = background
-        self._ssim_weight, self._noise = ssim_weight, noise
+        self._ssim_weight, self.noise, self.dropout = ssim_weight, noise, dropout
         self._steps = 0
         self.work = 0
         self.skipped = 0
@@ -141,7 +145,8 @@ class Fit:
         self._steps += 1
         image, camera = view.at(reduction)
         camera = correction.camera(camera)
-        frame = self._rasterizer.render(self.parameters, camera, self._background.color)
+        drawn = self.parameters if colors_only else thinned(self.parameters, self.dropout, self._steps)
+        frame = self._rasterizer.render(drawn, camera, self._background.color)
         self.work += frame.intersections
         correction.before_loss(frame)
         measured = (loss or self._photometric_loss)(frame, image, view.mask_at(reduction))
@@ -234,7 +239,7 @@ class Fit:
         return float(-10.0 * np.log10(max(error.mean(), 1e-12)))
 
     def _photometric_loss(self, frame: Frame, image: wp.array, mask: Mask | None) -> Loss:
-        return self._rasterizer.photometric_loss(frame, image, self._ssim_weight, mask, noise=self._noise)
+        return self._rasterizer.photometric_loss(frame, image, self._ssim_weight, mask, noise=self.noise)
 
     def _clear_gradients(self) -> None:
         self._gradient = np.zeros(len(self), np.float32)

@@ -12,6 +12,7 @@ from ...runtime.protocol import Reporter
 from ..calibration.corrections import ViewCorrections
 from ..raster import ContrastPlan
 from ..scene_frame import SceneFrame
+from .fitting import Fit
 from .moving import MovingThings
 from .plan import Region
 from .validation import HeldOut
@@ -20,23 +21,21 @@ from .validation import HeldOut
 def conclude(
     reporter: Reporter,
     steps: int,
-    skipped: int,
+    fit: Fit,
     corrections: ViewCorrections,
     moving: MovingThings,
     *,
     aligned: bool,
-    noise: float = 0.0,
 ) -> dict[str, Any]:
     """Report steps that were skipped, of so many, and what was corrected; returns decisions about the views.
 
     Args:
         aligned: whether held-out views were aligned with the scene.
-        noise: of the photographs that the fit allowed for: its standard deviation, in [0, 1].
     """
-    if skipped:
+    if fit.skipped:
         reporter.warning(
             "skipped-steps",
-            f"{skipped} of {steps} steps gave numbers that are not finite and were skipped, entirely or for the "
+            f"{fit.skipped} of {steps} steps gave numbers that are not finite and were skipped, entirely or for the "
             "Gaussians concerned",
         )
     if corrections.poses_were_off:
@@ -54,9 +53,11 @@ def conclude(
     decision = corrections.in_words() | moving.in_words()
     if aligned:
         decision["poses"] += "; the held-out views were then aligned with the finished scene"
-    if noise:
-        least = ContrastPlan().beyond(noise).listed
+    if fit.noise:
+        least = ContrastPlan().beyond(fit.noise).listed
         decision["noise"] = f"allowed for: neighbouring pixels count as distinct from {least:.0f} ΔE on"
+    if fit.dropout:
+        decision["dropout"] = f"{fit.dropout:.0%} of the Gaussians left out of each step, since photographs are few"
     return decision
 
 

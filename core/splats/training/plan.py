@@ -172,7 +172,7 @@ class TrainingResult:
         seconds: of the loop and its preparation, without the measurements for the curve.
         initial: number of Gaussians at the start.
         decision: automatic decisions and their reasons in plain words: views, strategy, gaussians, steps, sh_degree,
-            exposure, poses, moving, noise.
+            exposure, poses, moving, noise, dropout.
         skipped: steps skipped, entirely or for some Gaussians, because of non-finite numbers.
         moved_poses: (4, 4) world-to-camera by view key, if poses were refined. Held-out views are then aligned with
             the finished scene, which is not fitted to them.

@@ -28,6 +28,7 @@ from ..strategy.editing import in_morton_order, morton_order
 from ..targets import Background, TrainingView, ViewOrder, prepare_targets
 from .checkpoints import Checkpoints, fingerprint, watched
 from .decisions import DecisionLog, Measurement, split_views
+from .dropout import dropout_share
 from .fitting import Fit
 from .losses import GuidedLoss
 from .moving import MovingThings
@@ -87,8 +88,9 @@ class Trainer:
         self._limit = plan.limit or plan.growth.ceiling(sum(v.camera.width * v.camera.height for v in views))
         self._strategy = plan.strategy or MultiViewConsistent()
         self._schedule = TrainingSchedule(plan, self._strategy.schedule)
-        self._noise = typical_noise([view.image for view in fitted]) if plan.contrast else 0.0
-        self.fit = Fit(rasterizer, Gaussians.none(), background, plan.ssim_weight, self._noise)
+        noise = typical_noise([view.image for view in fitted]) if plan.contrast else 0.0
+        dropout = dropout_share(plan.steps, len(fitted)) if plan.decides else 0.0
+        self.fit = Fit(rasterizer, Gaussians.none(), background, plan.ssim_weight, noise, dropout)
         self._step, self._ended = 0, False
         self._corrections = ViewCorrections(
             rasterizer, self._targets, background, plan.exposure, plan.poses, plan.blur, plan.steps
@@ -121,7 +123,7 @@ class Trainer:
         plan, fitted, judging = self._plan, self._targets[: self._fitted_count], self._targets[self._fitted_count :]
         trial = StartTrial(
             *(self._rasterizer, self._background, fitted, judging, self._schedule.coarsest),
-            *(plan.start.trial_steps(plan.steps), plan.ssim_weight, plan.learning_rates, seed, self._noise),
+            *(plan.start.trial_steps(plan.steps), plan.ssim_weight, plan.learning_rates, seed, self.fit.noise),
             partial(self._reporter.status, STAGE),
         )
 
@@ -174,9 +176,7 @@ class Trainer:
         self._finish(self._step)
         reporter.progress(STAGE, 1.0, f"{len(self.fit):,} Gaussians")
         decision = self._log.in_words(self._step, self.fit) | conclude(
-            *(reporter, self._step, self.fit.skipped, self._corrections, self._moving),
-            aligned=bool(self._held_out.poses),
-            noise=self._noise,
+            *(reporter, self._step, self.fit, self._corrections, self._moving), aligned=bool(self._held_out.poses)
         )
         measured = self._curve.entries, self._curve.seconds, self._log.initial
         found = found_in_views(self._corrections, self._moving, self._keys, self._held_out, self._frame)
@@ -229,7 +229,7 @@ class Trainer:
         )
 
     def _contrast_loss(self, plan: ContrastPlan) -> GuidedLoss:
-        return GuidedLoss.of_photographs(self._rasterizer, self._targets, self._plan.ssim_weight, plan, self._noise)
+        return GuidedLoss.of_photographs(self._rasterizer, self._targets, self._plan.ssim_weight, plan, self.fit.noise)
 
     # Densification
 

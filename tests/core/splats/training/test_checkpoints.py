@@ -145,6 +145,14 @@ def test_a_run_that_ends_early_may_be_broken_off_in_its_last_part(trainer, scene
     assert_same(trainer(resume=True, plan=plan).train(Reporter()), whole)
 
 
+def test_so_does_one_that_leaves_gaussians_out_of_its_steps(scene, tmp_path, said):
+    few, plan = photographs(scene, count=3), TrainingPlan(steps=400, sh_degree=0, contrast=None)
+    whole = make_trainer(scene, few, tmp_path / "none", said, False, plan).train(Reporter())
+    assert "dropout" in whole.decision
+    break_off(make_trainer(scene, few, tmp_path / "kept", said, False, plan), STEPS // 2)
+    assert_same(make_trainer(scene, few, tmp_path / "kept", said, True, plan).train(Reporter()), whole)
+
+
 def test_a_run_may_be_broken_off_again_and_again(trainer, uninterrupted):
     for number, step in enumerate((30, 60, 110)):
         break_off(trainer(resume=number > 0), step)
