@@ -8,14 +8,15 @@ from the photographs' cameras and wrong from elsewhere. Where any of them may be
 from __future__ import annotations
 
 import numpy as np
+from scipy.special import expit, logit
 
 from ..raster import ParameterSet
 
 _SHARE = 0.1
-_FEW_VIEWS = 10  # 17 neither gained nor lost by it, and 35 lost 0.6 dB
+_FEW_VIEWS = 10  # 17 gained nothing by it, and 35 lost 0.6 dB
 _OFTEN = 200  # steps for each of them; 60 are too few to overfit, and lost 0.3 dB by it
 _NEVER_DRAWN = -30.0  # logit of the opacity
-_MOST_OPAQUE = 0.995
+_LEAST_OPAQUE, _MOST_OPAQUE = 1e-6, 0.995  # so that logits stay finite
 
 
 def dropout_share(steps: int, views: int) -> float:
@@ -35,6 +36,6 @@ def thinned(parameters: ParameterSet, share: float, seed: int) -> ParameterSet:
     if not share:
         return parameters
     logits = parameters.opacity_logits.numpy()
-    opacities = np.minimum(1.0 / (1.0 + np.exp(-logits)) / (1.0 - share), _MOST_OPAQUE)
+    opacities = np.clip(expit(logits) / (1.0 - share), _LEAST_OPAQUE, _MOST_OPAQUE)
     drawn = np.random.default_rng(seed).random(len(logits)) >= share
-    return parameters.with_opacity_logits(np.where(drawn, np.log(opacities / (1.0 - opacities)), _NEVER_DRAWN))
+    return parameters.with_opacity_logits(np.where(drawn, logit(opacities), _NEVER_DRAWN))

@@ -53,6 +53,15 @@ def test_the_same_seed_leaves_the_same_ones_out_and_another_one_others(scene):
     assert thinned(given, 0.0, 4) is given
 
 
+@pytest.mark.filterwarnings("error")
+def test_opacities_at_the_ends_of_their_range_stay_finite(scene):
+    extreme = np.tile(np.array([-9e3, -100.0, 100.0, 9e3], np.float32), 100)
+    logits = thinned(ParameterSet.from_gaussians(replace(scene, opacity_logits=extreme)), 0.1, 0).opacity_logits.numpy()
+    assert np.isfinite(logits).all()
+    assert logits[extreme < 0.0].max() < -9.0
+    assert logits.max() > 5.0
+
+
 def test_a_step_moves_what_it_draws_and_nothing_else(scene):
     views, rasterizer = photographs(scene, count=2), Rasterizer("cpu")
     frame = SceneFrame.around(views, scene.means)
