@@ -110,8 +110,8 @@ class GrowthRule:
         trial: share of the run's steps in either branch, at least `fewest_trial_steps`; none is made in runs of which
             that would be more than `largest_trial`.
         window: rounds over which a gain is measured, so that one noisy measurement does not decide.
-        pixels_per_gaussian: of the training views, at least; limits the number of Gaussians. Scenes of few
-            or small photographs may have more.
+        pixels_per_gaussian: of the training views, at least; limits the number of Gaussians. Scenes of few or
+            small photographs may have more.
         fewest: lower bound of that limit.
     """
 

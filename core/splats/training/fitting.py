@@ -44,7 +44,7 @@ class Fit:
         background: behind the Gaussians.
         ssim_weight: λ of the photometric loss (1 - λ) L1 + λ (1 - SSIM).
         noise: standard deviation of the photographs' noise, in [0, 1].
-        dropout: share of the Gaussians that is left out of each step, unless colours alone are fitted.
+        dropout: share of the Gaussians that is left out of each step.
 
     Attributes:
         parameters: the current Gaussians.
@@ -145,7 +145,7 @@ class Fit:
         self._steps += 1
         image, camera = view.at(reduction)
         camera = correction.camera(camera)
-        drawn = self.parameters if colors_only else thinned(self.parameters, self.dropout, self._steps)
+        drawn = thinned(self.parameters, self.dropout, self._steps)
         frame = self._rasterizer.render(drawn, camera, self._background.color)
         self.work += frame.intersections
         correction.before_loss(frame)

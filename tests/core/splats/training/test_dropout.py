@@ -37,20 +37,19 @@ def test_only_runs_that_fit_few_photographs_very_often_leave_gaussians_out(views
 
 @pytest.mark.parametrize("share", [0.1, 0.5])
 def test_some_are_invisible_and_the_mean_opacity_stays(scene, share):
-    given = ParameterSet.from_gaussians(replace(scene, opacity_logits=np.full(400, -1.0, np.float32)))
-    drawn = np.mean([opacities(thinned(given, share, seed)) for seed in range(300)], axis=0)
-    np.testing.assert_allclose(drawn, opacities(given), atol=0.08)
-    left_out = opacities(thinned(given, share, 1)) < INVISIBLE
-    assert left_out.mean() == pytest.approx(share, abs=0.07)
+    parameters = ParameterSet.from_gaussians(replace(scene, opacity_logits=np.full(400, -1.0, np.float32)))
+    drawn = np.stack([opacities(thinned(parameters, share, seed)) for seed in range(300)])
+    assert drawn.mean() == pytest.approx(opacities(parameters).mean(), rel=0.01)
+    assert (drawn < INVISIBLE).mean() == pytest.approx(share, rel=0.02)
 
 
 def test_the_same_seed_leaves_the_same_ones_out_and_another_one_others(scene):
-    given = ParameterSet.from_gaussians(scene)
-    first, again, other = (thinned(given, 0.3, seed).opacity_logits.numpy() for seed in (4, 4, 5))
+    parameters = ParameterSet.from_gaussians(scene)
+    first, again, other = (thinned(parameters, 0.3, seed).opacity_logits.numpy() for seed in (4, 4, 5))
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
-    np.testing.assert_array_equal(given.opacity_logits.numpy(), scene.opacity_logits)
-    assert thinned(given, 0.0, 4) is given
+    np.testing.assert_array_equal(parameters.opacity_logits.numpy(), scene.opacity_logits)
+    assert thinned(parameters, 0.0, 4) is parameters
 
 
 @pytest.mark.filterwarnings("error")
@@ -76,18 +75,6 @@ def test_a_step_moves_what_it_draws_and_nothing_else(scene):
         assert not moved[~drawn].any()
         assert moved[drawn].mean() > 0.5
     assert np.abs(after.opacity_logits - before.opacity_logits).max() < 0.5, "none keeps the opacity it was drawn with"
-
-
-def test_a_fit_of_colours_alone_leaves_none_out(scene):
-    views, rasterizer = photographs(scene, count=2), Rasterizer("cpu")
-    frame = SceneFrame.around(views, scene.means)
-    target = prepare_targets(rasterizer, views, frame, BLACK)[0]
-    fitted = []
-    for dropout in (0.0, 0.4):
-        fit = Fit(rasterizer, frame.from_world(replace(scene, sh=scene.sh * 0.5)), BLACK, 0.2, dropout=dropout)
-        fit.step(target, 1, TrainingPlan().learning_rates, colors_only=True)
-        fitted.append(fit.parameters.sh.numpy().copy())
-    np.testing.assert_array_equal(*fitted)
 
 
 def test_a_run_says_so_and_is_the_same_again(scene):
