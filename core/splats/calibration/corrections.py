@@ -121,6 +121,7 @@ class ViewCorrections:
         self.exposure = ExposureCorrection(rasterizer.device, len(views))
         self.poses = PoseRefinement([camera.world_to_camera for camera in self._cameras])
         self.poses_were_off = False
+        self._far_off = False  # in the last check, and of no use after its trial
         self.blur = MotionBlur(rasterizer.device, len(views))
         if any(view.smear is not None for view in views):
             self.blur.start([np.zeros(2) if view.smear is None else view.smear for view in views])
@@ -196,6 +197,11 @@ class ViewCorrections:
         else:
             self.poses = PoseRefinement([camera.world_to_camera for camera in self._cameras])
             self.poses_were_off = corrected
+
+    def match_poses(self, parameters: ParameterSet) -> None:
+        """Move the poses that are corrected to where each view matches the current scene, if they were far off."""
+        if self._pose_plan is not None and self._far_off:
+            self.poses.go_to(self._matched(self._pose_plan, range(len(self._views)), parameters)[0])
 
     def trial_steps(self, proposal: Proposal) -> int:
         """Steps of each branch of a trial."""
@@ -297,12 +303,19 @@ class ViewCorrections:
     def _poses_seem_off(self, plan: PosePlan, threshold: float, parameters: ParameterSet) -> bool:
         count = len(self._views)
         probed = np.linspace(0, count - 1, min(count, plan.probed_views)).round().astype(int).tolist()
-        coarsest = max(self._views[0].levels)
-        views = self.seen(probed, coarsest)
-        aligned = AlignedViews(self._rasterizer, views, self._background, plan)
-        motion = aligned.motion_to_match(parameters, coarsest)
+        _, motion = self._matched(plan, probed, parameters)
+        self._far_off = motion >= plan.far
         self._words["poses"] = f"as given: photographs match the scene within {motion:.2f} pixels"
         return motion >= threshold
+
+    def _matched(
+        self, plan: PosePlan, chosen: Sequence[int], parameters: ParameterSet
+    ) -> tuple[NDArray[np.float64], float]:
+        """(V, 4, 4) poses from where the chosen views match a scene, and how far in pixels they are from theirs."""
+        coarsest = max(self._views[0].levels)
+        aligned = AlignedViews(self._rasterizer, self.seen(chosen, coarsest), self._background, plan)
+        motion = aligned.motion_to_match(parameters, coarsest)
+        return aligned.poses, motion
 
     def _seems_blurred(self, plan: MotionBlurPlan, parameters: ParameterSet, report: Callable[[str], None]) -> bool:
         count = len(self._views)

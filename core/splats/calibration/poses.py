@@ -55,7 +55,10 @@ class PosePlan:
         lr_final_factor: factor of the learning rate at the end of the run, reached exponentially.
         align_steps: per view, to align views that are not fitted with the scene (`AlignedViews`).
         follow_steps: per view, each time the scene has changed since.
-        trial: share of the run's steps in each of the two branches of a trial, at least `fewest_trial_steps`.
+        trial: share of the run's steps in each of the two branches of a trial, at least `fewest_trial_steps`. Views that
+            are `far` off are moved to where they match the scene before it, and after it where it pays: in a few steps
+            gradients turn a view by a fraction of a degree.
+        far: pixels, in a check.
         least_gain: dB that validation views, aligned with the scene of each branch, have to gain in it.
     """
 
@@ -72,7 +75,8 @@ class PosePlan:
     align_steps: int = 60
     follow_steps: int = 4
     trial: float = 0.08
-    fewest_trial_steps: int = 100
+    fewest_trial_steps: int = 150
+    far: float = 0.8
     least_gain: float = 0.1
 
     def trial_steps(self, steps: int) -> int:
@@ -154,6 +158,13 @@ class PoseRefinement:
         if not self._fixed_scene:
             self._poses = self._poses @ _motion(-common)
             self._poses[:, :3, 3] *= self._extent / _extent(self._poses)
+
+    def go_to(self, poses: NDArray[np.float64]) -> None:
+        """Take (V, 4, 4) poses instead of the current ones, but for what moves or scales all of them together."""
+        twists = [_twist(now @ np.linalg.inv(given)) for now, given in zip(poses, self._given, strict=True)]
+        worlds = [_in_world(twist, given) for twist, given in zip(twists, self._given, strict=True)]
+        self._poses = poses @ _motion(-np.mean(worlds, axis=0))
+        self._poses[:, :3, 3] *= self._extent / _extent(self._poses)
 
     def image_motion(self, cameras: Sequence[RasterCamera]) -> float:
         """RMS over the views of how far the corrections have moved the image centre, in pixels."""
@@ -308,6 +319,11 @@ def _motion(twist: NDArray[np.float64]) -> NDArray[np.float64]:
     result[:3, :3] = Rotation.from_rotvec(twist[3:]).as_matrix()
     result[:3, 3] = twist[:3]
     return result
+
+
+def _twist(motion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(6,) of which `_motion` makes a (4, 4) rigid motion."""
+    return np.concatenate([motion[:3, 3], Rotation.from_matrix(motion[:3, :3]).as_rotvec()])
 
 
 def _in_world(twist: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -86,8 +86,8 @@ class Trainer:
         self._prepare_views([*fitted, *(views[i] for i in self._split.validation)], held_out)
         self._fitted_count = len(fitted)
         self._limit = plan.limit or plan.growth.ceiling(sum(v.camera.width * v.camera.height for v in views))
-        self._strategy = plan.strategy or MultiViewConsistent()
-        self._schedule = TrainingSchedule(plan, self._strategy.schedule)
+        self._strategy = strategy = plan.strategy or MultiViewConsistent()
+        self._schedule = TrainingSchedule(plan, strategy.schedule)
         noise = typical_noise([view.image for view in fitted]) if plan.contrast else 0.0
         dropout = dropout_share(plan.steps, len(fitted)) if plan.decides else 0.0
         self.fit = Fit(rasterizer, Gaussians.none(), background, plan.ssim_weight, noise, dropout)
@@ -95,9 +95,7 @@ class Trainer:
         self._corrections = ViewCorrections(
             rasterizer, self._targets, background, plan.exposure, plan.poses, plan.blur, plan.steps
         )
-        self._witnesses = Witnesses(
-            rasterizer, background, self._corrections, self._strategy, self._schedule, plan.steps
-        )
+        self._witnesses = Witnesses(rasterizer, background, self._corrections, strategy, self._schedule, plan.steps)
         self._moving = MovingThings(rasterizer, background, plan, self._targets, self._fitted_count, self._validation)
         self._order = ViewOrder(self._fitted_count, self._rng)
         self._loss: GuidedLoss | None = None
@@ -285,20 +283,22 @@ class Trainer:
 
     def _try(self, proposal: Proposal, step: int) -> None:
         """Correct only if the validation views gain by it: two branches from here, on the same views."""
-        steps = self._corrections.trial_steps(proposal)
+        validation, of_poses = self._validation, proposal is Proposal.POSES
 
         def branch(corrected: bool) -> float:
             self._corrections.switch(proposal, corrected)
-            self._fit_trial(step, steps)
-            views = self._validation.views
-            if proposal is Proposal.POSES:
-                views = self._validation.matched(self.fit.parameters, self._schedule.coarsest)
+            if of_poses and corrected:
+                self._corrections.match_poses(self.fit.parameters)
+            self._fit_trial(step, self._corrections.trial_steps(proposal))
+            views = validation.matched(self.fit.parameters, self._schedule.coarsest) if of_poses else validation.views
             views = self.fit.smeared(views) if proposal is Proposal.BLUR else views
             return self.fit.psnr(views, any_exposure=True)
 
-        settle = partial(self._corrections.settle, proposal)
-        if try_correction(self.fit, branch, settle) and proposal is Proposal.BLUR:
-            self._log.forget_best()  # measured through lines from now on
+        if try_correction(self.fit, branch, partial(self._corrections.settle, proposal)):
+            if of_poses:
+                self._corrections.match_poses(self.fit.parameters)
+            elif proposal is Proposal.BLUR:
+                self._log.forget_best()  # measured through lines from now on
 
     def _aligned(self, views: Sequence[TrainingView]) -> AlignedViews:
         assert self._plan.poses is not None, "poses that are not refined are never off"

@@ -14,6 +14,7 @@ from cvdgs.core.splats.scene_frame import SceneFrame
 from cvdgs.core.splats.targets import Background, prepare_targets
 from cvdgs.core.splats.training.decisions import StopRule
 from cvdgs.core.splats.training.plan import TrainingPlan, TrainingResult
+from cvdgs.core.splats.training.start import StartRule
 from cvdgs.core.splats.training.trainer import Trainer
 
 from .test_exposure import lit
@@ -124,6 +125,17 @@ def test_poses_that_are_off_are_corrected_because_validation_views_gain_by_it(sc
     result = train(scene, *parts(views), exposure=None, poses=PosePlan(), stopping=StopRule())
     assert result.decision["poses"].startswith("corrected")
     assert "trial" in result.decision["poses"]
+
+
+def test_poses_are_corrected_where_the_trial_of_a_start_has_settled_the_scene(scene):
+    """A scene that is sharp already keeps views from moving far by their gradients alone."""
+    views, settings = photographs(scene, count=30, size=96), {"exposure": None, "stopping": StopRule(), "limit": 1200}
+    tried = StartRule(doubling_gain=100.0, steps=0.5)
+    result = train(scene, *parts(turned(views, 1.0)), poses=PosePlan(), start=tried, **settings)
+    assert result.decision["start"].startswith("sparse points")
+    assert result.decision["poses"].startswith("corrected")
+    right = train(scene, *parts(views), start=tried, **settings)
+    assert result.curve[-1]["psnr"] > right.curve[-1]["psnr"] - 2.0
 
 
 def test_a_run_that_is_too_short_to_tell_leaves_poses_alone(scene, views):

@@ -200,6 +200,22 @@ def test_the_views_as_a_whole_neither_move_nor_grow(scene, views):
     assert after.var(axis=0).sum() == pytest.approx(before.var(axis=0).sum(), rel=1e-5)
 
 
+@pytest.mark.parametrize("grown", [1.0, 1.1])
+def test_poses_that_are_taken_over_leave_the_views_as_a_whole_where_they_are(scene, views, grown):
+    wanted, common = turned(views, 0.5), np.eye(4)
+    common[:3, :3], common[:3, 3] = Rotation.from_rotvec([0.02, 0.0, -0.01]).as_matrix(), [0.03, -0.02, 0.01]
+    poses = np.stack([view.world_to_camera @ common for view in wanted])
+    poses[:, :3, 3] *= grown
+    refinement = PoseRefinement([view.world_to_camera for view in views])
+    refinement.go_to(poses)
+    taken = [view.at(pose) for view, pose in zip(views, refinement.poses, strict=True)]
+    given, after = (np.stack([np.linalg.inv(v.world_to_camera)[:3, 3] for v in some]) for some in (views, taken))
+    assert np.abs(after.mean(axis=0) - given.mean(axis=0)).max() < 0.01
+    assert after.var(axis=0).sum() == pytest.approx(given.var(axis=0).sum(), rel=1e-6)
+    assert errors(taken, wanted, scene.means)[0] < 0.05
+    assert errors(taken, views, scene.means)[0] == pytest.approx(0.5, abs=0.05)
+
+
 def test_a_pose_to_the_frame_and_back_is_the_same(views):
     frame = SceneFrame(np.array([1.0, -2.0, 3.0]), 0.4)
     pose = views[5].world_to_camera
