@@ -84,12 +84,15 @@ class DenseStart:
     Attributes:
         share: of the limit, up to which Gaussians are added to the sparse points. Starts of a third of that end .7 dB
             lower in a room, since growth divides what is there and does not reach what is missing.
+        least: share of the start that points of dense stereo should be where sparse ones are many: however many these
+            are, others are where they are not. Sparse points make room for them if the limit leaves none.
         tolerance: relative difference of two views' depths that still agree.
         agreeing: views that have to confirm a depth.
         stereo: how depths are found.
     """
 
     share: float = 0.5
+    least: float = 1.0 / 3.0
     tolerance: float = 0.05
     agreeing: int = 2
     stereo: StereoPlan = field(default_factory=StereoPlan)
@@ -97,8 +100,8 @@ class DenseStart:
     def points(
         self, views: Sequence[View], known: NDArray[np.float32], frame: SceneFrame, limit: int, threads: int | None
     ) -> DensePoints:
-        """Points beside the (P, 3) known ones, in `frame`; so many that with them there are `share` of the limit."""
-        missing = round(self.share * limit) - len(known)
+        """Points beside the (P, 3) known ones, in `frame`; with them there may be more than the limit."""
+        missing = self.missing(len(known), limit)
         if missing <= 0 or len(views) < 2:
             return DensePoints.none()
         side = self.stereo.side_for(len(views))
@@ -106,6 +109,11 @@ class DenseStart:
         usual = _depth_range(np.stack([view.pose for view in reduced]), known)
         maps = compute_depth_maps(reduced, depth_ranges(reduced, known, usual), self.stereo, threads)
         return thinned(agreeing(maps, self.tolerance, self.agreeing), missing, known)
+
+    def missing(self, known: int, limit: int) -> int:
+        """How many points a start with this number of known ones lacks."""
+        many = min(round(known / (1.0 - self.least)), limit)  # with `least` of them from dense stereo
+        return max(round(self.share * limit) - known, round(self.least * many))
 
 
 @dataclass(frozen=True)
@@ -149,16 +157,16 @@ class InitialGaussians:
             threads: of dense stereo; None takes all processors that this process may use.
         """
         means, shades = frame.points(points), colors.astype(np.float32) / 255.0
-        if self.dense is not None:
-            found = self.dense.points(views, means, frame, limit, threads)
-            means, shades = np.concatenate([means, found.positions]), np.concatenate([shades, found.colors])
+        found = self.dense.points(views, means, frame, limit, threads) if self.dense else DensePoints.none()
+        room = limit - len(found)
+        if len(means) > room:
+            chosen = np.sort(rng.choice(len(means), room, replace=False))
+            means, shades = means[chosen], shades[chosen]
+        means, shades = np.concatenate([means, found.positions]), np.concatenate([shades, found.colors])
         missing = min(round(self.share * limit), self.most) - len(means)
         if len(means) < self.minimum and missing > 0:
             added, added_shades = self.sweep.sample(views, means, frame, missing, rng)
             means, shades = np.concatenate([means, added]), np.concatenate([shades, added_shades])
-        if len(means) > limit:
-            chosen = np.sort(rng.choice(len(means), limit, replace=False))
-            means, shades = means[chosen], shades[chosen]
         return self.isotropic(means, shades)
 
     def isotropic(self, means: NDArray[np.float32], shades: NDArray[np.float32]) -> Gaussians:

@@ -160,7 +160,7 @@ def choose_start(
         return otherwise
     trial.told(f"comparing {len(views)} photographs with each other for more points")
     dense = made(rule.dense)
-    if len(dense) <= len(sparse):
+    if np.array_equal(dense.means, sparse.means):  # nothing was found
         return otherwise
     trial.told(f"trying a start from {len(dense):,} points, and from {len(sparse):,}")
     count = len(dense)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cvdgs.core.capture.model import PinholeCamera, View
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.core.splats.scene_frame import SceneFrame
-from cvdgs.core.splats.training.initialise import DepthSweep, InitialGaussians
+from cvdgs.core.splats.training.initialise import DenseStart, DepthSweep, InitialGaussians
 
 NO_POINTS = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
 CENTRE = np.array([5.0, -2.0, 1.0])
@@ -69,6 +69,15 @@ def test_more_points_than_allowed_are_thinned():
         views, points, np.zeros((4000, 3), np.uint8), SceneFrame.around(views, points), np.random.default_rng(0), 1500
     )
     assert len(made) == 1500
+
+
+@given(st.integers(0, 100_000), st.integers(1, 100_000))
+def test_dense_stereo_fills_half_of_the_limit_but_is_never_less_than_a_third_of_the_start(known, limit):
+    missing = DenseStart().missing(known, limit)
+    kept = min(known, limit - missing)
+    assert 0 <= kept + missing <= limit
+    assert missing >= (kept + missing) / 3 - 1
+    assert kept + missing >= limit / 2 - 1
 
 
 def test_points_that_coincide_get_a_finite_size():

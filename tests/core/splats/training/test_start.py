@@ -28,6 +28,12 @@ def sparse_points(count: int = 60) -> tuple[np.ndarray, np.ndarray]:
     return places.astype(np.float32), np.full((count, 3), 128, np.uint8)
 
 
+def points_on_half_a_wall(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points on its left and one grey for all of them."""
+    places = np.random.default_rng(0).uniform([-1.5, -1.2, 0.0], [0.0, 1.2, 0.0], (count, 3))
+    return places.astype(np.float32), np.full((count, 3), 128, np.uint8)
+
+
 @pytest.fixture(scope="module")
 def rasterizer():
     return Rasterizer("cpu")
@@ -79,19 +85,23 @@ def test_nothing_is_said_where_there_is_nothing_to_choose(rasterizer, rule):
 
 
 def test_a_few_more_points_have_to_gain_as_much_as_a_doubling(rasterizer, views):
-    half_a_wall = np.random.default_rng(0).uniform([-1.5, -1.2, 0.0], [0.0, 1.2, 0.0], (1800, 3)).astype(np.float32)
-    points = half_a_wall, np.full((1800, 3), 128, np.uint8)
+    points = points_on_half_a_wall(1800)
     taken = chosen(rasterizer, views, points, StartRule(doubling_gain=0.0))
-    assert 1800 < len(taken.gaussians) <= LIMIT / 2
+    assert 1800 < len(taken.gaussians) <= 1.5 * 1800
     gain = float(taken.words.split("gained ")[1].split(" dB")[0])
     refused = chosen(rasterizer, views, points, StartRule(doubling_gain=gain + 0.01))
     assert len(refused.gaussians) == 1800
     assert refused.words.startswith("sparse points")
 
 
-def test_points_enough_are_not_added_to(rasterizer, views):
-    choice = chosen(rasterizer, views, sparse_points(LIMIT // 2))
-    assert (len(choice.gaussians), choice.words) == (LIMIT // 2, "")
+@pytest.mark.parametrize("count", [LIMIT, 3 * LIMIT])
+def test_points_that_take_the_whole_limit_make_room_where_there_are_none(rasterizer, views, count):
+    choice = chosen(rasterizer, views, points_on_half_a_wall(count))
+    assert choice.words.startswith("dense stereo, which gained")
+    places = SceneFrame.around(views, points_on_half_a_wall(count)[0]).to_world(choice.gaussians).means
+    bare = np.count_nonzero(places[:, 0] > 0.2)
+    assert 0.15 * LIMIT < bare < 0.4 * LIMIT
+    assert len(places) <= LIMIT
 
 
 def test_a_rough_scene_is_taken_only_where_validation_views_gain_by_it(rasterizer, views):
