@@ -198,10 +198,15 @@ class ViewCorrections:
             self.poses = PoseRefinement([camera.world_to_camera for camera in self._cameras])
             self.poses_were_off = corrected
 
-    def match_poses(self, parameters: ParameterSet) -> None:
-        """Move the poses that are corrected to where each view matches the current scene, if they were far off."""
+    def match_poses(self, parameters: ParameterSet) -> bool:
+        """Move the poses that are corrected to where each view matches the current scene, if they were far off.
+
+        Returns:
+            Whether they were.
+        """
         if self._pose_plan is not None and self._far_off:
             self.poses.go_to(self._matched(self._pose_plan, range(len(self._views)), parameters)[0])
+        return self._far_off
 
     def trial_steps(self, proposal: Proposal) -> int:
         """Steps of each branch of a trial."""

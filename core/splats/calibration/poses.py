@@ -56,9 +56,9 @@ class PosePlan:
         align_steps: per view, to align views that are not fitted with the scene (`AlignedViews`).
         follow_steps: per view, each time the scene has changed since.
         trial: share of the run's steps in each of the two branches of a trial, at least `fewest_trial_steps`. Before
-            it, and after it where it pays, views that are `far` off are moved to where they match the scene: in a few
-            steps gradients turn a view by a fraction of a degree.
-        far: pixels, in a check.
+            it, and after it where it pays, views that are `far` off are moved to where they match the scene, and the
+            branch that corrects begins with faint Gaussians again: a sharp scene holds views where they are.
+        far: motion in a check, in pixels, from which views are moved so.
         least_gain: dB that validation views, aligned with the scene of each branch, have to gain in it.
     """
 

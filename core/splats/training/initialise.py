@@ -169,8 +169,13 @@ class InitialGaussians:
             means, shades = np.concatenate([means, added]), np.concatenate([shades, added_shades])
         return self.isotropic(means, shades)
 
+    def again(self, gaussians: Gaussians) -> Gaussians:
+        """Gaussians to begin anew with, at the means of `gaussians` and in their colours."""
+        shades = np.minimum(gaussians.base_colors, 1.0)
+        return self.isotropic(gaussians.means, shades).with_sh_degree(gaussians.sh_degree)
+
     def isotropic(self, means: NDArray[np.float32], shades: NDArray[np.float32]) -> Gaussians:
-        """A round Gaussian at each of (P, 3) `means`, in colours `shades`, (P, 3) sRGB from 0 to 1."""
+        """A round, faint Gaussian at each of (P, 3) `means`, in colours `shades`, (P, 3) sRGB from 0 to 1."""
         count = len(means)
         size = _neighbour_distance(means, self.neighbours)
         quaternions = np.zeros((count, 4), np.float32)

@@ -287,8 +287,8 @@ class Trainer:
 
         def branch(corrected: bool) -> float:
             self._corrections.switch(proposal, corrected)
-            if of_poses and corrected:
-                self._corrections.match_poses(self.fit.parameters)
+            if of_poses and corrected and self._corrections.match_poses(self.fit.parameters):
+                self.fit.restart(self._plan.initial.again(self.fit.parameters.to_gaussians()))
             self._fit_trial(step, self._corrections.trial_steps(proposal))
             views = validation.matched(self.fit.parameters, self._schedule.coarsest) if of_poses else validation.views
             views = self.fit.smeared(views) if proposal is Proposal.BLUR else views

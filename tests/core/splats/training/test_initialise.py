@@ -80,6 +80,20 @@ def test_dense_stereo_fills_half_of_the_limit_but_is_never_less_than_a_third_of_
     assert kept + missing >= limit / 2 - 1
 
 
+@pytest.mark.parametrize("degree", [0, 2])
+def test_what_begins_again_is_faint_and_round_where_it_was_and_in_its_colours(degree):
+    rng = np.random.default_rng(2)
+    shapes = ((30, 3), (30, 3), (30, 4), (30,), (30, 1, 3))
+    settled = Gaussians(*(rng.uniform(-1.0, 1.0, shape).astype(np.float32) for shape in shapes))
+    settled = settled.with_sh_degree(degree)
+    made = InitialGaussians().again(settled)
+    np.testing.assert_array_equal(made.means, settled.means)
+    np.testing.assert_allclose(made.base_colors, np.minimum(settled.base_colors, 1.0), atol=1e-6)
+    np.testing.assert_allclose(made.opacities, 0.1, atol=1e-6)
+    assert np.ptp(made.log_scales, axis=1).max() == 0.0
+    assert made.sh_degree == degree
+
+
 def test_points_that_coincide_get_a_finite_size():
     points = np.concatenate([np.zeros((600, 3)), np.random.default_rng(0).standard_normal((600, 3))]).astype(np.float32)
     views = ring_of_views()
