@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.runtime.protocol import Reporter
-from cvdgs.core.splats.calibration.corrections import ViewCorrections
+from cvdgs.core.splats.calibration.corrections import Proposal, ViewCorrections
 from cvdgs.core.splats.calibration.exposure import ExposurePlan
 from cvdgs.core.splats.calibration.poses import PosePlan
 from cvdgs.core.splats.raster import ParameterSet, Rasterizer
@@ -14,7 +14,6 @@ from cvdgs.core.splats.scene_frame import SceneFrame
 from cvdgs.core.splats.targets import Background, prepare_targets
 from cvdgs.core.splats.training.decisions import StopRule
 from cvdgs.core.splats.training.plan import TrainingPlan, TrainingResult
-from cvdgs.core.splats.training.start import StartRule
 from cvdgs.core.splats.training.trainer import Trainer
 
 from .test_exposure import lit
@@ -127,15 +126,21 @@ def test_poses_that_are_off_are_corrected_because_validation_views_gain_by_it(sc
     assert "trial" in result.decision["poses"]
 
 
-def test_poses_are_corrected_where_the_trial_of_a_start_has_settled_the_scene(scene):
-    """A scene that is sharp already keeps views from moving far by their gradients alone."""
-    views, settings = photographs(scene, count=30, size=96), {"exposure": None, "stopping": StopRule(), "limit": 1200}
-    tried = StartRule(doubling_gain=100.0, steps=0.5)
-    result = train(scene, *parts(turned(views, 1.0)), poses=PosePlan(), start=tried, **settings)
-    assert result.decision["start"].startswith("sparse points")
-    assert result.decision["poses"].startswith("corrected")
-    right = train(scene, *parts(views), start=tried, **settings)
-    assert result.curve[-1]["psnr"] > right.curve[-1]["psnr"] - 2.0
+@pytest.mark.parametrize(("degrees", "far_off"), [(1.0, True), (0.25, False)])
+def test_views_that_are_far_off_are_moved_to_where_they_match_a_scene(scene, degrees, far_off):
+    truth = photographs(scene, count=12)
+    given, rasterizer = turned(truth, degrees), Rasterizer("cpu", 1)
+    frame = SceneFrame.around(given, scene.means)
+    settled = ParameterSet.from_gaussians(frame.from_world(scene))
+    targets = prepare_targets(rasterizer, given, frame, BLACK)
+    corrections = ViewCorrections(rasterizer, targets, BLACK, None, PosePlan(), None, steps=1000)
+    assert corrections.decide(0.2, settled) == [Proposal.POSES]
+    corrections.switch(Proposal.POSES, True)
+    assert corrections.match_poses(settled) == far_off
+    assert corrections.moved_poses is not None
+    moved = [view.at(frame.pose_to_world(pose)) for view, pose in zip(given, corrections.moved_poses, strict=True)]
+    before, after = (errors(views, truth, scene.means)[1] for views in (given, moved))
+    assert after < 0.8 * before if far_off else after == pytest.approx(before)
 
 
 def test_a_run_that_is_too_short_to_tell_leaves_poses_alone(scene, views):
