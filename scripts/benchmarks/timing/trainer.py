@@ -31,7 +31,7 @@ STAGE = "trainings"
 TABLES = ("time", "auto", "strategies", "seeds")
 SIZE = 480  # pixels of the longer side
 QUALITY = 26.06
-"""dB on fox at 270x480: where OpenSplat's CPU build ends after 2,000 steps (docs/trainer.md)."""
+"""dB on fox at 270x480: where OpenSplat's CPU build ends after 2,000 steps (docs/trainer/README.md)."""
 QUICK_PLAN = TrainingPlan(steps=1000, limit=20_000, sh_degree=0, stopping=None, poses=None, curve_points=40)
 """The plan of `--iterations 1000 --gaussians 20000 --sh-degree 0 --no-refine-poses`, measured more often."""
 REFERENCE, OURS = "clone-split", "multi-view"
