@@ -17,8 +17,9 @@ import numpy as np
 from ..capture.model import Capture, CaptureWarning
 from ..files.images import read_png
 from ..runs.layout import ORIGINAL, RENDERS_FOLDER
+from ..sampling import evenly_spread
 from ..settings import Layer
-from .evaluation import Split, spread
+from .evaluation import Split
 from .photograph_quality import PhotographQuality, image_shift
 
 _MEASURED_PHOTOGRAPHS = 6
@@ -101,7 +102,7 @@ def note_exposure(curve: Sequence[Mapping[str, Any]]) -> dict[str, str]:
 
 
 def _of_photographs(capture: Capture, limits: AdviceThresholds) -> Iterator[CaptureWarning]:
-    chosen = spread(range(len(capture.views)), _MEASURED_PHOTOGRAPHS)
+    chosen = evenly_spread(range(len(capture.views)), _MEASURED_PHOTOGRAPHS)
     views = [capture.views[i] for i in chosen]
     quality = PhotographQuality.of([view.image for view in views], [view.shown for view in views])
     if quality.noise > limits.noise:
@@ -201,7 +202,7 @@ def _of_layer(name: str, layer: Mapping[str, Any], limits: AdviceThresholds) -> 
 def _rms_shift(capture: Capture, split: Split, folder: Path) -> float:
     """Root mean square shift in pixels between held-out photographs and their renderings."""
     squares = []
-    for view in (capture.views[i] for i in spread(split.test, _MEASURED_PHOTOGRAPHS)):
+    for view in (capture.views[i] for i in evenly_spread(split.test, _MEASURED_PHOTOGRAPHS)):
         rendered = folder / RENDERS_FOLDER / ORIGINAL / f"{view.key}.png"
         if view.shown is None and rendered.is_file():
             squares.append(image_shift(read_png(rendered), view.image) ** 2)

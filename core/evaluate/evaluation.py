@@ -32,6 +32,7 @@ from ..runs.layout import (
     SIMULATED_INPUT_FOLDER,
 )
 from ..runtime.protocol import Reporter
+from ..sampling import evenly_spread
 from ..settings import Layer, Settings
 from ..splats.gaussians import Gaussians
 from ..splats.renderer import SceneRenderer
@@ -98,8 +99,8 @@ class Evaluation:
             matches: correspondences between the views.
         """
         notes: dict[str, str] = {}
-        tested = self.split.test or spread(self.split.train, MOST_SCORED_VIEWS // 3)
-        scored = spread(tested, MOST_SCORED_VIEWS)
+        tested = self.split.test or evenly_spread(self.split.train, MOST_SCORED_VIEWS // 3)
+        scored = evenly_spread(tested, MOST_SCORED_VIEWS)
         if not self.split.test:
             notes["reconstruction"] = "no view is held out: the figures come from training views and are optimistic"
         if any(self.capture.views[i].smear is not None for i in scored):
@@ -127,7 +128,7 @@ class Evaluation:
         return {
             "reconstruction": {key: float(np.mean([view[key] for view in fidelity])) for key in ("psnr", "ssim")},
             "layers": figures,
-            "views_shown": [self.capture.views[i].key for i in spread(tested, VIEWS_SHOWN)],
+            "views_shown": [self.capture.views[i].key for i in evenly_spread(tested, VIEWS_SHOWN)],
             "notes": notes,
         }
 
@@ -176,7 +177,7 @@ class Evaluation:
         observer = Observer(layer.cvd, layer.severity, self.simulation)
         found: dict[str, dict[str, float]] = {figure: {} for figure in ESTIMATED_FIGURES}
         views = self.capture.views
-        beside = views_beside(views, spread(scored, MOST_ESTIMATED_VIEWS))
+        beside = views_beside(views, evenly_spread(scored, MOST_ESTIMATED_VIEWS))
         versions: dict[str, Callable[[int], NDArray[np.uint8]]] = {
             "again_estimated": lambda index: views[index].image,
             "again_enhanced_estimated": lambda index: read_png(enhanced_path(self.folder, layer, views[index])),
@@ -224,13 +225,6 @@ def enhanced_path(folder: Path, layer: Layer, view: View, *, again: bool = False
 def render_path(folder: Path, layer: Layer, view: View) -> Path:
     """Path of a layer's rendering from a view."""
     return folder / RENDERS_FOLDER / layer.name / f"{view.key}.png"
-
-
-def spread(items: Sequence[int], count: int) -> list[int]:
-    """At most `count` of `items`, evenly spread."""
-    if len(items) <= count:
-        return list(items)
-    return [items[round(i)] for i in np.linspace(0, len(items) - 1, count)]
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..sampling import evenly_spread
 from .kinds import kind_of_file
 
 _SAMPLES = 5  # photographs that the common development is measured on
@@ -49,7 +50,7 @@ class Development:
         raws = [path for path in photographs if _is_raw(path)]
         if not raws:
             return None
-        samples = [raws[index] for index in np.unique(np.linspace(0, len(raws) - 1, _SAMPLES).astype(int))]
+        samples = evenly_spread(raws, _SAMPLES)
         balances: list[list[float]] = []
         for path in samples:
             with suppress(InputError), _opened(path) as raw:

@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
+from ..sampling import evenly_spread
 from .motion import Followed, Motion, motion_between
 
 MOST_FRAMES = 150
@@ -146,4 +145,4 @@ def _first(film: Film, by_probe: Sequence[Sequence[Frame]], spacing: float, para
 
 def _thinned(frames: list[Frame], count: int, most: int) -> list[Frame]:
     keep = max(1, len(frames) * most // count)
-    return [frames[index] for index in np.unique(np.linspace(0, len(frames) - 1, keep).astype(int))]
+    return evenly_spread(frames, keep)

@@ -81,7 +81,7 @@ def picture_name(number: int) -> str:
     return f"{number:0{DIGITS}d}.png"
 
 
-def evenly_spread(frames: int, count: int) -> list[int]:
+def spread_over_turn(frames: int, count: int) -> list[int]:
     """Numbers of `count` pictures of a turn of `frames`, as far apart as can be; fewer where the turn has fewer."""
     count = min(count, frames)
     return [1 + place * frames // count for place in range(count)]

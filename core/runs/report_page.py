@@ -9,7 +9,7 @@ from typing import Any
 
 from ..files.pages import write_page
 from ..files.untrusted import read_json, replacing
-from .layout import ORIGINAL, RENDERS_FOLDER, REPORT_FILE, REPORT_PAGE, VIEWER_PAGE, evenly_spread, picture_name
+from .layout import ORIGINAL, RENDERS_FOLDER, REPORT_FILE, REPORT_PAGE, VIEWER_PAGE, picture_name, spread_over_turn
 from .report import bound, gained, scored_pictures
 
 _TURNTABLE_FRAMES = 4  # that the page shows
@@ -47,7 +47,7 @@ def write_report_page(folder: Path) -> None:
             middle=middle,
             poster=folder / RENDERS_FOLDER / layer / f"{middle}.png",
             curve=_curve(report["curve"]),
-            turntable_frames=[(number, picture_name(number)) for number in evenly_spread(count, _TURNTABLE_FRAMES)],
+            turntable_frames=[(number, picture_name(number)) for number in spread_over_turn(count, _TURNTABLE_FRAMES)],
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.files.untrusted import replacing
 from ...core.rendering.requests import SheetArguments
-from ...core.runs.layout import evenly_spread, picture_name
+from ...core.runs.layout import picture_name, spread_over_turn
 from ...core.runtime.protocol import Reporter
 from .lettering import Label, add_labels, text_width
 from .pixels import Pixels, downscale, read_picture, write_picture
@@ -36,7 +36,7 @@ def make_sheet(arguments: SheetArguments, out: Path, *, reporter: Reporter) -> d
     rows = []
     for done, row in enumerate(arguments.rows):
         reporter.progress(STAGE, done / len(arguments.rows), str(row["label"]))
-        numbers = evenly_spread(int(row["frames"]), arguments.columns)
+        numbers = spread_over_turn(int(row["frames"]), arguments.columns)
         paths = [out / row["folder"] / picture_name(number) for number in numbers]
         rows.append([downscale(read_picture(path), _PICTURE_WIDTH) for path in paths])
     sheet, tops = _laid_out(rows, _widest_line(arguments))
@@ -80,7 +80,7 @@ def _labels(arguments: SheetArguments, rows: list[list[Pixels]], tops: list[int]
     frames = int(arguments.rows[-1]["frames"])
     bottom = tops[-1] + max(picture.shape[0] for picture in rows[-1])
     left = float(_MARGIN)
-    for number, picture in zip(evenly_spread(frames, arguments.columns), rows[-1], strict=True):
+    for number, picture in zip(spread_over_turn(frames, arguments.columns), rows[-1], strict=True):
         angle = 360.0 * (number - 1) / frames
         labels.append(Label(f"{angle:.0f}°", left, bottom + _ANGLE_BAND / 2.0 + 2.0, _ANGLE, grey=0.35))
         left += picture.shape[1] + _GAP

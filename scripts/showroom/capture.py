@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.runtime.protocol import Reporter
+from ...core.sampling import evenly_spread
 from ...core.settings import Settings
 from . import photograph, room, scene
 from .cameras import Pose, focal_pixels, rings, walk
@@ -60,10 +61,9 @@ def make(out: Path, settings: CaptureSettings, reporter: Reporter, threads: int 
         _drop_comments(path)
         reporter.progress("second photographs", (index + 1) / len(second), path.name)
 
-    chosen = np.linspace(0, len(poses) - 1, min(settings.depth_views, len(poses))).round().astype(int)
-    reporter.status("depth", f"{len(chosen)} maps and {settings.points} points")
+    measured = evenly_spread(poses, settings.depth_views)
+    reporter.status("depth", f"{len(measured)} maps and {settings.points} points")
     surfaces = photograph.Surfaces()
-    measured = [poses[index] for index in chosen]
     for index, pose in enumerate(measured):
         _write_depth(depths / f"{pose.name}.png", surfaces.depth_map(pose, settings.cameras))
         reporter.progress("depth", (index + 1) / len(measured), pose.name)

@@ -10,7 +10,7 @@ import pytest
 from cvdgs.core.color import srgb
 from cvdgs.core.errors import InputError
 from cvdgs.core.rendering.requests import SheetArguments
-from cvdgs.core.runs.layout import evenly_spread
+from cvdgs.core.runs.layout import spread_over_turn
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.cvdgs_addon.batch.contact_sheet import make_sheet
 from cvdgs.cvdgs_addon.batch.pixels import Pixels, downscale, read_picture
@@ -86,8 +86,8 @@ def test_a_long_line_has_room(turned):
 
 
 def test_a_short_turn_is_shown_whole(turned):
-    assert evenly_spread(3, 8) == [1, 2, 3]
-    assert evenly_spread(96, 8) == [1, 13, 25, 37, 49, 61, 73, 85]
+    assert spread_over_turn(3, 8) == [1, 2, 3]
+    assert spread_over_turn(96, 8) == [1, 13, 25, 37, 49, 61, 73, 85]
     made = sheet(turned, frames=3, columns=8)
     assert sum(len(places(made, number_picture(number, 0))) for number in range(1, 9)) == 3
 

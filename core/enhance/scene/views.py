@@ -9,6 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from ...errors import InputError
+from ...sampling import evenly_spread
 from ..pairs import Alphas, Images
 
 _FINEST = 8  # larger images lose pixels before they are reduced, in units of the size that is asked for
@@ -25,8 +26,7 @@ def chosen_views(images: Images, alphas: Alphas, most: int) -> list[tuple[NDArra
     visible = [i for i, alpha in enumerate(alphas) if alpha is None or alpha.any()]
     if not visible:
         raise InputError("no view has a visible pixel", remedy="check the alpha channels of the photographs")
-    places = np.linspace(0, len(visible) - 1, min(most, len(visible))).round().astype(int)
-    return [(images[i], alphas[i]) for i in np.array(visible)[np.unique(places)]]
+    return [(images[i], alphas[i]) for i in evenly_spread(visible, most)]
 
 
 def reduced(image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None, size: int) -> tuple[Tensor, Tensor | None]:

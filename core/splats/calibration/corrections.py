@@ -15,6 +15,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...files.states import SavedState, State
+from ...sampling import evenly_spread
 from ..raster import Frame, Gradients, ParameterSet, RasterCamera, Rasterizer
 from ..targets import Background, TrainingView
 from .exposure import ExposureCorrection, ExposurePlan, estimate_log_gains
@@ -306,9 +307,7 @@ class ViewCorrections:
         return self.poses.poses if self.poses_were_off else None
 
     def _poses_seem_off(self, plan: PosePlan, threshold: float, parameters: ParameterSet) -> bool:
-        count = len(self._views)
-        probed = np.linspace(0, count - 1, min(count, plan.probed_views)).round().astype(int).tolist()
-        _, motion = self._matched(plan, probed, parameters)
+        _, motion = self._matched(plan, evenly_spread(range(len(self._views)), plan.probed_views), parameters)
         self._far_off = motion >= plan.far
         self._words["poses"] = f"as given: photographs match the scene within {motion:.2f} pixels"
         return motion >= threshold
@@ -323,16 +322,15 @@ class ViewCorrections:
         return aligned.poses, motion
 
     def _seems_blurred(self, plan: MotionBlurPlan, parameters: ParameterSet, report: Callable[[str], None]) -> bool:
-        count = len(self._views)
-        probed = np.linspace(0, count - 1, min(count, plan.probed_views)).round().astype(int).tolist()
-        found = {view: self.best_line(view, parameters) for view in probed}
+        views = range(len(self._views))
+        found = {view: self.best_line(view, parameters) for view in evenly_spread(views, plan.probed_views)}
         length = typical_length(list(found.values()))
         if length < plan.threshold:
             return False
         self._words["motion_blur"] = f"as photographed: a quarter seem to be smeared by {length:.1f} pixels"
         self._lines = []
-        for view in range(count):
-            report(f"measuring motion blur, view {view + 1:,} of {count:,}")
+        for view in views:
+            report(f"measuring motion blur, view {view + 1:,} of {len(views):,}")
             self._lines.append(found[view] if view in found else self.best_line(view, parameters))
         return True
 

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from ...capture.model import View
 from ...runtime.protocol import Reporter, StageSpan
+from ...sampling import evenly_spread
 from ..calibration.adam import AdamMoments, decayed
 from ..calibration.corrections import CORRECTED, Correction
 from ..calibration.poses import PoseRefinement
@@ -173,8 +174,7 @@ class LensCheck:
         cut_out = any(self.background.color)
         if len(self.views) < plan.fewest_views or cut_out:
             return FocalLength()
-        chosen = np.unique(np.linspace(0, len(self.views) - 1, plan.most_views).round().astype(int))
-        given = [self.views[i] for i in chosen]
+        given = evenly_spread(self.views, plan.most_views)
         search = partial(self._search, given, points, colors)
         found = search(plan.first, 0.0, StageSpan(reporter, STAGE, 0.0, 1.0, MESSAGE))
         if found is None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ...files.states import SavedState, State
+from ...sampling import evenly_spread
 from ..calibration.corrections import ViewCorrections
 from ..raster import ParameterSet, RasterCamera, Rasterizer
 from ..targets import Background, TrainingView, ViewOrder
@@ -173,7 +174,7 @@ def find_moving(
     seen = [_look(rasterizer, parameters, view.reduced(reduction), background, plan) for view in views]
     found = {}
     for index, own in enumerate(seen):
-        others = [seen[other] for other in _spread(len(seen), plan.witnesses + 1) if other != index]
+        others = [seen[other] for other in evenly_spread(range(len(seen)), plan.witnesses + 1) if other != index]
         region = _moving_in(own, others, plan)
         if region is not None:
             found[index] = _enlarged(region, views[index].at(1)[0].shape[:2])
@@ -201,10 +202,6 @@ def _look(
         depth, residual = depth * shown, residual * shown
     usual = float(np.median(residual if shown is None else residual[shown])) if shown is None or shown.any() else 0.0
     return _Seen(camera, (residual / max(usual, plan.floor)).astype(np.float32), depth)
-
-
-def _spread(count: int, wanted: int) -> list[int]:
-    return np.unique(np.linspace(0, count - 1, min(count, wanted)).round().astype(int)).tolist()
 
 
 def _moving_in(own: _Seen, others: Sequence[_Seen], plan: MovingPlan) -> Region | None:

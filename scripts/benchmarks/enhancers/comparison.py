@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from ....core.enhance import Enhancer
 from ....core.errors import InputError
-from ....core.evaluate.evaluation import spread
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
+from ....core.sampling import evenly_spread
 from ....core.settings import Layer
 from ...training.data.plates import SMALLEST_PLATE
 from ..options import Part, named_path, names, numbers
@@ -237,7 +237,7 @@ def _parts(image_sets: Sequence[ImageSet], plan: EnhancerBenchmark) -> Iterator[
     """Every image for every observer that it concerns."""
     for observer, image_set in product(plan.observers, image_sets):
         images = [image for image in image_set.images if image.cvd in (None, observer.cvd)]
-        shown = frozenset(images[index].name for index in spread(range(len(images)), _SHOWN))
+        shown = frozenset(images[index].name for index in evenly_spread(range(len(images)), _SHOWN))
         for start in range(0, len(images), _IMAGES_AT_A_TIME):
             some = tuple(images[start : start + _IMAGES_AT_A_TIME])
             yield _Part(plan, observer, image_set.name, some, shown)

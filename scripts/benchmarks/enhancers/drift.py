@@ -24,11 +24,12 @@ from ....core.color.simulation import Observer
 from ....core.consistency import Correspondences, CorrespondenceSettings, SceneCorrespondences, relative_warping_error
 from ....core.demo import SHOWROOM
 from ....core.enhance import Enhancer, enhance_bytes
-from ....core.evaluate.evaluation import SceneMatches, Split, spread
+from ....core.evaluate.evaluation import SceneMatches, Split
 from ....core.evaluate.scores import Scorer
 from ....core.files.untrusted import replacing
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter, StageSpan
+from ....core.sampling import evenly_spread
 from ....core.settings import Layer
 from ....core.splats import raster
 from ....core.splats.renderer import SceneRenderer
@@ -103,7 +104,7 @@ def _measure_views(capture: Capture, matches: SceneMatches, enhancer: Enhancer, 
     originals = [view.image for view in views]
     enhanced = [enhance_bytes(enhancer, view.image, view.alpha) for view in views]
     contrasts = []
-    for i in spread(range(len(views)), _SCORED_VIEWS):
+    for i in evenly_spread(range(len(views)), _SCORED_VIEWS):
         alpha, seen_as = views[i].alpha, Observer(observer.cvd, observer.severity, ENHANCED_FOR)
         scorer = Scorer(originals[i], seen_as, None if alpha is None else alpha > 127)
         contrasts.append((scorer.ccpr(originals[i]), scorer.ccpr(enhanced[i])))

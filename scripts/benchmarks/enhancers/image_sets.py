@@ -13,7 +13,7 @@ from ....core.capture.files import list_images
 from ....core.capture.images import read_pixels
 from ....core.capture.scaling import downscale, fit_size
 from ....core.errors import InputError
-from ....core.evaluate.evaluation import spread
+from ....core.sampling import evenly_spread
 from ...training.data.kinds import draw_image
 from ...training.data.plates import draw_plate
 
@@ -75,7 +75,7 @@ def read_images(folder: Path, size: int, limit: int | None = None) -> dict[str, 
     if not files:
         raise InputError("no photographs found", where=folder, remedy="give a folder of photographs")
     images = {}
-    for index in spread(range(len(files)), limit or len(files)):
+    for index in evenly_spread(range(len(files)), limit or len(files)):
         pixels, _ = read_pixels(folder / files[index], upright=True)
         height, width = pixels.shape[:2]
         images[files[index]] = downscale(pixels, *fit_size(width, height, size))

@@ -12,7 +12,7 @@ from ....core.capture.scaling import downscale, fit_size
 from ....core.errors import InputError
 from ....core.files.images import read_png, to_bytes
 from ....core.files.untrusted import is_folder
-from ....core.runs.layout import ORIGINAL, TURNTABLE_FOLDER, evenly_spread
+from ....core.runs.layout import ORIGINAL, TURNTABLE_FOLDER, spread_over_turn
 from ..baselines import ContrastGain, mean_delta_e_2000
 from ..embedding import jpeg_uri
 from ..enhancers.methods import GAIN, LUT, SCENE, method_factory
@@ -88,7 +88,7 @@ def turntables(runs: Mapping[str, Path], cvd: str, frames: int, max_size: int) -
         if len(found) != len(files[ORIGINAL]) or not found:
             remedy = "give runs whose turntables have the same number of frames (run.py --turntable 48)"
             raise InputError(f"{len(found)} frames of a turntable", where=folders[method], remedy=remedy)
-    numbers = evenly_spread(len(files[ORIGINAL]), frames)
+    numbers = spread_over_turn(len(files[ORIGINAL]), frames)
     pictures = {
         method: [_at_most(read_png(found[number - 1]), max_size) for number in numbers]
         for method, found in files.items()

@@ -19,6 +19,7 @@ from scipy import stats
 
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
+from ....core.sampling import evenly_spread
 from ..charts import Theme, logarithmic, picture, plot_series, write_charts
 from ..options import Part, add_study_arguments, chosen_sources, made_by, numbers, with_quick_defaults, work_folder
 from ..provenance import trained_product
@@ -98,8 +99,7 @@ class SomeViews:
     def load(self) -> Subject:
         """Read it."""
         whole = self.base.load().given
-        chosen = np.linspace(0, len(whole.views) - 1, min(self.count, len(whole.views))).round().astype(int)
-        return Subject.of(replace(whole, views=tuple(whole.views[i] for i in chosen)))
+        return Subject.of(replace(whole, views=tuple(evenly_spread(whole.views, self.count))))
 
 
 def measure_cost(
