@@ -85,18 +85,15 @@ class TrainingView:
         looked_at = self.looked_at()
         shown = ~region if looked_at is None else looked_at & ~region
         device = self.levels[1][0].device
-        return TrainingView(self.levels, {factor: Mask.of(block_all(shown, factor), device) for factor in self.levels})
+        return replace(self, masks={factor: Mask.of(block_all(shown, factor), device) for factor in self.levels})
 
     def moved(self, world_to_camera: NDArray[np.float64]) -> TrainingView:
         """The same photograph from another (4, 4) pose."""
-        return TrainingView(
-            {
-                level: (image, replace(camera, world_to_camera=world_to_camera))
-                for level, (image, camera) in self.levels.items()
-            },
-            self.masks,
-            self.smear,
-        )
+        levels = {
+            level: (image, replace(camera, world_to_camera=world_to_camera))
+            for level, (image, camera) in self.levels.items()
+        }
+        return replace(self, levels=levels)
 
 
 class ViewOrder:

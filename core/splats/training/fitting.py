@@ -194,19 +194,21 @@ class Fit:
         self.apply(Refinement(chosen, index, np.zeros(len(index), bool)))
 
     def psnr(self, views: Sequence[TrainingView], *, any_exposure: bool = False) -> float:
-        """Mean PSNR over the views at full resolution, dB.
+        """Mean PSNR over the views at full resolution, dB; 0 if nothing of them is looked at.
 
         Args:
             any_exposure: compensate the exposure of each photograph first, by the three gains that fit best.
         """
-        return float(np.mean([self._psnr(view, any_exposure) for view in views]))
+        found = [psnr for view in views if not math.isnan(psnr := self._psnr(view, any_exposure))]
+        return float(np.mean(found)) if found else 0.0
 
     def best_line(self, view: TrainingView) -> NDArray[np.float64]:
-        """(2,) the line along which a rendering is most like the photograph (`best_line`)."""
+        """(2,) the line along which a rendering is most like the photograph (`best_line`), sought near a known one."""
         image, camera = view.at(1)
+        known = view.smear if view.smear is not None and view.smear.any() else None
         frame = self._rasterizer.render(self.parameters, camera, self._background.color)
         photograph = image.numpy().astype(np.float32) / 255.0
-        return best_line(np.nan_to_num(frame.color.numpy()), photograph, view.looked_at(), view.smear)
+        return best_line(np.nan_to_num(frame.color.numpy()), photograph, view.looked_at(), known)
 
     def smeared(self, views: Sequence[TrainingView]) -> list[TrainingView]:
         """The views, their photographs smeared along the lines that suit the current scene best."""
@@ -230,8 +232,11 @@ class Fit:
         return color, image.numpy().astype(np.float32) / 255.0
 
     def _psnr(self, view: TrainingView, any_exposure: bool) -> float:
+        """NaN where nothing of the view is looked at."""
         color, photograph = self._pictures(view)
         shown = view.looked_at()
+        if shown is not None and not shown.any():
+            return math.nan
         if any_exposure:
             color = color * np.exp(estimate_log_gains(color, photograph, shown)).astype(np.float32)
         error = (np.clip(color, 0.0, 1.0) - photograph) ** 2

@@ -17,7 +17,8 @@ from scipy import ndimage
 
 from ...files.states import SavedState, State
 from ...sampling import evenly_spread
-from ..calibration.corrections import ViewCorrections
+from ..calibration.corrections import KnownBlur, ViewCorrections
+from ..calibration.motion_blur import smeared_array
 from ..raster import ParameterSet, RasterCamera, Rasterizer
 from ..targets import Background, TrainingView, ViewOrder
 from .fitting import Fit
@@ -112,9 +113,11 @@ class MovingThings:
         psnr = []
         for fitted in ([view.reduced(reduction) for view in views], without):
             fit = Fit(self._rasterizer, parameters.to_gaussians(), self._background, self._ssim_weight)
+            blur = KnownBlur(self._rasterizer.device, [view.smear for view in fitted])
             order = ViewOrder(self._fitted, np.random.default_rng(step))
             for _ in range(self._steps):
-                fit.step(fitted[order.next()], 1, learning_rates)
+                view = order.next()
+                fit.step(fitted[view], 1, learning_rates, correction=blur.of(view))
             psnr.append(fit.psnr(judging, any_exposure=corrections.exposure.active))
         return psnr[1] - psnr[0]
 
@@ -193,7 +196,8 @@ def _look(
 ) -> _Seen:
     image, camera = view.at(1)
     frame = rasterizer.render(parameters, camera, background.color)
-    residual = np.abs(frame.color.numpy() - image.numpy() * np.float32(1.0 / 255.0)).mean(axis=2)
+    color = smeared_array(frame.color.numpy(), view.smear)
+    residual = np.abs(color - image.numpy() * np.float32(1.0 / 255.0)).mean(axis=2)
     residual = ndimage.uniform_filter(np.nan_to_num(residual), plan.smooth)
     alpha = frame.alpha.numpy()
     depth = np.where(alpha > _OPAQUE, frame.depth.numpy() / np.maximum(alpha, _OPAQUE), 0.0).astype(np.float32)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from .fitting import Fit
 
 Preparer = Callable[[Sequence[View]], list[TrainingView]]
 Aligner = Callable[[Sequence[TrainingView]], AlignedViews]
+_NO_LINE = np.full(2, np.nan)  # stands for None in a snapshot
 
 
 class Validation:
@@ -70,7 +72,11 @@ class Validation:
     def snapshot(self) -> State:
         """What `restore` continues from."""
         state: State = {"ended": not self.views}
-        return state if self._aligned is None else {**state, "aligned": self._aligned.snapshot()}
+        if self._aligned is not None:
+            state["aligned"] = self._aligned.snapshot()
+        if any(view.smear is not None for view in self.views):
+            state["smears"] = np.array([_NO_LINE if view.smear is None else view.smear for view in self.views])
+        return state
 
     def restore(self, saved: SavedState) -> None:
         """Continue from a `snapshot`, before anything was aligned; raises `InputError` where it is of other views."""
@@ -78,6 +84,10 @@ class Validation:
             self._aligned = self._aligner(self.views)
             self._aligned.restore(saved.part("aligned"))
             self.views = self._aligned.views
+        if "smears" in saved:
+            lines = saved.array("smears", np.float64, len(self.views), 2)
+            smears = [None if np.isnan(line).any() else line for line in lines]
+            self.views = [replace(view, smear=smear) for view, smear in zip(self.views, smears, strict=True)]
         if saved.value("ended", bool):
             self.end()
 

@@ -87,6 +87,17 @@ def _exceeded(row: dict[str, Any]) -> list[str]:
     return found
 
 
+def fails_by_the_line_of(method: str, items: pd.DataFrame) -> pd.Series:
+    """Whether each row of `standings` fails if all methods have the PSNR to reach of one, `MOST_LOST` below its own.
+
+    By its own line a method that is better on the untouched capture fails sooner than one that never was.
+    """
+    lines = items[items.method == method].assign(line=lambda own: own.psnr + own.psnr_lost - MOST_LOST)
+    line = items.axis.map(lines.groupby("axis").line.max())
+    stands = (items.psnr >= line) & (items.rwe <= MOST_RWE) & (items.ccpr >= items.ccpr_input) & (items.errors == "")
+    return ~stands
+
+
 def curve(items: pd.DataFrame, method: str, axis: str) -> pd.DataFrame:
     """A method's levels on an axis, in order, from the harmless one on: the axis's own, or the one that axes share."""
     mine = items[(items.method == method) & items.axis.isin([axis, UNTOUCHED])]

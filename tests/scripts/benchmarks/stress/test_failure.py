@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from cvdgs.scripts.benchmarks.stress.axes import AXES, HARMLESS, Axis
-from cvdgs.scripts.benchmarks.stress.failure import UNTOUCHED, curve, standings
+from cvdgs.scripts.benchmarks.stress.failure import UNTOUCHED, curve, fails_by_the_line_of, standings
 from cvdgs.scripts.benchmarks.stress.page import write_stress
 from cvdgs.scripts.benchmarks.stress.plan import Attempt, StressPlan, StressResult
 from cvdgs.scripts.benchmarks.studies.captures import CaptureFolder
@@ -107,6 +107,22 @@ def test_what_is_rendered_anew_is_measured_against_its_own_harmless_level() -> N
     assert curve(found, "layers", "poses").psnr.tolist() == [30.0, 26.0]
 
 
+@pytest.mark.parametrize(
+    ("figures", "fails"),
+    [
+        ({"psnr": 26.0}, False),  # 4 dB below its own, 1 above the other's line
+        ({"psnr": 24.9}, True),
+        ({"rwe": 1.1}, True),
+        ({"ccpr": 0.6}, True),
+        ({"psnr": math.nan}, True),
+    ],
+)
+def test_with_one_line_for_all_a_method_may_lose_what_it_has_more(figures: dict[str, object], fails: bool) -> None:
+    untouched = [result("layers", HARMLESS), result("plain", HARMLESS, psnr=28.0)]
+    found = standings([*untouched, result("layers", 1, **figures), result("plain", 1, psnr=27.0)])
+    assert fails_by_the_line_of("plain", found).tolist() == [False, False, fails, False]
+
+
 def test_the_page_says_where_each_method_fails_first_and_what_the_warnings_are(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     plan = StressPlan(BASE, (POSES,), (0, 1, 2, 3), (0,))
@@ -118,7 +134,8 @@ def test_the_page_says_where_each_method_fails_first_and_what_the_warnings_are(t
     text = write_stress(tmp_path, plan, results)
     assert "| cameras turned by | stands | stands | stands | 0.5° |" in text
     assert "| cameras turned by | plain | 0.5° | 4.0 | 0.80 | 0.750 | 0.650 |" in text
-    assert "plain settings have failed on 1 of 1 axes; on 1 of these `layers`" in text
+    assert "plain settings have failed on 1 of 1 axes; on 1 of these (poses) `layers` is" in text
+    assert "these have failed on 1, and on 1 of these (poses) `layers` stands" in text
     for level, warnings in (("0.25°", "nothing"), ("0.5°", "cameras-off"), ("1°", "cameras-off")):
         assert f"| cameras turned by | {level} | {warnings} |" in text
     assert (tmp_path / "stress.md").read_text(encoding="utf-8") == text
