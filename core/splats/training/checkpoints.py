@@ -25,7 +25,7 @@ from ...files.untrusted import explained, replacing
 from ...runs.layout import CHECKPOINT_CAPTURE_FILE, CHECKPOINT_RUN_FILE, CHECKPOINT_STATE_FILE
 
 _WORTH_SECONDS = 30.0  # of training, from which a cancelled or finished one leaves a checkpoint
-_FORMAT = "cvdgs-checkpoint-2"  # another one whenever the trainer's state or its steps change
+_FORMAT = "cvdgs-checkpoint-3"  # another one whenever the trainer's state or its steps change
 _MOST_BYTES = 16 << 30  # 23 million Gaussians of degree 3 with their moments
 _WHAT, _REMEDY = "the checkpoint", "run again without --resume"
 
@@ -45,7 +45,7 @@ def fingerprint(
     """What a checkpoint has to agree on with a run: the format, the version, the plan, and all that is fitted."""
     digest = hashlib.sha256(f"{_FORMAT} {__version__} {seed} {len(views)} {len(held_out)}\n{plan!r}\n".encode())
     for view in (*views, *held_out):
-        parts = (view.world_to_camera, view.image, view.alpha, view.mask)
+        parts = (view.world_to_camera, view.image, view.alpha, view.mask, view.smear)
         there = [array is not None for array in parts]
         digest.update(f"{view.key} {view.camera!r} {view.image.shape} {there}\n".encode())
         for part in parts:

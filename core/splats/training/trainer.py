@@ -3,7 +3,8 @@
 A run follows its `TrainingPlan`. Each step fits one view (`fitting.Fit`), at the resolution and learning rates of the
 `TrainingSchedule`; every so often the `Strategy` densifies and prunes. Validation views, which are not fitted, decide
 when growth and training end and which SH degree pays (`decisions`); near the end of the run they are fitted, too.
-Exposures and poses are corrected on the way, if they need it (`ViewCorrections`), and what moves is left out.
+Exposures, poses and motion blur are corrected on the way, if they need it (`ViewCorrections`), and what moves is left
+out.
 """
 
 from __future__ import annotations
@@ -261,7 +262,7 @@ class Trainer:
     def _refinement(self, step: int) -> Refinement:
         budget = self._strategy.schedule.budget(step, self._plan.steps, self._log.initial, self._limit)
         views = self._witnesses.sampled(step, self._fitted_count, self.fit.parameters, self._rng)
-        evidence = Evidence(self.fit.mean_gradient, views)
+        evidence = Evidence(self.fit.mean_gradient if self._strategy.gradient_every else None, views)
         gaussians = self.fit.parameters.to_gaussians()
         return in_morton_order(self._strategy.refine(gaussians, evidence, budget, self._rng))
 
@@ -269,10 +270,7 @@ class Trainer:
 
     def _measure(self, step: int) -> Measurement:
         """Measure the validation views; keeps the Gaussians if they are the best so far."""
-        if self._corrections.poses_were_off:
-            self._validation.align(self.fit.parameters)
-        if self._corrections.blur.active:
-            self._validation.views = self.fit.smeared(self._validation.views)
+        self._validation.follow(self.fit, self._corrections)
         measurement = Measurement(step, len(self.fit), self._validation_psnr(), self.fit.work)
         self._log.keep_if_best(measurement, self.fit)
         return measurement
@@ -305,7 +303,7 @@ class Trainer:
         return AlignedViews(self._rasterizer, views, self._background, self._plan.poses)
 
     def _stops_early(self, step: int) -> bool:
-        """Measure the validation views if a measurement is due, and apply the stop rule; the hinge has its part yet."""
+        """Measure the validation views if that is due, and apply the stop rule; the hinge still gets its part."""
         plan, log = self._plan, self._log
         if plan.stopping is None or not self._validation or not plan.stopping.due(step, plan.steps):
             return False

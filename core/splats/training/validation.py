@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ...capture.model import View
 from ...files.states import SavedState, State
+from ..calibration.corrections import ViewCorrections
 from ..calibration.poses import AlignedViews
 from ..raster import ParameterSet
 from ..targets import TrainingView
@@ -53,6 +54,13 @@ class Validation:
         self._aligned.align(scene)
         self.views = self._aligned.views
 
+    def follow(self, fit: Fit, corrections: ViewCorrections) -> None:
+        """Measure views in the poses and through the lines that suit the current scene, where these are corrected."""
+        if corrections.poses_were_off:
+            self.align(fit.parameters)
+        if corrections.blur.active:
+            self.views = fit.smeared(self.views)
+
     def matched(self, scene: ParameterSet, reduction: int) -> list[TrainingView]:
         """The views from where they match a scene best, reduced by a factor, for a trial: the poses of `views` stay."""
         aligned = self._aligner(self.views)
@@ -71,7 +79,7 @@ class Validation:
 
     def snapshot(self) -> State:
         """What `restore` continues from."""
-        state: State = {"ended": not self.views}
+        state: dict[str, Any] = {"ended": not self.views}
         if self._aligned is not None:
             state["aligned"] = self._aligned.snapshot()
         if any(view.smear is not None for view in self.views):

@@ -15,6 +15,7 @@ from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import InputError
 from cvdgs.core.files.states import SavedState, read_state, write_state
 from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.core.splats.calibration.motion_blur import smeared_array
 from cvdgs.core.splats.gaussians import Gaussians
 from cvdgs.core.splats.raster import ParameterSet, Rasterizer
 from cvdgs.core.splats.renderer import SceneRenderer
@@ -119,6 +120,21 @@ def test_what_the_scene_lacks_in_all_views_is_not_taken_for_something_that_moves
     assert find_moving(rasterizer, parameters, targets, BLACK, PLAN).keys() == {
         index for index, view in enumerate(moving) if view.key in places
     }
+
+
+def test_what_was_smeared_while_it_was_photographed_does_not_move(gaussians: Gaussians, clean: list[View]) -> None:
+    line = np.array([9.0, 0.0])
+    smeared = [
+        replace(view, image=np.round(smeared_array(view.image.astype(np.float32), line)).astype(np.uint8), smear=line)
+        if index % 3 == 0
+        else view
+        for index, view in enumerate(clean)
+    ]
+    rasterizer, parameters, targets = targets_of(smeared, gaussians)
+    wary = MovingPlan(outlying=4.0, belonging=2.0)
+    assert find_moving(rasterizer, parameters, targets, BLACK, wary) == {}
+    unknown = [replace(target, smear=None) for target in targets]
+    assert find_moving(rasterizer, parameters, unknown, BLACK, wary)
 
 
 def test_what_was_found_is_kept_in_a_checkpoint_and_a_damaged_one_is_refused(
