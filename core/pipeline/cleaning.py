@@ -72,7 +72,7 @@ def propose_crop(views: Sequence[View], gaussians: Gaussians, figures: Mapping[s
 
 def look(rasterizer: Rasterizer, gaussians: Gaussians, views: Sequence[View], background: Background) -> Sightings:
     """What the training `views` show of `gaussians`, in world units."""
-    frame = SceneFrame.around(views, np.zeros((0, 3), np.float32))
+    frame = SceneFrame.around(views, gaussians.means)
     parameters = ParameterSet.from_gaussians(frame.from_world(gaussians), rasterizer.device)
     targets = prepare_targets(rasterizer, views, frame, background, {_REDUCTION})
     found = gather_view_evidence(rasterizer, parameters, targets, background, complete=True, reduction=_REDUCTION)

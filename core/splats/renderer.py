@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -22,6 +23,14 @@ from .targets import Background
 _COMPARED = 4  # pixels around one that take part when views are compared (`AgreementSettings.blur`, and sampling)
 
 
+class _Loaded(NamedTuple):
+    """Gaussians in world units, and as they are drawn: the frame and the parameters on the device."""
+
+    gaussians: Gaussians
+    frame: SceneFrame
+    parameters: ParameterSet
+
+
 class SceneRenderer:
     """Renders Gaussians from the cameras of `views`.
 
@@ -33,10 +42,9 @@ class SceneRenderer:
 
     def __init__(self, rasterizer: Rasterizer, views: Sequence[View], background: Background) -> None:
         self.views = views
-        self._frame = SceneFrame.around(views, np.zeros((0, 3), np.float32))
         self._rasterizer = rasterizer
         self._background = background
-        self._loaded: tuple[Gaussians, ParameterSet] | None = None
+        self._loaded: _Loaded | None = None
 
     def color(self, gaussians: Gaussians, index: int) -> NDArray[np.uint8]:
         """(H, W, 3) sRGB."""
@@ -44,12 +52,13 @@ class SceneRenderer:
 
     def depth(self, gaussians: Gaussians, index: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """(H, W) mean planar depth in world units, 0 where there is nothing; (H, W) alpha, 0 at masks and beside."""
-        frame, mask = self._render(gaussians, index), self.views[index].mask
+        loaded, mask = self._load(gaussians), self.views[index].mask
+        frame = self._render(gaussians, index)
         alpha = frame.alpha.numpy().copy()
         if mask is not None:
             alpha *= binary_erosion(mask, np.ones((3, 3)), iterations=_COMPARED, border_value=1)
         depth = np.where(alpha > 1e-3, frame.depth.numpy() / np.maximum(alpha, 1e-3), 0.0)
-        return (depth / self._frame.scale).astype(np.float32), alpha
+        return (depth / loaded.frame.scale).astype(np.float32), alpha
 
     def mask(self, index: int) -> NDArray[np.bool_] | None:
         """(H, W) pixels that the photograph covers and its mask leaves, or None if these are all."""
@@ -57,7 +66,7 @@ class SceneRenderer:
         return None if shown is None else shown > 127
 
     def fidelity(self, index: int, rendered: NDArray[np.uint8]) -> dict[str, float]:
-        """PSNR in dB and SSIM of a rendering against the photograph over the same background, but what is masked.
+        """PSNR in dB and SSIM of a rendering against the photograph over the same background, without what is masked.
 
         The rendering is first smeared as the photograph is known to be.
         """
@@ -70,12 +79,17 @@ class SceneRenderer:
         photograph, image = (image_to_tensor(picture) for picture in pictures)
         return {"psnr": psnr(photograph, image, mask=kept), "ssim": ssim(photograph, image, mask=kept)}
 
+    def _load(self, gaussians: Gaussians) -> _Loaded:
+        if self._loaded is None or self._loaded.gaussians is not gaussians:
+            # By the means, as in training: cameras that share a centre give no unit of length.
+            frame = SceneFrame.around(self.views, gaussians.means)
+            parameters = ParameterSet.from_gaussians(frame.from_world(gaussians), self._rasterizer.device)
+            self._loaded = _Loaded(gaussians, frame, parameters)
+        return self._loaded
+
     def _render(self, gaussians: Gaussians, index: int) -> Frame:
-        if self._loaded is None or self._loaded[0] is not gaussians:
-            local = self._frame.from_world(gaussians)
-            self._loaded = gaussians, ParameterSet.from_gaussians(local, self._rasterizer.device)
-        view = self.views[index]
+        loaded, view = self._load(gaussians), self.views[index]
         c = view.camera
-        pose = self._frame.world_to_camera(view.world_to_camera)
+        pose = loaded.frame.world_to_camera(view.world_to_camera)
         camera = RasterCamera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, pose)
-        return self._rasterizer.render(self._loaded[1], camera, self._background.color)
+        return self._rasterizer.render(loaded.parameters, camera, self._background.color)
