@@ -19,7 +19,9 @@ STAGE = "turntable"
 def render_turntables(
     folder: Path, report: dict[str, Any], settings: Settings, workers: Workers, log: Log
 ) -> dict[str, Any]:
-    """Render the turntable of every layer into ``turntable/<layer>/0001.png`` and so on; those that are there stay.
+    """Render the turntable of every layer into ``turntable/<layer>/0001.png`` and so on.
+
+    Turntables of as many pictures by the same engine stay.
 
     Args:
         folder: of the run, with its Gaussians and capture.
@@ -35,7 +37,9 @@ def render_turntables(
         Cancelled: nothing half-written is left.
     """
     layers = [ORIGINAL, *report["layers"]]
-    missing = [layer for layer in layers if not _is_there(folder / TURNTABLE_FOLDER / layer, settings.turntable)]
+    kept = (report.get(STAGE) or {}).get("engine") == settings.engine  # pictures of two engines do not go together
+    there = [layer for layer in layers if kept and _is_there(folder / TURNTABLE_FOLDER / layer, settings.turntable)]
+    missing = [layer for layer in layers if layer not in there]
     for done, layer in enumerate(missing):
         shutil.rmtree(folder / TURNTABLE_FOLDER / layer, ignore_errors=True)
         arguments = FramesArguments.on(

@@ -39,16 +39,17 @@ def blender(as_blender) -> Path:
     return as_blender(BLENDER)
 
 
-def turn(folder: Path, pictures: int, *layers: str) -> tuple[dict, list[dict]]:
-    """What the report says, and the events."""
-    report = {"capture": {"width": 64, "height": 48}, "layers": dict.fromkeys(layers)}
+def turn(folder: Path, pictures: int, *layers: str, engine: str = "cycles", before: dict | None = None):
+    """What the report says after what it said `before`, and the events."""
+    report = {"capture": {"width": 64, "height": 48}, "layers": dict.fromkeys(layers), "turntable": before}
     events: list[dict] = []
-    settings = Settings("photos", str(folder), turntable=pictures, simulation="vienot")
+    settings = Settings("photos", str(folder), turntable=pictures, simulation="vienot", engine=engine)
     return render_turntables(folder, report, settings, Workers(), Log(io.StringIO(), events.append)), events
 
 
 def asked_for(blender: Path) -> list[str]:
-    return [json.loads(line)["arguments"]["layer"] for line in (blender / "requests").read_text().splitlines()]
+    requests = [json.loads(line)["arguments"] for line in (blender / "requests").read_text().splitlines()]
+    return [arguments["layer"] for arguments in requests if "layer" in arguments]  # others ask about EEVEE
 
 
 def test_every_layer_is_rendered_all_around_in_the_size_of_the_photographs(blender, tmp_path):
@@ -64,9 +65,16 @@ def test_every_layer_is_rendered_all_around_in_the_size_of_the_photographs(blend
 
 
 def test_a_further_layer_leaves_the_pictures_that_are_there(blender, tmp_path):
-    turn(tmp_path, 3, "deutan-1.0")
-    turn(tmp_path, 3, "deutan-1.0", "protan-1.0")
+    said, _ = turn(tmp_path, 3, "deutan-1.0")
+    turn(tmp_path, 3, "deutan-1.0", "protan-1.0", before=said)
     assert asked_for(blender) == ["original", "deutan-1.0", "protan-1.0"]
+
+
+def test_pictures_of_two_engines_do_not_go_together(blender, tmp_path):
+    said, _ = turn(tmp_path, 3, engine="eevee")
+    said, _ = turn(tmp_path, 3, "protan-1.0", before=said)
+    assert asked_for(blender) == ["original", "original", "protan-1.0"]
+    assert said["engine"] == "cycles"
 
 
 def test_another_number_of_pictures_is_another_turn(blender, tmp_path):
