@@ -112,7 +112,8 @@ class EarlierRun:
             _require(enough, f"{found.views} photographs, fewer than the finished run has", folder)
             return
         size = max(max(view.camera.width, view.camera.height) for view in self.capture.views)
-        quiet = _ProgressOnly(reporter, "capture", 0.0, 1.0, "comparing with the finished run")
+        # The finished run's report has its warnings already.
+        quiet = StageSpan(reporter, "capture", 0.0, 1.0, "comparing with the finished run", warns=False)
         given = read_capture(folder, max_size=size, cameras=self.settings.cameras_from, reporter=quiet)
         found_to_move = self.report.get("moving", {}).get("views", [])
         _compare(
@@ -150,13 +151,6 @@ class EarlierRun:
             "notes": {**self.report["notes"], **added["notes"]},
             "resumed": [*self.report.get("resumed", ()), addition],
         }
-
-
-class _ProgressOnly(StageSpan):
-    """Withholds warnings that the finished run's report already has."""
-
-    def warning(self, name: str, message: str) -> None:
-        """Reported before."""
 
 
 def _settings_of(report: Mapping[str, Any], out: str) -> Settings:

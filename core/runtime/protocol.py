@@ -64,13 +64,22 @@ class StageSpan(Reporter):
         start, end: the fractions of the stage between which the part lies.
         message: said instead of the part's own; None passes that on.
         tells_status: whether what the part begins with is passed on.
+        warns: whether warnings are.
     """
 
     def __init__(
-        self, inner: Reporter, stage: str, start: float, end: float, message: str | None, *, tells_status: bool = False
+        self,
+        inner: Reporter,
+        stage: str,
+        start: float,
+        end: float,
+        message: str | None,
+        *,
+        tells_status: bool = False,
+        warns: bool = True,
     ) -> None:
         self._inner, self._stage, self._start, self._end, self._message = inner, stage, start, end, message
-        self._tells_status = tells_status
+        self._tells_status, self._warns = tells_status, warns
 
     def progress(self, stage: str, fraction: float, message: str = "") -> None:
         said = message if self._message is None else self._message
@@ -81,7 +90,8 @@ class StageSpan(Reporter):
             self._inner.status(self._stage, message)
 
     def warning(self, name: str, message: str) -> None:
-        self._inner.warning(name, message)
+        if self._warns:
+            self._inner.warning(name, message)
 
     def scene(self, gaussians: Callable[[], Any]) -> None:
         self._inner.scene(gaussians)

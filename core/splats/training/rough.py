@@ -86,7 +86,8 @@ class RoughFit:
         pixels = sum(view.camera.width * view.camera.height for view in small)
         message = f"fitting a rough scene to photographs of {max(small[0].image.shape)} pixels"
         self.reporter.status(self.stage, message)
-        span = StageSpan(self.reporter, self.stage, 0.0, self.share, message)
+        # What is said of small photographs is not of the run, which finds out for itself.
+        span = StageSpan(self.reporter, self.stage, 0.0, self.share, message, warns=False)
         return self.train(small, self._rough_plan(pixels), span)
 
     def _rough_plan(self, pixels: int) -> TrainingPlan:

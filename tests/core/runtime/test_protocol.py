@@ -49,3 +49,15 @@ def test_a_part_of_a_stage_says_its_own_or_what_the_stage_says(message, said):
 
     StageSpan(Ears(), "geometry", 0.5, 0.9, message).progress("training", 0.5, "28.1 dB")
     assert heard == [("geometry", pytest.approx(0.7), said)]
+
+
+@pytest.mark.parametrize("warns", [True, False])
+def test_a_part_of_a_stage_warns_unless_it_is_told_not_to(warns):
+    heard = []
+
+    class Ears(Reporter):
+        def warning(self, name: str, message: str) -> None:
+            heard.append(name)
+
+    StageSpan(Ears(), "geometry", 0.0, 1.0, None, warns=warns).warning("motion-blur-corrected", "they were smeared")
+    assert heard == ["motion-blur-corrected"] * warns
