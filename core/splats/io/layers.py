@@ -39,16 +39,25 @@ def turn_to_y(up: str) -> tuple[float, float, float, float] | None:
     """
     if not up or up in TO_Y_UP:
         return TO_Y_UP.get(up)
-    x, y, z = (float(number) for number in up.split(","))
-    length = sqrt(x * x + y * y + z * z)
-    if not 0.0 < length < inf:
-        raise ValueError("no direction")
-    x, y, z = x / length, y / length, z / length
+    x, y, z = direction_of(up)
     if y <= _OPPOSITE:
         return TO_Y_UP["-y"]
     # The shortest turn: about the axis at right angles to both.
     w = sqrt(0.5 * (1.0 + y))
     return -z / (2.0 * w), 0.0, x / (2.0 * w), w
+
+
+def direction_of(up: str) -> tuple[float, float, float]:
+    """The unit vector of an axis of the scene, such as ``-y``, or of three numbers ``x,y,z``.
+
+    Raises:
+        ValueError: `up` is no direction.
+    """
+    x, y, z = _AXES[up] if up in _AXES else (float(number) for number in up.split(","))
+    length = sqrt(x * x + y * y + z * z)
+    if not 0.0 < length < inf:
+        raise ValueError("no direction")
+    return x / length, y / length, z / length
 
 
 def world_of_run(file: Path) -> tuple[str, float]:
@@ -102,7 +111,7 @@ def first_of(layers: Mapping[str, Gaussians], where: Path) -> Gaussians:
 
 
 def sharing_geometry(first: Gaussians, other: Gaussians, where: Path) -> Gaussians:
-    """`other`, with the arrays of `first` in place of its own but for the colours.
+    """`other`, with all of its arrays but the colours replaced by those of `first`.
 
     Raises:
         InputError: its geometry is another one.

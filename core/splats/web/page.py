@@ -22,7 +22,7 @@ from ...files.untrusted import writing_whole
 from ...runs.layout import ORIGINAL
 from ...settings import CVD_TYPES
 from ..gaussians import Gaussians, core_bounds
-from ..io.layers import first_of
+from ..io.layers import direction_of, first_of
 from .streams import pack
 
 SUFFIX = ".html"
@@ -31,7 +31,6 @@ _MARK = re.compile(r"\{\{ (\w+) \}\}")
 _ENOUGH_TO_SORT = 1 << 24  # more Gaussians than any graphics card's texture of 4096 texels a row holds
 _SEVERITIES = len(next(iter(MATRICES.values())))
 _UPRIGHT_TOLERANCE = np.radians(25.0)  # +Z within this angle of the cameras' mean is up
-_AXES = dict(zip(("x", "y", "z", "-x", "-y", "-z"), (*np.eye(3), *-np.eye(3)), strict=True))
 _USUAL_UP = "-y"  # of scenes from structure from motion
 _NEAR = 0.05  # smallest depth drawn, of the farthest camera's distance from their mean: as trained (core/splats/raster)
 _MOST_CAMERAS = 500  # in a page: those of more photographs are thinned out
@@ -144,7 +143,7 @@ def _cameras(around: Surroundings, up: str, center: NDArray[np.float64], radius:
     """The page's cameras, their positions from `center`, and what they say of the scene."""
     if not around.views:
         return {
-            "up": _AXES[up or _USUAL_UP].tolist(),
+            "up": list(direction_of(up or _USUAL_UP)),
             "cameras": [],
             "start": 0,
             "near": 1e-3 * radius,
@@ -156,7 +155,7 @@ def _cameras(around: Surroundings, up: str, center: NDArray[np.float64], radius:
     shown = [view for n, view in enumerate(around.views) if n % every == 0 or view.key == around.start]
     names = [view.key for view in shown]
     return {
-        "up": (_AXES[up] if up else up_of(around.views) if around.up is None else around.up).tolist(),
+        "up": list(direction_of(up) if up else up_of(around.views) if around.up is None else around.up),
         "cameras": [_camera(view, center) for view in shown],
         "start": names.index(around.start) if around.start in names else 0,
         "near": _NEAR * (extent if extent > 1e-6 * radius else radius),

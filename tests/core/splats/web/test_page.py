@@ -89,12 +89,13 @@ def test_names_from_outside_are_text(tmp_path):
     assert (scene["layers"][1]["name"], scene["names"][1], scene["captions"][1]) == (evil, evil, evil)
 
 
-def test_original_colours_come_first_and_without_cameras_an_axis_is_up(tmp_path):
+@pytest.mark.parametrize(("up", "direction"), [("z", [0.0, 0.0, 1.0]), ("0,-3,4", [0.0, -0.6, 0.8])])
+def test_original_colours_come_first_and_without_cameras_a_direction_is_up(tmp_path, up, direction):
     layers = layered(20)
-    write_layers(tmp_path / "scene.html", dict(reversed(layers.items())), up="z")
+    write_layers(tmp_path / "scene.html", dict(reversed(layers.items())), up=up)
     scene = scene_of(tmp_path / "scene.html")
     assert scene["layers"][0]["name"] == "original"
-    assert scene["up"] == [0.0, 0.0, 1.0]
+    assert scene["up"] == pytest.approx(direction)
     assert scene["cameras"] == []
 
 
