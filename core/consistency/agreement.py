@@ -22,6 +22,7 @@ from .correspondence import SceneCorrespondences, nearest_views, sample_bilinear
 Image = NDArray[np.uint8]
 Weights = NDArray[np.uint8]
 
+_STAGE = "agreement"
 _SMOOTHED_KEPT = 32  # neighbours in space are mostly neighbours in order
 
 
@@ -103,13 +104,12 @@ class SceneAgreement:
         photographs: Mapping[int, Image],
         settings: AgreementSettings = AgreementSettings(),
         reporter: Reporter | None = None,
-        stage: str = "agreement",
     ) -> None:
         self._correspondences = correspondences
         self._settings = settings
         self._neighbours = nearest_views(correspondences.views, sorted(photographs), settings.neighbours)
         pairs = [(view, other) for view, others in self._neighbours.items() for other in others]
-        correspondences.match(pairs, reporter, stage)
+        correspondences.match(pairs, reporter, _STAGE)
         self.weights = self._weigh(photographs)
 
     def consensus(self, images: Mapping[int, Image], reporter: Reporter | None = None) -> dict[int, Consensus]:
@@ -120,7 +120,7 @@ class SceneAgreement:
         found, reporter = {}, reporter or Reporter()
         for view in self._neighbours:
             found[view] = self._consensus(images, view)
-            reporter.progress("agreement", len(found) / len(self._neighbours), "comparing views")
+            reporter.progress(_STAGE, len(found) / len(self._neighbours), "comparing views")
         return found
 
     def _consensus(self, images: Mapping[int, Image], view: int) -> Consensus:

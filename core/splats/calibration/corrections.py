@@ -167,8 +167,8 @@ class ViewCorrections:
             report: told how far a measurement of all views is.
 
         Returns:
-            What is corrected from now on because it seems to be off. That a rough scene differs from its photographs
-            may be the scene's fault: only a trial tells (`switch`, `settle`).
+            What seems to be off: exposures and poses are corrected from now on, motion blur once `switch` says so. That
+            a rough scene differs from its photographs may be the scene's fault: only a trial tells (`settle`).
         """
         self._progress = progress
         proposed = []

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ...files.states import SavedState, State
 from ..raster import Frame
 from .adam import AdamMoments, decayed, restore, snapshot
+from .tried import Tried
 
 _BLOCK = 16  # pixels; gains are estimated from the means of square blocks, which blur and noise hardly change
 _DARKEST = 0.05  # mean of a block whose ratio is usable
@@ -27,7 +28,7 @@ _EPSILON = 1e-15  # of Adam
 
 
 @dataclass(frozen=True)
-class ExposurePlan:
+class ExposurePlan(Tried):
     """When and how gains are fitted.
 
     Attributes:
@@ -48,10 +49,6 @@ class ExposurePlan:
     least_gain: float = 0.1
     learning_rate: float = 4e-3
     lr_final_factor: float = 0.1
-
-    def trial_steps(self, steps: int) -> int:
-        """Steps of each branch of a trial in a run of `steps`."""
-        return max(round(self.trial * steps), self.fewest_trial_steps)
 
     def learning_rate_at(self, progress: float) -> float:
         """The learning rate at the fraction `progress` of the run."""

@@ -21,6 +21,7 @@ from torch.nn import functional
 from ...files.states import SavedState, State
 from ..raster import Frame
 from .adam import AdamMoments, decayed, restore, snapshot
+from .tried import Tried
 
 _SAMPLES_PER_PIXEL = 2
 _EPSILON = 1e-12  # of Adam
@@ -33,7 +34,7 @@ _SHARPENING = 3.0  # of gradients: detail that a line averages away altogether c
 
 
 @dataclass(frozen=True)
-class MotionBlurPlan:
+class MotionBlurPlan(Tried):
     """When and how lines are fitted.
 
     Attributes:
@@ -57,10 +58,6 @@ class MotionBlurPlan:
     least_gain: float = 0.1
     learning_rate: float = 0.3
     lr_final_factor: float = 0.1
-
-    def trial_steps(self, steps: int) -> int:
-        """Steps of each branch of a trial in a run of `steps`."""
-        return max(round(self.trial * steps), self.fewest_trial_steps)
 
     def learning_rate_at(self, progress: float) -> float:
         """The learning rate at the fraction `progress` of the run."""
@@ -240,7 +237,7 @@ class MotionBlur:
 
     @property
     def length(self) -> float:
-        """Pixels; a quarter of the lines are as long."""
+        """Pixels; a quarter of the lines are as long or longer."""
         return typical_length(self.lines)
 
     def line(self, view: int) -> NDArray[np.float64] | None:

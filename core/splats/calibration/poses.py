@@ -27,15 +27,16 @@ from ...files.states import SavedState, State
 from ..raster import Gradients, ParameterSet, RasterCamera, Rasterizer
 from ..targets import Background, TrainingView
 from .adam import AdamMoments, decayed, restore, snapshot
+from .tried import Tried
 
 # Of `PosePlan.align_steps`, in a trial: with 20 or 60 of them, what a correction gained differed by 0.13 dB at most
 # (docs/rooms.md), and 60 on six views took three quarters of the trial's time.
 _ROUGHLY = 1.0 / 3.0
-_DEPTH = 1.0  # frame units from a camera to what it looks at: the unit is the cameras' distance from their mean
+_DEPTH = 1.0  # frame units from a camera to what it looks at; the unit is the farthest camera's distance from the mean
 
 
 @dataclass(frozen=True)
-class PosePlan:
+class PosePlan(Tried):
     """When and how fast poses are refined.
 
     Learning rates are angles of view in radians.
@@ -78,10 +79,6 @@ class PosePlan:
     fewest_trial_steps: int = 150
     far: float = 0.8
     least_gain: float = 0.1
-
-    def trial_steps(self, steps: int) -> int:
-        """Steps of each branch of a trial in a run of `steps`."""
-        return max(round(self.trial * steps), self.fewest_trial_steps)
 
     def can_tell(self, steps: int, views: int) -> bool:
         """Whether a run of `steps` on `views` views can tell bad poses from good ones."""

@@ -156,7 +156,7 @@ RASTER_FN void backward_tile(State& s, int tile, int thread) {
             s.moments.data[(size_t)s.list_slot.data[first + i / MOMENTS] * MOMENTS + i % MOMENTS] = total;
         }
     }
-    for (int i = first * MOMENTS + thread; i < end * MOMENTS; i += TILE_PIXELS)
+    for (size_t i = (size_t)first * MOMENTS + thread; i < (size_t)end * MOMENTS; i += TILE_PIXELS)
         s.moments.data[(size_t)s.list_slot.data[i / MOMENTS] * MOMENTS + i % MOMENTS] = 0.0f;
 }
 

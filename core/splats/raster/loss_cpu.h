@@ -12,7 +12,7 @@ enum {
 };
 static const float WINDOW[RADIUS + 1] = SSIM_WINDOW;
 
-// Floats of one row of a map, padding included, and of a worker's scratch memory; also in rasterizer.py.
+// Floats of one row of a map, padding included, and of a worker's scratch memory; also in runner_cpu.py.
 RASTER_FN int row_stride(int width) { return (3 * width + 7) / 8 * 8 + 2 * ROW_PAD; }
 
 struct LossRows {  // rings of rows; row r lies in slot r mod TAPS
@@ -75,7 +75,7 @@ RASTER_FN void read_row(State& s, const LossRows& l, int row) {
     }
 }
 
-// rows[k] points at the row at offset k - RADIUS, or is null outside the image.
+// rows[k] points at the row at offset k - RADIUS, or at a row of zeros outside the image.
 RASTER_FN Real down(const float* const* rows, int i) {
     Real sum = load(rows[RADIUS] + i) * WINDOW[0];
     for (int k = 1; k <= RADIUS; k++) sum += (load(rows[RADIUS - k] + i) + load(rows[RADIUS + k] + i)) * WINDOW[k];

@@ -6,7 +6,7 @@ namespace raster {
 
 // RASTER_LOW_PASS, defined by state.py: square pixels added to the screen covariance.
 
-// As rasterizer.py packs it into `state.camera`.
+// As `RasterCamera.packed` in frame.py orders it.
 struct Camera {
     float rotation[9], translation[3];       // world to camera, row-major
     float center[3];                         // of the camera, in the world
@@ -191,7 +191,7 @@ RASTER_FN void load_parameters(State& s, const int* index, Real* mean, Real* log
     for (int i = 0; i < 4; i++) quaternion[i] = gather(s.quaternions.data + i, index, 4);
 }
 
-// Projects Gaussians first .. first + count - 1 (count <= LANES) into `splats`, `depth_keys`, `visible` and `radii`.
+// Projects Gaussians first .. first + count - 1 (count <= LANES) into `splats`, `keys`, `visible` and `radii`.
 template <class State>
 RASTER_FN void project(State& s, int first, int count) {
     const Camera& c = *reinterpret_cast<const Camera*>(s.camera.data);

@@ -38,7 +38,7 @@ class StereoPlan:
         smallest_side, largest_side: bounds of that.
         levels: inverse depths tried for each pixel of a photograph of 80 pixels; as many more as it is larger.
         neighbours: views with which a view is compared; the half that agrees best counts, others may be occluded.
-        best_angle: in degrees, between the rays of two views to one place. Smaller ones tell depths less apart.
+        best_angle: in degrees, between the rays of two views to one place. Smaller ones hardly tell depths apart.
         narrow, wide: standard deviations, in degrees, of what is still good below and above it.
         noise: variance of grey values in [0, 1] that is not taken for texture.
         color_weight: of the mean difference in colour, from 0 to 1, beside 1 - correlation.

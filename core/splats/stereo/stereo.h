@@ -22,7 +22,7 @@ RASTER_FN Pixel load_pixel(const float* p) {
     return r;
 }
 
-// A worker's memory; `stereo_scratch_floats` in kernels.py counts it.
+// A worker's memory; `scratch_floats` in kernels.py counts it.
 struct SweepMemory {
     float *cost, *smooth;   // pixels x levels
     float *planes, *summed; // PLANES x pixels

@@ -82,7 +82,7 @@ class DenseStart:
     """How points are found by dense stereo where there are no sparse ones.
 
     Attributes:
-        share: of the limit, up to which Gaussians are added to the sparse points. Starts of a third of that end .7 dB
+        share: of the limit, up to which Gaussians are added to the sparse points. Starts of a third of that end 0.7 dB
             lower in a room, since growth divides what is there and does not reach what is missing.
         least: share of the start that points of dense stereo should be where sparse ones are many: however many these
             are, others are where they are not. Sparse points make room for them if the limit leaves none.
@@ -97,9 +97,7 @@ class DenseStart:
     agreeing: int = 2
     stereo: StereoPlan = field(default_factory=StereoPlan)
 
-    def points(
-        self, views: Sequence[View], known: NDArray[np.float32], frame: SceneFrame, limit: int, threads: int | None
-    ) -> DensePoints:
+    def points(self, views: Sequence[View], known: NDArray[np.float32], frame: SceneFrame, limit: int) -> DensePoints:
         """Points beside the (P, 3) known ones, in `frame`; with them there may be more than the limit."""
         missing = self.missing(len(known), limit)
         if missing <= 0 or len(views) < 2:
@@ -107,7 +105,7 @@ class DenseStart:
         side = self.stereo.side_for(len(views))
         reduced = [StereoView.of(view, frame.world_to_camera(view.world_to_camera), side) for view in views]
         usual = _depth_range(np.stack([view.pose for view in reduced]), known)
-        maps = compute_depth_maps(reduced, depth_ranges(reduced, known, usual), self.stereo, threads)
+        maps = compute_depth_maps(reduced, depth_ranges(reduced, known, usual), self.stereo)
         return thinned(agreeing(maps, self.tolerance, self.agreeing), missing, known)
 
     def missing(self, known: int, limit: int) -> int:
@@ -146,7 +144,6 @@ class InitialGaussians:
         frame: SceneFrame,
         rng: np.random.Generator,
         limit: int,
-        threads: int | None = None,
     ) -> Gaussians:
         """At most `limit` Gaussians of SH degree 0 in `frame`.
 
@@ -154,10 +151,9 @@ class InitialGaussians:
             views: the training views.
             points: (P, 3) in world units.
             colors: (P, 3) sRGB.
-            threads: of dense stereo; None takes all processors that this process may use.
         """
         means, shades = frame.points(points), colors.astype(np.float32) / 255.0
-        found = self.dense.points(views, means, frame, limit, threads) if self.dense else DensePoints.none()
+        found = self.dense.points(views, means, frame, limit) if self.dense else DensePoints.none()
         room = limit - len(found)
         if len(means) > room:
             chosen = np.sort(rng.choice(len(means), room, replace=False))

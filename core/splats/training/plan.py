@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..calibration.exposure import ExposurePlan
 from ..calibration.motion_blur import MotionBlurPlan
 from ..calibration.poses import PosePlan
+from ..calibration.tried import Tried
 from ..gaussians import Gaussians
 from ..raster import ContrastPlan, LearningRates
 from ..strategy import Strategy
@@ -33,7 +34,7 @@ def _geometry_contrast() -> ContrastPlan:
 
 
 @dataclass(frozen=True)
-class MovingPlan:
+class MovingPlan(Tried):
     """When and how things that move are looked for. Residuals are means over channels of sRGB values in [0, 1].
 
     Attributes:
@@ -66,10 +67,6 @@ class MovingPlan:
     trial: float = 0.04
     fewest_trial_steps: int = 100
     least_gain: float = -0.02
-
-    def trial_steps(self, steps: int) -> int:
-        """Steps of each branch of a trial in a run of `steps`."""
-        return max(round(self.trial * steps), self.fewest_trial_steps)
 
 
 @dataclass(frozen=True)
@@ -171,8 +168,8 @@ class TrainingResult:
             as their photographs are) if motion blur was. The last entry is that of `gaussians`.
         seconds: of the loop and its preparation, without the measurements for the curve.
         initial: number of Gaussians at the start.
-        decision: automatic decisions and their reasons in plain words: views, strategy, gaussians, steps, sh_degree,
-            exposure, poses, moving, noise, dropout.
+        decision: automatic decisions and their reasons in plain words: views, strategy, start, gaussians, steps,
+            sh_degree, restored, exposure, poses, motion_blur, moving, noise, dropout; without those that do not apply.
         skipped: steps skipped, entirely or for some Gaussians, because of non-finite numbers.
         moved_poses: (4, 4) world-to-camera by view key, if poses were refined. Held-out views are then aligned with
             the finished scene, which is not fitted to them.

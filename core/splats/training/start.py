@@ -35,8 +35,8 @@ class StartRule:
         largest_share: of the run's steps; if a trial would take more, none is made, and sparse points are taken. The
             steps of the start that is chosen are not lost, so this is what the other one may cost.
         doubling_gain: dB on validation views that each doubling of the Gaussians at the start has to gain, as in
-            `GrowthRule`: what a run starts with, it mostly keeps. So has less than a doubling: beside many sparse
-            points a few of dense stereo raise PSNR, but draw plain walls nearer.
+            `GrowthRule`: what a run starts with, it mostly keeps. Less than a doubling has to gain as much as
+            one: a few points of dense stereo beside many sparse ones raise PSNR, but draw plain walls nearer.
     """
 
     dense: DenseStart | None = field(default_factory=DenseStart)
