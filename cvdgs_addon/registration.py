@@ -15,6 +15,7 @@ from .pictures import PICTURES
 from .scene.apart import Followers
 from .scene.camera_view import has_graphics_card, leave_slow_views
 from .scene.display import Form, form_of
+from .scene.preview import end_looking_around
 from .scene.splats import is_splats
 from .scene.turntable import restore_interrupted
 from .watching import WATCHER
@@ -100,6 +101,9 @@ def _put_right(*_: object) -> None:
 @bpy.app.handlers.persistent
 def _show_colors(*_: object) -> None:
     """A file that opens shows its Gaussians in colour at once, on whatever machine."""
+    if has_graphics_card():  # it draws all of them, also of a file that was saved while somebody looked around without
+        for scene in bpy.data.scenes:
+            end_looking_around(scene)
     if bpy.app.background:
         return
     for window in bpy.context.window_manager.windows:
