@@ -87,6 +87,18 @@ def test_the_render_is_set_up_as_chosen_and_restored(shown):
     assert scene.view_settings.view_transform != "Raw"
 
 
+def test_a_crop_box_that_was_deleted_can_be_selected_again(shown):
+    bpy.ops.cvdgs.add_crop_box()
+    box = crop.crop_box_of(shown)
+    with bpy.context.temp_override(selected_objects=[box], active_object=box):
+        bpy.ops.object.delete()
+    assert not box.users_scene
+    assert crop.crop_box_of(shown) == box, "it crops all the same"
+    bpy.ops.cvdgs.add_crop_box()
+    assert bpy.context.view_layer.objects.active == box
+    assert box.select_get()
+
+
 def view_in_color() -> None:
     window = bpy.context.window_manager.windows[0]
     area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
