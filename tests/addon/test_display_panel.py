@@ -120,6 +120,26 @@ def test_a_3d_view_shows_the_colours_through_a_photographs_camera(shown):
     assert scene.render.preview_pixel_size == pixel
 
 
+BORDER = [f"border_{end}_{axis}" for end in ("min", "max") for axis in "xy"]
+
+
+@pytest.mark.parametrize("in_use", [False, True])
+def test_a_3d_view_shows_the_whole_frame_unless_a_region_of_it_is_in_use(shown, in_use):
+    render = bpy.context.scene.render
+    region = dict(zip(BORDER, (0.25, 0.25, 0.5, 0.75), strict=True))
+    for name, side in region.items():
+        setattr(render, name, side)
+    render.use_border = in_use
+    view_in_color()
+    assert render.use_border
+    whole = dict(zip(BORDER, (0.0, 0.0, 1.0, 1.0), strict=True))
+    assert {name: getattr(render, name) for name in BORDER} == (region if in_use else whole)
+    view_in_color()
+    bpy.ops.cvdgs.restore_render()
+    assert render.use_border == in_use
+    assert {name: getattr(render, name) for name in BORDER} == region
+
+
 def test_a_3d_view_looks_through_the_turntables_camera_where_that_is_the_scenes(shown):
     scene = bpy.context.scene
     bpy.ops.cvdgs.add_turntable()
