@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import bpy
@@ -18,6 +18,7 @@ from .scene.display import Form, form_of
 from .scene.preview import end_looking_around
 from .scene.splats import is_splats
 from .scene.turntable import restore_interrupted
+from .shown import forget_deleted
 from .watching import WATCHER
 
 _FILE_EVENTS = ("load_post", "undo_post", "redo_post")
@@ -70,6 +71,21 @@ class _SceneProperty:
         del bpy.types.Scene.cvdgs
 
 
+class _Handler:
+    """A persistent function that Blender calls at an event."""
+
+    def __init__(self, event: str, function: Callable[..., None]) -> None:
+        self._event, self._function = event, function
+
+    def register(self) -> None:
+        getattr(bpy.app.handlers, self._event).append(self._function)
+
+    def unregister(self) -> None:
+        handlers = getattr(bpy.app.handlers, self._event)
+        if self._function in handlers:
+            handlers.remove(self._function)
+
+
 class _OpenedFiles:
     """Files that are opened or changed by undo: what was under way when they were written is put right again."""
 
@@ -113,6 +129,11 @@ def _show_colors(*_: object) -> None:
             WATCHER.show(window.scene, closer=False)
 
 
+@bpy.app.handlers.persistent
+def _prepare_saving(*_: object) -> None:
+    forget_deleted()
+
+
 PARTS: tuple[_Part, ...] = (
     *map(_Class, preferences_panel.CLASSES),
     PICTURES,
@@ -120,6 +141,7 @@ PARTS: tuple[_Part, ...] = (
     _SceneProperty(),
     ACTIVITY,
     _OpenedFiles(),
+    _Handler("save_pre", _prepare_saving),
     Followers(),
     WATCHER,
     *map(_Class, operators.CLASSES),

@@ -20,9 +20,17 @@ def shown_splats(context: bpy.types.Context) -> bpy.types.Object | None:
     """The Gaussians of the sub-panel Display: chosen there, else the active object, else the scene's first."""
     scene = context.scene
     candidates = [scene.cvdgs.display.target, context.view_layer.objects.active, *scene.objects]
-    # What is chosen stays in the file, and chosen, when it is deleted from the scene.
+    # What is chosen stays chosen when it is deleted from the scene, until the file is saved.
     present = (candidate for candidate in candidates if candidate is not None and candidate.name in scene.objects)
     return next((candidate for candidate in present if is_splats(candidate)), None)
+
+
+def forget_deleted() -> None:
+    """Choose no Gaussians any more that were deleted from all scenes: the file would keep them for good."""
+    for scene in bpy.data.scenes:
+        if scene.library is None:
+            for name in ("target", "partner"):
+                _forget_if_deleted(scene.cvdgs.display, name)
 
 
 def shown_layer(splats: bpy.types.Object) -> tuple[str, float]:
@@ -52,3 +60,12 @@ def require_object_mode(splats: bpy.types.Object) -> None:
     """
     if splats.mode == "EDIT":
         raise InputError("the Gaussians are being edited", where=splats.name, remedy="leave Edit Mode first")
+
+
+def _forget_if_deleted(display: bpy.types.PropertyGroup, name: str) -> None:
+    chosen = getattr(display, name)
+    if chosen is None or chosen.users_scene:
+        return
+    setattr(display, name, None)
+    if not chosen.users and chosen.library is None:  # Blender would save the mesh of an object that it does not save
+        bpy.data.objects.remove(chosen)

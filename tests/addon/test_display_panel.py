@@ -99,6 +99,23 @@ def test_a_crop_box_that_was_deleted_can_be_selected_again(shown):
     assert box.select_get()
 
 
+@pytest.mark.parametrize("chosen", ["target", "partner"])
+def test_chosen_gaussians_that_were_deleted_are_not_saved(shown, tmp_path, chosen):
+    display_settings = bpy.context.scene.cvdgs.display
+    display_settings.target = None
+    setattr(display_settings, chosen, shown)
+    mesh, file = shown.data.name, str(tmp_path / "scene.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file, copy=True)
+    assert getattr(display_settings, chosen) == shown, "it is in the scene"
+    with bpy.context.temp_override(selected_objects=[shown], active_object=shown):
+        bpy.ops.object.delete()
+    assert getattr(display_settings, chosen) == shown, "undo may bring it back"
+    bpy.ops.wm.save_as_mainfile(filepath=file, copy=True)
+    with bpy.data.libraries.load(file) as (saved, _):
+        assert mesh not in saved.meshes
+        assert saved.cameras, "the rest is there"
+
+
 def view_in_color() -> None:
     window = bpy.context.window_manager.windows[0]
     area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
