@@ -15,6 +15,7 @@ from .pictures import PICTURES
 from .scene.apart import Followers
 from .scene.camera_view import has_graphics_card, leave_slow_views
 from .scene.display import Form, form_of
+from .scene.origin import keep_appended_run, keep_runs
 from .scene.preview import end_looking_around
 from .scene.splats import is_splats
 from .scene.turntable import restore_interrupted
@@ -130,8 +131,16 @@ def _show_colors(*_: object) -> None:
 
 
 @bpy.app.handlers.persistent
-def _prepare_saving(*_: object) -> None:
+def _prepare_saving(path: str, *_: object) -> None:
     forget_deleted()
+    keep_runs(path)
+
+
+@bpy.app.handlers.persistent
+def _keep_appended_runs(context: bpy.types.BlendImportContext, *_: object) -> None:
+    for item in context.import_items:
+        if isinstance(item.id, bpy.types.Object):
+            keep_appended_run(item.id, item.source_library)
 
 
 PARTS: tuple[_Part, ...] = (
@@ -142,6 +151,7 @@ PARTS: tuple[_Part, ...] = (
     ACTIVITY,
     _OpenedFiles(),
     _Handler("save_pre", _prepare_saving),
+    _Handler("blend_import_post", _keep_appended_runs),
     Followers(),
     WATCHER,
     *map(_Class, operators.CLASSES),

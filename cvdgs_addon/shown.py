@@ -6,8 +6,7 @@ import bpy
 
 from ..core.errors import InputError
 from ..core.runs.layout import ORIGINAL
-from .folders import normalised_folder
-from .scene.finished_run import RUN_PROPERTY
+from .scene.origin import run_of
 from .scene.splat_attributes import color_attribute
 from .scene.splat_nodes import Input
 from .scene.splats import get_input, is_splats
@@ -38,12 +37,6 @@ def shown_layer(splats: bpy.types.Object) -> tuple[str, float]:
     layer = str(get_input(splats, Input.LAYER)).removeprefix(color_attribute(""))
     enhanced = get_input(splats, Input.ENHANCED)
     return layer or ORIGINAL, float(enhanced) if isinstance(enhanced, float) else 1.0
-
-
-def run_of(splats: bpy.types.Object) -> str:
-    """The folder of the run that Gaussians came from, in full; "" where none is known."""
-    folder = splats.get(RUN_PROPERTY, "")
-    return normalised_folder(folder) if isinstance(folder, str) and folder else ""
 
 
 def shown_run(context: bpy.types.Context) -> str:
