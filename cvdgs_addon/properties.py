@@ -49,32 +49,32 @@ def setting(name: str, /, **others: Any) -> dict[str, Any]:
     return {"name": option.label, "description": sentence(option.text), **limits, **default, **others}
 
 
-def _inspect(_capture: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+def _inspect(capture: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     if not bpy.app.background:  # nobody would hear the worker's answer; see operators.capture
-        start_inspection(context.scene)
+        start_inspection(capture.id_data)
 
 
-def _simulate(_properties: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+def _simulate(changed: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """Put what was changed in force at once, where a simulation is shown."""
-    apply_simulation(context.scene)
+    apply_simulation(changed.id_data)
 
 
-def _wipe(simulate: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+def _wipe(simulate: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """One border at a time."""
     if simulate.wipe and simulate.compare:
         simulate.compare = False
-    apply_simulation(context.scene)
+    apply_simulation(simulate.id_data)
 
 
-def _compare(simulate: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+def _compare(simulate: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     if simulate.compare and simulate.wipe:
         simulate.wipe = False
-    follow_comparison(context.scene)
+    follow_comparison(simulate.id_data)
 
 
-def _move_border(simulate: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    follow_comparison(context.scene)
-    apply_simulation(context.scene)
+def _move_border(simulate: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
+    follow_comparison(simulate.id_data)
+    apply_simulation(simulate.id_data)
 
 
 def _is_target(_display: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:

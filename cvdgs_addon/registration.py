@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import bpy
@@ -15,8 +15,11 @@ from .pictures import PICTURES
 from .scene.apart import Followers
 from .scene.camera_view import has_graphics_card, leave_slow_views
 from .scene.display import Form, form_of
+from .scene.origin import keep_appended_run, keep_runs
+from .scene.preview import end_looking_around
 from .scene.splats import is_splats
 from .scene.turntable import restore_interrupted
+from .shown import forget_deleted
 from .watching import WATCHER
 
 _FILE_EVENTS = ("load_post", "undo_post", "redo_post")
@@ -69,6 +72,21 @@ class _SceneProperty:
         del bpy.types.Scene.cvdgs
 
 
+class _Handler:
+    """A persistent function that Blender calls at an event."""
+
+    def __init__(self, event: str, function: Callable[..., None]) -> None:
+        self._event, self._function = event, function
+
+    def register(self) -> None:
+        getattr(bpy.app.handlers, self._event).append(self._function)
+
+    def unregister(self) -> None:
+        handlers = getattr(bpy.app.handlers, self._event)
+        if self._function in handlers:
+            handlers.remove(self._function)
+
+
 class _OpenedFiles:
     """Files that are opened or changed by undo: what was under way when they were written is put right again."""
 
@@ -100,6 +118,9 @@ def _put_right(*_: object) -> None:
 @bpy.app.handlers.persistent
 def _show_colors(*_: object) -> None:
     """A file that opens shows its Gaussians in colour at once, on whatever machine."""
+    if has_graphics_card():  # it draws all of them, also of a file that was saved while somebody looked around without
+        for scene in bpy.data.scenes:
+            end_looking_around(scene)
     if bpy.app.background:
         return
     for window in bpy.context.window_manager.windows:
@@ -109,6 +130,19 @@ def _show_colors(*_: object) -> None:
             WATCHER.show(window.scene, closer=False)
 
 
+@bpy.app.handlers.persistent
+def _prepare_saving(path: str, *_: object) -> None:
+    forget_deleted()
+    keep_runs(path)
+
+
+@bpy.app.handlers.persistent
+def _keep_appended_runs(context: bpy.types.BlendImportContext, *_: object) -> None:
+    for item in context.import_items:
+        if isinstance(item.id, bpy.types.Object):
+            keep_appended_run(item.id, item.source_library)
+
+
 PARTS: tuple[_Part, ...] = (
     *map(_Class, preferences_panel.CLASSES),
     PICTURES,
@@ -116,6 +150,8 @@ PARTS: tuple[_Part, ...] = (
     _SceneProperty(),
     ACTIVITY,
     _OpenedFiles(),
+    _Handler("save_pre", _prepare_saving),
+    _Handler("blend_import_post", _keep_appended_runs),
     Followers(),
     WATCHER,
     *map(_Class, operators.CLASSES),

@@ -6,8 +6,7 @@ import bpy
 
 from ..core.errors import InputError
 from ..core.runs.layout import ORIGINAL
-from .folders import normalised_folder
-from .scene.finished_run import RUN_PROPERTY
+from .scene.origin import run_of
 from .scene.splat_attributes import color_attribute
 from .scene.splat_nodes import Input
 from .scene.splats import get_input, is_splats
@@ -20,9 +19,17 @@ def shown_splats(context: bpy.types.Context) -> bpy.types.Object | None:
     """The Gaussians of the sub-panel Display: chosen there, else the active object, else the scene's first."""
     scene = context.scene
     candidates = [scene.cvdgs.display.target, context.view_layer.objects.active, *scene.objects]
-    # What is chosen stays in the file, and chosen, when it is deleted from the scene.
+    # What is chosen stays chosen when it is deleted from the scene, until the file is saved.
     present = (candidate for candidate in candidates if candidate is not None and candidate.name in scene.objects)
     return next((candidate for candidate in present if is_splats(candidate)), None)
+
+
+def forget_deleted() -> None:
+    """Choose no Gaussians any more that were deleted from all scenes: the file would keep them for good."""
+    for scene in bpy.data.scenes:
+        if scene.library is None:
+            for name in ("target", "partner"):
+                _forget_if_deleted(scene.cvdgs.display, name)
 
 
 def shown_layer(splats: bpy.types.Object) -> tuple[str, float]:
@@ -30,12 +37,6 @@ def shown_layer(splats: bpy.types.Object) -> tuple[str, float]:
     layer = str(get_input(splats, Input.LAYER)).removeprefix(color_attribute(""))
     enhanced = get_input(splats, Input.ENHANCED)
     return layer or ORIGINAL, float(enhanced) if isinstance(enhanced, float) else 1.0
-
-
-def run_of(splats: bpy.types.Object) -> str:
-    """The folder of the run that Gaussians came from, in full; "" where none is known."""
-    folder = splats.get(RUN_PROPERTY, "")
-    return normalised_folder(folder) if isinstance(folder, str) and folder else ""
 
 
 def shown_run(context: bpy.types.Context) -> str:
@@ -52,3 +53,12 @@ def require_object_mode(splats: bpy.types.Object) -> None:
     """
     if splats.mode == "EDIT":
         raise InputError("the Gaussians are being edited", where=splats.name, remedy="leave Edit Mode first")
+
+
+def _forget_if_deleted(display: bpy.types.PropertyGroup, name: str) -> None:
+    chosen = getattr(display, name)
+    if chosen is None or chosen.users_scene:
+        return
+    setattr(display, name, None)
+    if not chosen.users and chosen.library is None:  # Blender would save the mesh of an object that it does not save
+        bpy.data.objects.remove(chosen)

@@ -71,8 +71,7 @@ class CVDGS_OT_add_crop_box(NeedsGaussians, bpy.types.Operator):
     bl_label = "Add Crop Box"
 
     def act(self, context: bpy.types.Context) -> None:
-        splats = shown_splats(context)
-        box = crop.crop_box_of(splats) or crop.add_crop_box(splats)
+        box = crop.usable_crop_box(shown_splats(context))
         if context.mode == "OBJECT" and box.name in context.view_layer.objects:
             for selected in context.selected_objects:
                 selected.select_set(False)

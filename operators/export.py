@@ -20,7 +20,8 @@ from ..cvdgs_addon.export import (
     proposed_title,
     read_gaussians,
 )
-from ..cvdgs_addon.shown import run_of, shown_layer, shown_splats
+from ..cvdgs_addon.scene.origin import run_of
+from ..cvdgs_addon.shown import shown_layer, shown_splats
 from .base import NeedsGaussians, NeedsRun
 
 NO_LUT = "The original colours have no LUT; choose a layer under Display"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.results import figures_of, read_report
-from ..cvdgs_addon.shown import RUN_UNKNOWN, run_of, shown_layer
+from ..cvdgs_addon.scene.origin import run_of
+from ..cvdgs_addon.shown import RUN_UNKNOWN, shown_layer
 from .layout import GaussiansPanel, say
 
 _LONGEST_NAME = 34  # characters beside a value; longer ones are wrapped

@@ -25,6 +25,7 @@ OBJECTS_LAYER, COVERAGE_LAYER, GAUSSIANS_LAYER = "Objects", "Coverage", "Gaussia
 """View layers: lit objects with the shadows that they throw; where objects are, as alpha; Gaussians with holes."""
 
 _OBJECTS_SCENE, _GAUSSIANS_SCENE = "cvdgs_objects_scene", "cvdgs_gaussians_scene"
+_OWNER = "cvdgs_owner"  # custom property of these two: the scene that they follow
 _RENDERED_LAYERS = "cvdgs_rendered_layers"
 _EMPTY_LAYER = "CVD Rendered Apart"
 _THINGS, _LAMPS, _CATCHERS, _SPLATS = "CVD Objects", "CVD Lamps", "CVD Shadow Catchers", "CVD Gaussians"
@@ -48,12 +49,12 @@ _COVERAGE_SAMPLES = 16
 
 def objects_scene(scene: bpy.types.Scene) -> bpy.types.Scene | None:
     """The scene that renders the objects of `scene`; None where they are rendered with the Gaussians."""
-    return scene.get(_OBJECTS_SCENE)
+    return _own(scene, _OBJECTS_SCENE)
 
 
 def gaussians_scene(scene: bpy.types.Scene) -> bpy.types.Scene | None:
     """The scene that renders the Gaussians of `scene` alone; None where there is none."""
-    return scene.get(_GAUSSIANS_SCENE)
+    return _own(scene, _GAUSSIANS_SCENE)
 
 
 def is_apart(scene: bpy.types.Scene) -> bool:
@@ -78,6 +79,7 @@ def take_apart(scene: bpy.types.Scene) -> None:
     shown.view_layers[0].name = GAUSSIANS_LAYER
     shown.view_layers[0].layer_collection.children[things.name].holdout = True
     scene[_OBJECTS_SCENE], scene[_GAUSSIANS_SCENE] = lit, shown
+    lit[_OWNER] = shown[_OWNER] = scene
     scene[_RENDERED_LAYERS] = json.dumps([layer.name for layer in scene.view_layers if layer.use])
     for layer in scene.view_layers:
         layer.use = False
@@ -88,7 +90,7 @@ def take_apart(scene: bpy.types.Scene) -> None:
 def put_together(scene: bpy.types.Scene) -> None:
     """Undo `take_apart`."""
     for key in (_OBJECTS_SCENE, _GAUSSIANS_SCENE):
-        helper = scene.get(key)
+        helper = _own(scene, key)
         if helper is not None:
             for collection in list(helper.collection.children):
                 bpy.data.collections.remove(collection)
@@ -151,6 +153,12 @@ class Followers:
             handlers = getattr(bpy.app.handlers, event)
             if self._follow in handlers:
                 handlers.remove(self._follow)
+
+
+def _own(scene: bpy.types.Scene, key: str) -> bpy.types.Scene | None:
+    """The scene that `scene` names and that follows it: a copy names those of the scene that it was copied from."""
+    helper = scene.get(key)
+    return helper if helper is not None and helper.get(_OWNER) == scene else None
 
 
 def _new_scene(name: str, settings: dict, *collections: bpy.types.Collection) -> bpy.types.Scene:

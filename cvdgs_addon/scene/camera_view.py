@@ -22,6 +22,10 @@ _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader")
 _SHARE = 0.96  # of the free place that the frame takes
 _ZOOM_STEP = 50.0  # Blender: the frame's share of the view's width is (sqrt(2) + zoom / 50)^2 / 4
 _PAST_FRAME = 1.1  # of the distance from a camera to the frame that Blender draws for it
+_WHOLE_FRAME: dict[str, Setting] = {  # nothing is drawn outside the camera's frame
+    "render.use_border": True,
+    **{f"render.border_{end}_{axis}": side for end, side in (("min", 0.0), ("max", 1.0)) for axis in "xy"},
+}
 _PIXEL = "2"  # of the 3D view, in pixels of the screen: a quarter of the work
 
 
@@ -104,7 +108,8 @@ def view_in_color(
     _use_suitable_camera(scene)
     settings: dict[str, Setting] = {"render.preview_pixel_size": _PIXEL} if coarse else {}
     if engine is Engine.CYCLES:
-        settings["render.use_border"] = True  # nothing is drawn outside the camera's frame
+        if not scene.render.use_border:  # a region that was drawn before and is out of use stays so
+            settings |= _WHOLE_FRAME
         for drawn in filter(is_splats, scene.objects):  # each run's: what was left as ellipsoids would take minutes
             set_input(drawn, Input.CAMERA_VIEW, True)
     told = set_up_render(scene, engine, display, settings)

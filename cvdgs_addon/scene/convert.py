@@ -21,6 +21,7 @@ from .cameras import use_camera
 from .display import BACKGROUND_PROPERTY, Form, show_form
 from .finished_run import PARTIAL_FOLDER, RUN_PROPERTY, FinishedRun, read_run
 from .import_capture import add_cameras
+from .origin import BESIDE
 from .placement import Found, placement
 from .preview import shade_flat
 from .render_settings import Display, display_of, set_background, set_cycles, set_display
@@ -138,7 +139,7 @@ def _convert_in(
     reporter.status(STAGE, f"placing {len(run.gaussians)} Gaussians")
     scene = _new_scene(run, options)
     loaded = load_run(run, scene, options)
-    loaded.splats[RUN_PROPERTY] = "//"  # beside the scene, wherever the folder is taken
+    loaded.splats[RUN_PROPERTY] = BESIDE  # beside the scene, wherever the folder is taken
     camera = loaded.cameras[view.key]
     clock.lap("build")
 

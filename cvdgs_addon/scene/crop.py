@@ -23,10 +23,19 @@ def add_crop_box(splats: bpy.types.Object) -> bpy.types.Object:
     box.empty_display_type, box.empty_display_size = "CUBE", 1.0
     box.matrix_basis = mathutils.Matrix.LocRotScale(center.tolist(), None, [_CROP_MARGIN * radius] * 3)
     box.parent = splats
-    for collection in splats.users_collection:
-        collection.objects.link(box)
+    _link_beside(splats, box)
     set_input(splats, Input.CROP_BOX, box)
     set_input(splats, Input.CROP, True)
+    return box
+
+
+def usable_crop_box(splats: bpy.types.Object) -> bpy.types.Object:
+    """The crop box of `splats`, made where there is none; one that was deleted, and still crops, is brought back."""
+    box = crop_box_of(splats)
+    if box is None:
+        return add_crop_box(splats)
+    if not box.users_scene:
+        _link_beside(splats, box)
     return box
 
 
@@ -63,3 +72,9 @@ def left_by_crop(splats: bpy.types.Object, positions: NDArray[np.float32]) -> ND
     if not get_input(splats, Input.CROP) or crop_box_of(splats) is None:
         return np.ones(len(positions), np.bool_)
     return in_box(splats, positions)
+
+
+def _link_beside(splats: bpy.types.Object, box: bpy.types.Object) -> None:
+    for collection in splats.users_collection:
+        if box.name not in collection.objects:
+            collection.objects.link(box)

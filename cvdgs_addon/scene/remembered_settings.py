@@ -57,7 +57,7 @@ def restore_settings(scene: bpy.types.Scene, purpose: str) -> list[str]:
     refused: list[str] = []
     while pending and pending != refused:
         refused = list(pending)
-        pending = [path for path in pending if not _put_back(scene, path, record[path][0])]
+        pending = [path for path in pending if not _put_back(scene, purpose, path, record[path][0])]
     for path, (before, changed) in record.items():
         if path not in pending and not _same(before, changed) and _same(_get(scene, path), before):
             told.append(f"{_label(path)}: {_shown(changed)} to {_shown(before)}")
@@ -79,10 +79,15 @@ def changes(scene: bpy.types.Scene, purpose: str) -> Iterator[str]:
         yield f"{_label(path)}: {_shown(before)} to {_shown(changed)}"
 
 
-def _put_back(scene: bpy.types.Scene, path: str, value: Setting) -> bool:
+def _put_back(scene: bpy.types.Scene, purpose: str, path: str, value: Setting) -> bool:
     """Whether the setting could be set now; a file format cannot before its media type."""
+    kept = _kept(scene, purpose, path)
+    owner, name = _owner(scene, path)
     try:
-        _set(scene, path, value)
+        if kept is not None:
+            setattr(owner, name, kept)
+        else:
+            _set(scene, path, value)
     except TypeError:
         return False
     return True
@@ -95,8 +100,19 @@ def _keep(scene: bpy.types.Scene, purpose: str, path: str) -> None:
         scene[_KEPT.format(purpose=purpose, path=path)] = getattr(owner, name)
 
 
+def _kept(scene: bpy.types.Scene, purpose: str, path: str) -> bpy.types.ID | None:
+    """The data-block that was in place before, whatever it is called by now."""
+    return scene.get(_KEPT.format(purpose=purpose, path=path))
+
+
 def _record(scene: bpy.types.Scene, purpose: str) -> dict[str, list[Any]]:
-    return json.loads(scene.get(purpose) or "{}")
+    """By path what a setting was and what it was changed to; what was kept stands under the name it has now."""
+    record = json.loads(scene.get(purpose) or "{}")
+    for path in _DATA_BLOCKS.keys() & record.keys():
+        kept = _kept(scene, purpose, path)
+        if kept is not None:
+            record[path][0] = kept.name
+    return record
 
 
 def _owner(scene: bpy.types.Scene, path: str) -> tuple[bpy.types.bpy_struct, str]:

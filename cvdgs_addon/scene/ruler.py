@@ -10,8 +10,8 @@ import numpy as np
 
 from ...core.errors import InputError
 from ...core.runs.measured import note_metres
-from .finished_run import RUN_PROPERTY
 from .import_capture import middle_of, scale_ranges
+from .origin import run_of
 from .placement import set_metres
 
 _END = "cvdgs_ruler"  # custom property of an Empty: which end of the ruler it is
@@ -63,8 +63,7 @@ def measure(empty: bpy.types.Object, metres: float) -> list[Path]:
         raise InputError("the ruler has no length", where=empty.name, remedy="move its ends to two places")
     ratio = metres / apart
     unit = ratio * max(empty.matrix_world.to_scale())
-    named = {child[RUN_PROPERTY] for child in empty.children if isinstance(child.get(RUN_PROPERTY), str)}
-    folders = [Path(bpy.path.abspath(folder)) for folder in sorted(named)]
+    folders = [Path(folder) for folder in sorted({run_of(child) for child in empty.children}) if folder]
     # First what may fail, so that a run that cannot be told leaves the scene as it is.
     told = [folder for folder in folders if note_metres(folder, unit)]
     middle = mathutils.Matrix.Translation(((first + second) / 2.0).tolist())

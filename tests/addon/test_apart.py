@@ -214,3 +214,18 @@ def test_a_turntable_shows_things_from_its_own_camera(scene, tmp_path):
     assert picture.shape == (24, 32, 3)
     assert np.median(picture[..., 0]) > 0.8
     assert apart.is_apart(scene)
+
+
+def test_restoring_a_copy_of_the_scene_leaves_the_original_apart(scene):
+    bpy.ops.cvdgs.set_up_render()
+    helpers = objects_scene(scene), gaussians_scene(scene)
+    bpy.ops.scene.new(type="FULL_COPY")
+    copy = bpy.context.scene
+    assert copy != scene
+    assert not is_apart(copy)
+    bpy.ops.cvdgs.restore_render()
+    assert (objects_scene(scene), gaussians_scene(scene)) == helpers
+    assert all(layer.use for layer in copy.view_layers)
+    bpy.ops.cvdgs.set_up_render()
+    assert is_apart(copy)
+    assert not {objects_scene(copy), gaussians_scene(copy)} & set(helpers)

@@ -205,6 +205,15 @@ def test_what_somebody_changed_in_the_meantime_is_not_undone(artists_scene):
     assert artists_scene.view_settings.view_transform != "Raw"
 
 
+def test_a_world_that_was_renamed_in_the_meantime_is_restored(artists_scene):
+    world = artists_scene.world
+    display.set_up_render(artists_scene, Engine.CYCLES, Display.PHOTO)
+    assert artists_scene.world != world
+    world.name = "Evening"
+    assert any("Evening" in change for change in display.restore_render(artists_scene))
+    assert artists_scene.world == world
+
+
 def test_colours_follow_the_view_transform(artists_scene):
     (added,) = [candidate for candidate in artists_scene.objects if splats.is_splats(candidate)]
     assert splats.get_input(added, Input.SCENE_LINEAR), "the start file shows light"

@@ -87,6 +87,35 @@ def test_the_render_is_set_up_as_chosen_and_restored(shown):
     assert scene.view_settings.view_transform != "Raw"
 
 
+def test_a_crop_box_that_was_deleted_can_be_selected_again(shown):
+    bpy.ops.cvdgs.add_crop_box()
+    box = crop.crop_box_of(shown)
+    with bpy.context.temp_override(selected_objects=[box], active_object=box):
+        bpy.ops.object.delete()
+    assert not box.users_scene
+    assert crop.crop_box_of(shown) == box, "it crops all the same"
+    bpy.ops.cvdgs.add_crop_box()
+    assert bpy.context.view_layer.objects.active == box
+    assert box.select_get()
+
+
+@pytest.mark.parametrize("chosen", ["target", "partner"])
+def test_chosen_gaussians_that_were_deleted_are_not_saved(shown, tmp_path, chosen):
+    display_settings = bpy.context.scene.cvdgs.display
+    display_settings.target = None
+    setattr(display_settings, chosen, shown)
+    mesh, file = shown.data.name, str(tmp_path / "scene.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file, copy=True)
+    assert getattr(display_settings, chosen) == shown, "it is in the scene"
+    with bpy.context.temp_override(selected_objects=[shown], active_object=shown):
+        bpy.ops.object.delete()
+    assert getattr(display_settings, chosen) == shown, "undo may bring it back"
+    bpy.ops.wm.save_as_mainfile(filepath=file, copy=True)
+    with bpy.data.libraries.load(file) as (saved, _):
+        assert mesh not in saved.meshes
+        assert saved.cameras, "the rest is there"
+
+
 def view_in_color() -> None:
     window = bpy.context.window_manager.windows[0]
     area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
@@ -106,6 +135,26 @@ def test_a_3d_view_shows_the_colours_through_a_photographs_camera(shown):
     bpy.ops.cvdgs.restore_render()
     assert view.shading.type == "SOLID", "EEVEE would hold Blender up for minutes without a graphics card"
     assert scene.render.preview_pixel_size == pixel
+
+
+BORDER = [f"border_{end}_{axis}" for end in ("min", "max") for axis in "xy"]
+
+
+@pytest.mark.parametrize("in_use", [False, True])
+def test_a_3d_view_shows_the_whole_frame_unless_a_region_of_it_is_in_use(shown, in_use):
+    render = bpy.context.scene.render
+    region = dict(zip(BORDER, (0.25, 0.25, 0.5, 0.75), strict=True))
+    for name, side in region.items():
+        setattr(render, name, side)
+    render.use_border = in_use
+    view_in_color()
+    assert render.use_border
+    whole = dict(zip(BORDER, (0.0, 0.0, 1.0, 1.0), strict=True))
+    assert {name: getattr(render, name) for name in BORDER} == (region if in_use else whole)
+    view_in_color()
+    bpy.ops.cvdgs.restore_render()
+    assert render.use_border == in_use
+    assert {name: getattr(render, name) for name in BORDER} == region
 
 
 def test_a_3d_view_looks_through_the_turntables_camera_where_that_is_the_scenes(shown):

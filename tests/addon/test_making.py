@@ -21,8 +21,8 @@ from cvdgs.cvdgs_addon import making
 from cvdgs.cvdgs_addon.activity import ACTIVITY
 from cvdgs.cvdgs_addon.background import State
 from cvdgs.cvdgs_addon.results import show_run
+from cvdgs.cvdgs_addon.scene.origin import run_of
 from cvdgs.cvdgs_addon.scene.splats import is_splats, layer_names
-from cvdgs.cvdgs_addon.shown import run_of
 from cvdgs.ui.run import CVDGS_PT_run
 
 from .interpreters import (

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.color import srgb
+from cvdgs.cvdgs_addon import registration
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import preview, splats
 from cvdgs.cvdgs_addon.scene.bystanders import bystanders, hide, hide_start_cube
@@ -139,6 +140,18 @@ def test_looking_around_lowers_the_budget_until_it_ends(view):
     assert splats.get_input(shown(), Input.BUDGET) == preview.LOOK_AROUND_BUDGET
     view.shading.type = "SOLID"
     preview.follow_shading(bpy.context.scene, [view])
+    assert splats.get_input(shown(), Input.BUDGET) == 123_456
+
+
+def test_looking_around_without_a_card_ends_where_the_file_is_opened_with_one(view, tmp_path, monkeypatch):
+    file = str(tmp_path / "looking.blend")
+    splats.set_input(shown(), Input.BUDGET, 123_456)
+    preview.look_around(bpy.context.scene, view)
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    bpy.ops.wm.open_mainfile(filepath=file)
+    assert splats.get_input(shown(), Input.BUDGET) == preview.LOOK_AROUND_BUDGET
+    monkeypatch.setattr(registration, "has_graphics_card", lambda: True)
+    bpy.ops.wm.open_mainfile(filepath=file)
     assert splats.get_input(shown(), Input.BUDGET) == 123_456
 
 

@@ -118,3 +118,22 @@ def test_the_panel_tells_what_is_changed_and_what_the_model_lacks(simulate):
 def test_the_panel_tells_what_the_simulation_leaves_out(simulate):
     bpy.context.scene.view_settings.gamma = 1.4
     assert "gamma" in " ".join(drawn(CVDGS_PT_simulate).texts)
+
+
+@pytest.mark.parametrize("changed", ["viewer", "simulate"])
+def test_a_script_changes_a_scene_that_is_not_the_open_one(simulate, run_folder, changed):
+    other = bpy.data.scenes.new("Other")
+    shown = show_run(str(run_folder), other)
+    other.cvdgs.simulate.in_renders = True
+    assert simulation_node(other) is not None
+    assert node() is None
+    if changed == "viewer":
+        other.cvdgs.viewer.severity = 0.5
+        assert simulation_node(other).inputs[Socket.SEVERITY].default_value == pytest.approx(0.5)
+    else:
+        other.cvdgs.simulate.wipe = True
+        other.cvdgs.simulate.compare = True
+        other.cvdgs.simulate.wipe_position = 0.25
+        assert get_input(shown, Input.COMPARE)
+        assert get_input(shown, Input.BORDER) == pytest.approx(0.25)
+    assert node() is None

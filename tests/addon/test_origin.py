@@ -1,0 +1,92 @@
+"""Gaussians know their run wherever they are taken: appended, linked, or in a file that is saved elsewhere."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import bpy
+import pytest
+
+from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.cvdgs_addon.results import show_run
+from cvdgs.cvdgs_addon.scene.convert import ConversionOptions, convert
+from cvdgs.cvdgs_addon.scene.finished_run import RUN_PROPERTY, read_run
+from cvdgs.cvdgs_addon.scene.origin import run_of
+from cvdgs.cvdgs_addon.scene.ruler import add_ruler, measure
+from cvdgs.cvdgs_addon.scene.splats import is_splats
+
+from .scenes import synthetic_run
+
+
+@pytest.fixture
+def runs(addon, tmp_path: Path) -> tuple[Path, Path]:
+    """Two runs, each with a scene; that of the second one is open."""
+    folders = tmp_path / "shop", tmp_path / "window"
+    for folder in folders:
+        synthetic_run(folder, 20)
+        (folder / "report.json").write_text(json.dumps({"capture": {"metres_per_unit": None}, "layers": {}}))
+        convert(folder, reporter=Reporter(), options=ConversionOptions(stills=False))
+    open_scene(folders[1])
+    return folders
+
+
+def open_scene(folder: Path) -> None:
+    bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))
+
+
+def bring(folder: Path, *, link: bool) -> bpy.types.Object:
+    """The Gaussians of a run's scene, in the open scene with all that is in their collection."""
+    with bpy.data.libraries.load(str(folder / "scene.blend"), link=link) as (stored, wanted):
+        wanted.collections = list(stored.collections)
+    for collection in wanted.collections:
+        if not any(collection.name in other.children for other in wanted.collections):
+            bpy.context.scene.collection.children.link(collection)
+    return next(found for collection in wanted.collections for found in collection.all_objects if is_splats(found))
+
+
+def own_splats() -> bpy.types.Object:
+    return next(found for found in bpy.context.scene.objects if is_splats(found))
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_gaussians_of_another_file_keep_their_run(runs, link):
+    shop, window = runs
+    own = own_splats()
+    brought = bring(shop, link=link)
+    assert (run_of(brought), run_of(own)) == (str(shop), str(window))
+
+
+def test_a_length_is_told_to_the_run_of_the_gaussians_that_were_measured(runs):
+    shop, window = runs
+    empty = bring(shop, link=False).parent
+    add_ruler(empty)
+    assert measure(empty, 2.0) == [shop]
+    assert read_run(shop).metres_per_unit is not None
+    assert read_run(window).metres_per_unit is None
+
+
+def test_a_scene_that_is_saved_elsewhere_keeps_its_run(runs, tmp_path):
+    (tmp_path / "films").mkdir()
+    file = str(tmp_path / "films" / "film.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    bpy.ops.wm.open_mainfile(filepath=file)
+    splats = own_splats()
+    assert run_of(splats) == str(runs[1])
+    assert show_run(str(runs[1]), bpy.context.scene) == splats, "no second copy"
+
+
+def test_a_run_is_moved_with_its_scene_also_after_a_copy_was_saved_elsewhere(runs, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "copy.blend"), copy=True)
+    bpy.ops.wm.save_mainfile()
+    moved = tmp_path / "moved"
+    shutil.move(runs[1], moved)
+    open_scene(moved)
+    assert run_of(own_splats()) == str(moved)
+
+
+def test_nothing_is_beside_a_file_that_was_never_saved(addon):
+    splats = bpy.data.objects.new("Gaussians", None)
+    splats[RUN_PROPERTY] = "//"
+    assert run_of(splats) == ""
