@@ -35,8 +35,9 @@ class StartRule:
         largest_share: of the run's steps; if a trial would take more, none is made, and sparse points are taken. The
             steps of the start that is chosen are not lost, so this is what the other one may cost.
         doubling_gain: dB on validation views that each doubling of the Gaussians at the start has to gain, as in
-            `GrowthRule`: what a run starts with, it mostly keeps. Less than a doubling has to gain as much as
-            one: a few points of dense stereo beside many sparse ones raise PSNR, but draw plain walls nearer.
+            `GrowthRule`: what a run starts with, it mostly keeps.
+        few_gain: dB that less than a doubling has to gain. Points of dense stereo beside more sparse ones raise PSNR
+            even where they draw plain walls nearer, which it does not show; where they fill gaps, they gain more.
     """
 
     dense: DenseStart | None = field(default_factory=DenseStart)
@@ -45,6 +46,12 @@ class StartRule:
     most_steps: int = 200
     largest_share: float = 0.5
     doubling_gain: float = GrowthRule.doubling_gain
+    few_gain: float = 0.8
+
+    def least_gain(self, dense: int, sparse: int) -> float:
+        """dB that a start of `dense` Gaussians has to gain over one of `sparse`."""
+        doublings = math.log2(dense / max(sparse, 1))
+        return self.doubling_gain * doublings if doublings >= 1.0 else self.few_gain
 
     def trial_steps(self, steps: int) -> int:
         """Steps of a trial in a run of `steps`; 0 if the run is too short for one."""
@@ -167,7 +174,7 @@ def choose_start(
     dense, psnr = trial.fitted_from(dense)
     fitted, psnr_of_sparse = fitted_sparse()
     gain = psnr - psnr_of_sparse
-    if gain < rule.doubling_gain * max(math.log2(count / max(len(sparse), 1)), 1.0):
+    if gain < rule.least_gain(count, len(sparse)):
         return StartChoice(
             fitted, f"sparse points: dense stereo gained {gain:.2f} dB in a trial, too little for its number"
         )

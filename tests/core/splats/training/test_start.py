@@ -19,7 +19,7 @@ from ..stereo.scenes import plain, views_of_wall
 
 BLACK = Background((0.0, 0.0, 0.0))
 LIMIT = 4000
-DEFAULT = StartRule(doubling_gain=0.0)
+DEFAULT = StartRule(doubling_gain=0.0, few_gain=0.0)
 
 
 def sparse_points(count: int = 60) -> tuple[np.ndarray, np.ndarray]:
@@ -84,12 +84,17 @@ def test_nothing_is_said_where_there_is_nothing_to_choose(rasterizer, rule):
     assert (len(choice.gaussians), choice.words) == (60, "")
 
 
-def test_a_few_more_points_have_to_gain_as_much_as_a_doubling(rasterizer, views):
+@pytest.mark.parametrize(("dense", "least"), [(3001, 0.8), (5999, 0.8), (6000, 0.4), (24000, 1.2)])
+def test_less_than_a_doubling_has_to_gain_more_than_one(dense, least):
+    assert StartRule().least_gain(dense, 3000) == pytest.approx(least)
+
+
+def test_a_few_more_points_are_refused_where_they_gain_too_little(rasterizer, views):
     points = points_on_half_a_wall(1800)
-    taken = chosen(rasterizer, views, points, StartRule(doubling_gain=0.0))
+    taken = chosen(rasterizer, views, points)
     assert 1800 < len(taken.gaussians) <= 1.5 * 1800
     gain = float(taken.words.split("gained ")[1].split(" dB")[0])
-    refused = chosen(rasterizer, views, points, StartRule(doubling_gain=gain + 0.01))
+    refused = chosen(rasterizer, views, points, StartRule(few_gain=gain + 0.01))
     assert len(refused.gaussians) == 1800
     assert refused.words.startswith("sparse points")
 
@@ -132,7 +137,8 @@ def test_the_same_seed_starts_the_same_way(rasterizer, views):
 
 
 @pytest.mark.parametrize(
-    ("rule", "most"), [(StartRule(doubling_gain=-100.0), LIMIT / 2), (StartRule(doubling_gain=100.0), LIMIT / 3)]
+    ("rule", "most"),
+    [(StartRule(doubling_gain=-100.0, few_gain=-100.0), LIMIT / 2), (StartRule(doubling_gain=100.0), LIMIT / 3)],
 )
 def test_a_run_starts_from_what_was_chosen_and_says_so(rasterizer, views, rule, most):
     plan = TrainingPlan(steps=500, limit=LIMIT, poses=None, exposure=None, coarse=(), start=rule)
