@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from .errors import InputError
+from .errors import InputError, abbreviated
 from .files.untrusted import explained
 from .scale_reference import metres_of_points, tag_side_of
 
@@ -330,7 +330,7 @@ def typed_value(owner: type, name: str, value: Any) -> Any:
         return float(value)
     if type(value) not in allowed:
         remedy = f"give {' or '.join(_TYPE_NAMES[one] for one in allowed)}"
-        raise InputError(f"{repr(value)[:40]} is unusable", where=flag(name), remedy=remedy)
+        raise InputError(f"{abbreviated(value)} is unusable", where=flag(name), remedy=remedy)
     return value
 
 
@@ -379,4 +379,8 @@ def _one_of(value: Any, allowed: tuple[Any, ...], option: str) -> None:
 
 def _within(value: float, low: float, high: float, option: str) -> None:
     accepted = f"give {low:g} or more" if high == math.inf else f"give a number from {low:g} to {high:g}"
-    _check(math.isfinite(value) and low <= value <= high, f"{value:g} is out of range", option, accepted)
+    try:
+        shown = f"{value:g}"
+    except OverflowError:  # of a whole number that no floating-point one comes up to
+        raise InputError("the number has too many digits", where=option, remedy="give a shorter one") from None
+    _check(math.isfinite(value) and low <= value <= high, f"{shown} is out of range", option, accepted)
