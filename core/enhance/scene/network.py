@@ -47,16 +47,15 @@ class SceneNetwork(nn.Module):
     Args:
         observer: for whom.
         hidden: width of the perceptron's hidden layers.
-        nodes: of the table, along an edge.
 
     Attributes:
         table: (N, N, N, 3), as `ColorLut.residual`; zero at first, as is the perceptron's output.
     """
 
-    def __init__(self, observer: Observer, hidden: int = HIDDEN, nodes: int = NODES) -> None:
+    def __init__(self, observer: Observer, hidden: int = HIDDEN) -> None:
         super().__init__()
         self.observer = observer
-        self.table = nn.Parameter(torch.zeros(nodes, nodes, nodes, 3))
+        self.table = nn.Parameter(torch.zeros(NODES, NODES, NODES, 3))
         self.first = nn.Linear(_OWN + _SEEN * len(SURROUNDINGS), hidden)
         self.second = nn.Linear(hidden, hidden)
         self.last = nn.Linear(hidden, 3)
