@@ -125,6 +125,7 @@ def test_everything_wrong_is_said_in_one_go_with_its_place(batch):
         (ITEM + 'train.enhancer = "missing.safetensors"\n', "items[1].train.enhancer", "no such file"),
         (ITEM + 'layers = ["deutan-1.5"]\n', "items[1].layers[1]", "severity from 0 to 1"),
         (ITEM + 'layers = ["deutan-1..0"]\n', "items[1].layers[1]", "severity from 0 to 1"),
+        ('[[items]]\ncapture = "batch.toml"\n', "items[1].capture", "not a folder"),
         (ITEM + "train.iterations = 1" + "0" * 400 + "\n", "items[1].train.iterations", "too many digits"),
         (ITEM + "train.strength = 1" + "0" * 400 + "\n", "items[1].train.strength", "unusable"),
         ("cameras.low.height = 1" + "0" * 400 + "\n" + ITEM, "cameras.low.height", "give a number"),
