@@ -40,5 +40,14 @@ def one_line(text: str) -> str:
     return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
+def abbreviated(value: object, most: int = 40) -> str:
+    """`value` as Python writes it, in at most so many characters."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no integer of thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
 class Cancelled(BaseException):
     """The user asked to stop. Exit code 130. Not an `Exception`, so that no handler swallows it on the way up."""

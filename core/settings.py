@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from .errors import InputError
+from .errors import InputError, abbreviated
 from .files.untrusted import explained
 from .scale_reference import metres_of_points, tag_side_of
 
@@ -229,13 +229,12 @@ class Settings:
         _check(bool(self.out), "no output folder is given", "--out", "name a folder to write to")
         _check(len(self.layers) > 0, "no colour layer is asked for", "--cvd", "give at least one type")
         for layer in self.layers:
-            _one_of(layer.cvd, CVD_TYPES, "--cvd")
-            _within(layer.severity, 0.0, 1.0, "--severity")
+            check_layer(layer)
         names = [layer.name for layer in self.layers]
         distinct = len(set(names)) == len(names)
         _check(distinct, f"'{', '.join(names)}' names a layer twice", "--cvd", "ask for each layer once")
-        for name, option in OPTIONS.items():
-            _check_range(getattr(self, name), option, flag(name))
+        for name in OPTIONS:
+            check_option(name, getattr(self, name))
         _check(bool(self.cameras), "nothing is given", "--cameras", f"use {AUTO}, {ESTIMATE}, {GIVEN} or a file")
         _check(
             not self.sfm or self.cameras in (AUTO, ESTIMATE),
@@ -331,7 +330,7 @@ def typed_value(owner: type, name: str, value: Any) -> Any:
         return float(value)
     if type(value) not in allowed:
         remedy = f"give {' or '.join(_TYPE_NAMES[one] for one in allowed)}"
-        raise InputError(f"{repr(value)[:40]} is unusable", where=flag(name), remedy=remedy)
+        raise InputError(f"{abbreviated(value)} is unusable", where=flag(name), remedy=remedy)
     return value
 
 
@@ -352,7 +351,15 @@ def flag(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-def _check_range(value: Any, option: Option, where: str) -> None:
+def check_layer(layer: Layer) -> None:
+    """Raise `InputError` where a layer is for no kind of colour vision."""
+    _one_of(layer.cvd, CVD_TYPES, "--cvd")
+    _within(layer.severity, 0.0, 1.0, "--severity")
+
+
+def check_option(name: str, value: Any) -> None:
+    """Raise `InputError` where `value` is none of the choices, or out of the range, of one of `OPTIONS`."""
+    option, where = OPTIONS[name], flag(name)
     if value is None:
         return
     if option.choices:
@@ -372,4 +379,8 @@ def _one_of(value: Any, allowed: tuple[Any, ...], option: str) -> None:
 
 def _within(value: float, low: float, high: float, option: str) -> None:
     accepted = f"give {low:g} or more" if high == math.inf else f"give a number from {low:g} to {high:g}"
-    _check(math.isfinite(value) and low <= value <= high, f"{value:g} is out of range", option, accepted)
+    try:
+        shown = f"{value:g}"
+    except OverflowError:  # of a whole number that no floating-point one comes up to
+        raise InputError("the number has too many digits", where=option, remedy="give a shorter one") from None
+    _check(math.isfinite(value) and low <= value <= high, f"{shown} is out of range", option, accepted)

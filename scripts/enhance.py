@@ -26,7 +26,7 @@ from cvdgs.core.settings import CVD_TYPES
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The options of design.md; their values are checked by the worker."""
+    """The options of design.md; `EnhanceRequest` checks their values."""
     parser = OneLineParser(
         prog="enhance.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )
@@ -51,13 +51,12 @@ def main(arguments: list[str]) -> int:
     """Parse, enhance, and return the exit code of the contract."""
     try:
         options = vars(build_parser().parse_args(arguments))
+        json_events = options.pop("json")
+        request = EnhanceRequest(**{**options, "inputs": tuple(options["inputs"])})
     except InputError as error:
         print(f"enhance.py: {error}", file=sys.stderr)
         return 2
-    json_events = options.pop("json")
-    return enhance_in_console(
-        EnhanceRequest(**{**options, "inputs": tuple(options["inputs"])}), json_events=json_events
-    )
+    return enhance_in_console(request, json_events=json_events)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..files.untrusted import is_file, is_folder, read_text
+from ..files.untrusted import is_file, is_folder, is_there, read_text
 from ..rendering.requests import CameraPath
 from ..runs.layout import DIGITS, ORIGINAL
 from ..runs.report import check_finished_run
@@ -155,7 +155,8 @@ def _with_source_checked(item: Item, table: TableReader) -> Item:
         return replace(item, present=tuple(present))
     if item.capture is not None:
         if not (is_folder(item.capture) or (is_file(item.capture) and item.capture.suffix.lower() == ".json")):
-            table.add("capture", f"no such folder: {item.capture}", "give a folder of photographs with cameras")
+            what = "not a folder" if is_there(item.capture) else "no such folder"
+            table.add("capture", f"{what}: {item.capture}", "give a folder of photographs with cameras")
         layers = tuple(filter(None, map(layer_of, item.layers)))
         if not layers:
             key = "layers" if "layers" in table else "capture"

@@ -24,9 +24,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from distributed import Worker, get_worker
-from distributed.diagnostics.plugin import WorkerPlugin
-
 from ... import __version__
 from ..errors import Cancelled, InputError
 from ..runtime.process import Event, Job
@@ -38,6 +35,8 @@ from .task_process import start_task
 
 try:
     import distributed
+    from distributed import Worker, get_worker
+    from distributed.diagnostics.plugin import WorkerPlugin
 except ImportError:
     raise InputError(
         "this Python has no Dask", where="--cluster", remedy="install it: pip install 'cvdgs[farm]'"

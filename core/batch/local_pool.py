@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from ..errors import InputError
-from ..runs.folder import lock_exclusively, open_lock
+from ..runs.folder import is_held, lock_exclusively, open_lock
 from ..runtime.process import Event, Job
 from ..runtime.resources import Resources
 from ..runtime.supervisor import EXIT_DONE, EXIT_INPUT, Listener
@@ -49,14 +49,17 @@ def alone(plan: Plan) -> Iterator[None]:
     """Keep other processes from working on the batch, which would do its tasks twice.
 
     Raises:
-        InputError: one does.
+        InputError: one does, or files cannot be locked there.
     """
     path = plan.out / BATCH_FOLDER / _LOCK_FILE
     path.parent.mkdir(parents=True, exist_ok=True)
     with open_lock(path) as lock:
         try:
             lock_exclusively(lock)
-        except OSError:
+        except OSError as error:
+            if not is_held(error):
+                remedy = "choose another folder with --out"
+                raise InputError(f"cannot be locked ({error.strerror})", where=path, remedy=remedy) from None
             remedy = "wait for it, or choose another folder with --out"
             raise InputError("another process is working on this batch", where=plan.out, remedy=remedy) from None
         yield

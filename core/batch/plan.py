@@ -31,7 +31,7 @@ from ..rendering.requests import (
 )
 from ..runs.layout import GAUSSIANS_FILE, ORIGINAL, REPORT_FILE, VIEWER_PAGE, layer_gaussians_file, pictures
 from ..runs.report import CAMERAS
-from ..settings import Settings
+from ..settings import OPTIONS, Settings
 from .model import Batch, Item, Needs, Output, layer_of
 from .progress import (
     LAYER_ADDED_SECONDS,
@@ -343,4 +343,4 @@ class _PlannedItem:
 
 def _layer_options(train: Mapping[str, Any]) -> dict[str, Any]:
     """Options that a finished run leaves open; the others are its own."""
-    return {name: train[name] for name in ("enhancer", "strength", "device") if name in train}
+    return {name: train[name] for name in train if not OPTIONS[name].fixed}

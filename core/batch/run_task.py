@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from ..errors import InputError
 from ..pipeline.continuation import continued
 from ..pipeline.launch import run as run_settings
 from ..rendering.frames import make_pictures, render, simulation_model
 from ..rendering.requests import FramesArguments, LayerArguments, TrainArguments
-from ..runs.folder import RunFolder, lock_exclusively, open_lock
+from ..runs.folder import RunFolder, is_held, lock_exclusively, open_lock
 from ..runs.layout import LOG_FILE
 from ..runs.report import check_finished_run
 from ..runtime.supervisor import Listener, WorkerDefect, all_or_nothing
@@ -57,7 +58,11 @@ def run_task(plan: Plan, name: str, listen: Listener) -> bool:
 
 @contextlib.contextmanager
 def _alone(task: Task, out: Path, listen: Listener) -> Iterator[None]:
-    """Hold the lock of `task`, which vanishes with this process."""
+    """Hold the lock of `task`, which vanishes with this process.
+
+    Raises:
+        InputError: files cannot be locked there.
+    """
     path = out / BATCH_FOLDER / LOCK_FOLDER / task.name
     path.parent.mkdir(parents=True, exist_ok=True)
     with open_lock(path) as lock:
@@ -66,7 +71,10 @@ def _alone(task: Task, out: Path, listen: Listener) -> Iterator[None]:
             try:
                 lock_exclusively(lock)
                 break
-            except OSError:
+            except OSError as error:
+                if not is_held(error):
+                    remedy = "choose another folder with --out"
+                    raise InputError(f"cannot be locked ({error.strerror})", where=path, remedy=remedy) from None
                 if not told:
                     message = f"another process is doing {task.name}; waiting for it"
                     listen({"event": "status", "stage": str(task.kind), "message": message})

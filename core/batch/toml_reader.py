@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import difflib
-import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path as FilePath
 from typing import Any, TypeVar
 
-from ..errors import InputError, one_line
+from ..errors import InputError, abbreviated, one_line
 
 _Value = TypeVar("_Value")
 Path = tuple[str | int, ...]
@@ -68,8 +67,8 @@ class TableReader:
     def number(self, key: str, default: float, low: float, high: float) -> float:
         """A number from `low` to `high`."""
         value = self._get(key, default)
-        is_number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-        if not is_number or not low <= value <= high:
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not is_number or not low <= value <= high:  # NaN is in no range
             return self._refuse(key, default, f"give a number from {low:g} to {high:g}")
         return float(value)
 
@@ -146,7 +145,7 @@ class TableReader:
         return self.values.get(key, default)
 
     def _refuse(self, key: str, default: _Value, remedy: str) -> _Value:
-        self.add(key, f"{_abbreviated(self.values[key])} cannot be used", remedy)
+        self.add(key, f"{abbreviated(self.values[key])} cannot be used", remedy)
         return default
 
 
@@ -161,8 +160,3 @@ def _shown(path: Path) -> str:
     for part in path:
         text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else part
     return text
-
-
-def _abbreviated(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 40 else text[:37] + "..."

@@ -39,11 +39,6 @@ class ColorLut:
         self.residual = residual
         self.description = dict(description or {})
 
-    @property
-    def nodes(self) -> int:
-        """Grid nodes along an edge."""
-        return self.residual.shape[0]
-
     def __call__(self, image: NDArray, strength: float = 1.0) -> NDArray[np.float32]:
         """Recolour an (H, W, 3) uint8 image, or a floating-point one in [0, 1].
 
@@ -84,16 +79,16 @@ class ColorLut:
             raise InputError("the colour LUT has values that are not finite", where=path, remedy=remedy)
         return cls(residual, metadata)
 
-    def export_cube(self, path: Path, *, strength: float = 1.0, size: int = CUBE_SIZE, title: str = "cvdgs") -> None:
+    def export_cube(self, path: Path, *, strength: float = 1.0, title: str = "cvdgs") -> None:
         """Write the map as an Adobe/IRIDAS `.cube` file for display-referred sRGB, red varying fastest."""
-        axis = np.linspace(0.0, 1.0, size, dtype=np.float32)
+        axis = np.linspace(0.0, 1.0, CUBE_SIZE, dtype=np.float32)
         blue, green, red = np.meshgrid(axis, axis, axis, indexing="ij")
-        colors = self(np.stack([red, green, blue], -1).reshape(size * size, size, 3), strength).reshape(-1, 3)
+        colors = self(np.stack([red, green, blue], -1).reshape(-1, CUBE_SIZE, 3), strength).reshape(-1, 3)
         title = "".join(c for c in title if c.isprintable() and c != '"')
         header = [
             "# Input and output are display-referred sRGB.",
             f'TITLE "{title}"',
-            f"LUT_3D_SIZE {size}",
+            f"LUT_3D_SIZE {CUBE_SIZE}",
             "DOMAIN_MIN 0.0 0.0 0.0",
             "DOMAIN_MAX 1.0 1.0 1.0",
         ]

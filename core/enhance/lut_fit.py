@@ -39,6 +39,7 @@ from ..runtime.threads import one_thread
 from .lut import ColorLut, interpolate
 from .pairs import Alphas, Images, PairSampling, sample_neighbours, sample_pairs
 
+_STAGE = "enhance"
 _GREYS = 17  # greys held in place
 
 # CIELAB coordinate that a type loses most, the one that is to stand in for it, and in which direction.
@@ -96,7 +97,6 @@ def fit_lut(
     settings: LutSettings = LutSettings(),
     seed: int = 0,
     reporter: Reporter | None = None,
-    stage: str = "enhance",
 ) -> ColorLut:
     """Fit the recolouring of a scene for one observer; deterministic for a seed.
 
@@ -106,7 +106,7 @@ def fit_lut(
         alphas: (H, W) coverage per view or None; uncovered pixels are left out.
         settings: constants of the fit.
         seed: draws the pairs.
-        reporter, stage: progress goes there under this name.
+        reporter: receives the progress of the stage "enhance".
 
     Raises:
         InputError: an observer that cannot be simulated.
@@ -141,8 +141,8 @@ def fit_lut(
                 loss.backward()
                 optimizer.step()
                 done += 1
-                reporter.progress(stage, done / sum(rounds), f"loss {loss.item():.3f}")
-    reporter.progress(stage, 1.0)
+                reporter.progress(_STAGE, done / sum(rounds), f"loss {loss.item():.3f}")
+    reporter.progress(_STAGE, 1.0)
     return ColorLut(residual.detach(), _description(observer))
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 from ..color.matrices import check_simulation
 from ..errors import InputError
@@ -50,7 +50,7 @@ def make_enhancer(
     if name == LutEnhancer.name:
         return LutEnhancer(cvd, severity, simulation, strength, seed)
     if name.startswith(PLUGIN_PREFIX):
-        return _plugin(name)(cvd=cvd, severity=severity, simulation=simulation, strength=strength, seed=seed)
+        return _plugin(name, cvd=cvd, severity=severity, simulation=simulation, strength=strength, seed=seed)
     if name == SceneNetworkEnhancer.name:
         return SceneNetworkEnhancer(cvd, severity, simulation, strength, seed, budget)
     if name != CganEnhancer.name and is_scene_network(Path(name)):
@@ -59,8 +59,8 @@ def make_enhancer(
     return CganEnhancer(cvd, severity, simulation, strength, seed, budget, weights, fit_steps)
 
 
-def _plugin(name: str) -> Callable[..., Enhancer]:
-    """What an installed package offers under `name`.
+def _plugin(name: str, **who: Any) -> Enhancer:
+    """What an installed package offers under `name`, for an observer.
 
     A name finds nothing but what somebody has installed beside us on purpose: a batch file or a report that names an
     enhancer cannot make us import a module of its choice.
@@ -72,7 +72,9 @@ def _plugin(name: str) -> Callable[..., Enhancer]:
         remedy = f"install the package that offers it into the worker's environment (installed there: {known})"
         raise InputError(f"{name!r} is not installed", where="--enhancer", remedy=remedy)
     try:
-        return chosen[0].load()
-    except (ImportError, AttributeError) as error:
-        remedy = "ask its authors, or use another enhancer"
-        raise InputError(f"{name!r} cannot be loaded ({error})", where="--enhancer", remedy=remedy) from None
+        return chosen[0].load()(**who)
+    except InputError:
+        raise
+    except Exception as error:  # others' code may raise anything
+        what = f"{name!r} cannot be loaded ({type(error).__name__}: {error})"
+        raise InputError(what, where="--enhancer", remedy="ask its authors, or use another enhancer") from None

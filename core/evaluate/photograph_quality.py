@@ -30,7 +30,7 @@ class PhotographQuality:
     Attributes:
         noise: standard deviation in the flattest parts, in levels of 255.
         sharpness: energy of the differences between neighbouring pixels relative to that between means of two, without
-            the energy of noise, in the direction where it is lowest; 0.25 for a smooth ramp.
+            the energy of noise, in the direction where it is lowest; 0.25 for a smooth ramp, NaN if all are flat.
         blocks: differences across the borders of JPEG's blocks relative to those inside; 1 without compression.
         brightness: median luma in [0, 1] of the covered pixels.
     """
@@ -54,9 +54,11 @@ class PhotographQuality:
             image if alpha is None or not (alpha >= _COVERED).any() else image[alpha >= _COVERED]
             for image, alpha in zip(lumas, alphas or [None] * len(lumas), strict=True)
         ]
+        sharpnesses = [sharpness(image, noise) for image, noise in zip(lumas, noises, strict=True)]
+        known = [value for value in sharpnesses if np.isfinite(value)]  # a black photograph says nothing of blur
         return cls(
             noise=float(np.median(noises)),
-            sharpness=float(np.median([sharpness(image, noise) for image, noise in zip(lumas, noises, strict=True)])),
+            sharpness=float(np.median(known)) if known else float("nan"),
             blocks=float(np.median([blockiness(image) for image in lumas])),
             brightness=float(np.median([np.median(values) for values in covered])) / 255.0,
         )

@@ -104,7 +104,8 @@ class SavedState:
         """
         value = self._values.get(name)
         if kind is float and type(value) is int:
-            return float(value)  # type: ignore[return-value]
+            with contextlib.suppress(OverflowError):
+                return float(value)  # type: ignore[return-value]
         return value if type(value) is kind else self.refuse(f"{name} is unusable")
 
     def number(self, name: str, least: int, most: int) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +15,13 @@ from ..runs.folder import RunFolder
 from ..runtime.process import WORKER, Event, Job, find_python
 from ..runtime.progress import Clock, RunProgress, format_seconds
 from ..runtime.supervisor import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
-from ..settings import Settings, typed_value
+from ..settings import OPTIONS, Layer, Settings, check_layer, check_option, typed_value
 
 METRICS_NAME, SHEET_NAME, LOG_NAME = "metrics.csv", "sheet.html", "enhance.log"
 FILE_COLUMN, OUTPUT_COLUMN = "file", "output"
 """First two columns of metrics.csv: the photograph, and what was made of it."""
 
+_UPDATE = "update the program that sends it"
 _MOST_METRICS_BYTES = 32 << 20  # a hundred thousand photographs
 
 # Share of the time by stage, measured on two cores with twelve photographs of 0.4 megapixels and the LUT.
@@ -29,7 +30,7 @@ _STAGE_SHARES = {"start": 0.14, "read": 0.02, "enhance": 0.84}
 
 @dataclass(frozen=True)
 class EnhanceRequest:
-    """The options of ``scripts/enhance.py``; the worker checks their values.
+    """The options of ``scripts/enhance.py``; the worker checks whether they go together.
 
     Attributes:
         inputs: photographs, and folders that are searched with their subfolders.
@@ -40,6 +41,9 @@ class EnhanceRequest:
         together: fit it to all photographs as one scene, whatever their colours; with neither, those whose palettes are
             alike are one scene.
         skip_unreadable: leave out photographs that cannot be read instead of refusing all.
+
+    Raises (on construction):
+        InputError: there are no inputs, or a value is out of range.
     """
 
     inputs: tuple[str, ...]
@@ -57,6 +61,14 @@ class EnhanceRequest:
     together: bool = False
     skip_unreadable: bool = False
 
+    def __post_init__(self) -> None:
+        if not self.inputs:
+            raise InputError("no photographs are given", where="inputs", remedy="name photographs or a folder of them")
+        check_layer(Layer(self.cvd, self.severity))
+        for entry in fields(self):
+            if entry.name in OPTIONS:
+                check_option(entry.name, getattr(self, entry.name))
+
     def to_dict(self) -> dict[str, Any]:
         """A JSON-ready dictionary; `from_dict` reads it back."""
         return asdict(self)
@@ -66,13 +78,18 @@ class EnhanceRequest:
         """The request of `to_dict`.
 
         Raises:
-            InputError: unknown or missing entries.
+            InputError: unknown or missing entries, or unusable values.
         """
+        unknown = sorted(set(values) - {entry.name for entry in fields(cls)})
+        if unknown:
+            raise InputError(f"the request has unknown entries: {', '.join(unknown)}", where="stdin", remedy=_UPDATE)
+        if not isinstance(values.get("inputs", ()), list | tuple):
+            raise InputError("they are no list", where="inputs", remedy="give a list of names")
         try:
             others = {name: typed_value(cls, name, value) for name, value in values.items() if name != "inputs"}
             return cls(inputs=tuple(map(str, values["inputs"])), **others)
         except (TypeError, KeyError) as error:
-            raise InputError(f"unusable request{explained(error)}", remedy="update the program that sends it") from None
+            raise InputError(f"unusable request{explained(error)}", remedy=_UPDATE) from None
 
 
 def enhance_in_console(request: EnhanceRequest, *, json_events: bool) -> int:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..capture.scaling import downscale_with_alpha, fit_size
-from ..color.simulation import Observer, simulate
-from ..color.spaces import image_to_tensor, tensor_to_image
+from ..color.simulation import Observer
+from ..color.srgb import simulate_bytes
 from ..files.images import to_bytes, write_jpeg
 from ..files.pages import embed, render, write_page
 from .scores import PhotographScores
@@ -81,8 +81,7 @@ class Sheet:
 
     def _seen(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         observer = self._observer
-        seen = simulate(image_to_tensor(image), observer.cvd, observer.severity, observer.simulation)
-        return to_bytes(tensor_to_image(seen))
+        return simulate_bytes(image, observer.cvd, observer.severity, observer.simulation)
 
 
 def _thumbnail(image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None) -> NDArray[np.uint8]:

@@ -66,7 +66,7 @@ def run(
 
     Args:
         listen: receives every event of the workers.
-        workers: does the work; None takes the interpreter that `job.find_python` finds.
+        workers: does the work; None takes the interpreter that `runtime.process.find_python` finds.
         previews: whether `listen` receives pictures of the run's progress.
         checkpoint_seconds: between two checkpoints of the geometry.
 

@@ -94,7 +94,7 @@ class RunFolder:
                     return lock
             except OSError as error:
                 lock.close()
-                if error.errno not in _HELD:
+                if not is_held(error):
                     raise
                 raise InputError(
                     "another run is writing here",
@@ -231,6 +231,11 @@ def lock_exclusively(file: IO[str]) -> None:
         msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
     else:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def is_held(error: OSError) -> bool:
+    """Whether `lock_exclusively` raised `error` because somebody else holds the lock; else it never can be taken."""
+    return error.errno in _HELD
 
 
 def _write_through(folder: Path) -> None:

@@ -47,7 +47,7 @@ PACKAGES = {
 
 _COMPLETE = ".complete"
 _PROBE_SECONDS = 10.0  # for a Python to say whether it can make environments
-_PACKAGES_EACH = 2.5  # that a required package brings along, itself included: 30 for the worker's 12
+_PACKAGES_EACH = 2.5  # that a required package brings along, itself included: the worker's 13 are 23, 42 with CUDA
 _LOG_LINES = 12  # of pip's last words, kept for the message when it fails
 # From pip's own words: "Collecting numpy", "Downloading numpy-2.whl (15 MB)".
 _COLLECTING = re.compile(r"^Collecting (\S+)")

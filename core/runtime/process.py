@@ -1,7 +1,7 @@
 """A worker process and how to listen to it, for the command line, the add-on and a farm node. Standard library only.
 
 The worker is a separate process with its own interpreter, because Blender's Python has neither torch nor Warp. It
-speaks the protocol of `events` on stdout; whatever else appears there or on stderr goes to the log.
+speaks `protocol` on stdout; whatever else appears there or on stderr goes to the log.
 """
 
 from __future__ import annotations

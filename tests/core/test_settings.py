@@ -23,6 +23,7 @@ def settings(**changes) -> Settings:
         ({"simulation": "guess"}, "--simulation"),
         ({"strength": -0.1}, "--strength"),
         ({"iterations": 0}, "--iterations"),
+        ({"iterations": 10**400}, "--iterations"),
         ({"gaussians": 0}, "--gaussians"),
         ({"sh_degree": 4}, "--sh-degree"),
         ({"mode": "both"}, "--mode"),

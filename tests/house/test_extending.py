@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import sys
 import tomllib
 
 import numpy as np
@@ -70,6 +71,15 @@ def test_an_enhancer_that_cannot_be_loaded_is_one_line(installed):
     with pytest.raises(InputError, match="cannot be loaded") as refusal:
         make_enhancer("plugin:blue_shift", "deutan", 1.0)
     assert "gone_module" in str(refusal.value)
+
+
+@pytest.mark.parametrize("module", ["1 / 0", "def BlueShift(**who):\n    return 1 / 0"])
+def test_an_enhancer_that_fails_when_it_is_loaded_or_made_is_one_line(installed, module):
+    (installed.parent / "faulty_shift.py").write_text(module)
+    (installed / "entry_points.txt").write_text("[cvdgs.enhancers]\nblue_shift = faulty_shift:BlueShift\n")
+    sys.modules.pop("faulty_shift", None)
+    with pytest.raises(InputError, match=r"cannot be loaded .*division by zero"):
+        make_enhancer("plugin:blue_shift", "deutan", 1.0)
 
 
 @pytest.mark.parametrize("name", ["os:system", "plugin:os.system", "plugin:", "plugin:../x"])

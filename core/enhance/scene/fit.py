@@ -191,13 +191,14 @@ class _Fit:
         self._budget = budget
         self._weight = settings.weight
         self._mean_change: float | None = None
-        self._total = len(settings.shifts) * settings.start_steps + settings.table_steps + settings.steps
+        self._total = settings.table_steps + settings.steps
         self._done = 0
 
     def run(self, starts: Sequence[SceneNetwork], start_weights: ObjectiveWeights) -> FittedNetwork:
         """Fit, from the best of some starts or of the settings' own."""
         network, alone = SceneNetwork(self._observer), SceneNetwork(self._observer)
         if not starts:
+            self._total += len(self._settings.shifts) * self._settings.start_steps
             self._initialise(network)
             alone.table.data.copy_(self._best_start())
         else:

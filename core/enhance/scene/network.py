@@ -16,7 +16,7 @@ from torch.nn import functional
 
 from ...color.protected_colors import skin_likeness
 from ...color.simulation import Observer
-from ..lut import ColorLut, interpolate
+from ..lut import CUBE_SIZE, ColorLut, interpolate
 
 NODES = 9
 """Of the table, along an edge."""
@@ -35,7 +35,6 @@ _OWN = 7  # features of the colour itself: x, S(x) - x, skin likeness
 _SEEN = 6  # of them, those that are compared with their surroundings: x and S(x) - x
 _SEEN_SCALE, _DIFFERENCE_SCALE, _OUTPUT_SCALE = 2.0, 4.0, 0.2  # bring features and first steps to a similar size
 _GREY = 0.03  # max - min of a colour's channels at which half of the change remains; 8 levels of 255
-_CUBE_NODES = 33  # of the table with its gate; as many as an exported file has
 
 Surroundings = Sequence[Tensor]
 """For each of `SURROUNDINGS` (6, rows, columns) averages of `seen_features` over the cells of a grid."""
@@ -47,16 +46,15 @@ class SceneNetwork(nn.Module):
     Args:
         observer: for whom.
         hidden: width of the perceptron's hidden layers.
-        nodes: of the table, along an edge.
 
     Attributes:
         table: (N, N, N, 3), as `ColorLut.residual`; zero at first, as is the perceptron's output.
     """
 
-    def __init__(self, observer: Observer, hidden: int = HIDDEN, nodes: int = NODES) -> None:
+    def __init__(self, observer: Observer, hidden: int = HIDDEN) -> None:
         super().__init__()
         self.observer = observer
-        self.table = nn.Parameter(torch.zeros(nodes, nodes, nodes, 3))
+        self.table = nn.Parameter(torch.zeros(NODES, NODES, NODES, 3))
         self.first = nn.Linear(_OWN + _SEEN * len(SURROUNDINGS), hidden)
         self.second = nn.Linear(hidden, hidden)
         self.last = nn.Linear(hidden, 3)
@@ -101,10 +99,10 @@ class SceneNetwork(nn.Module):
 
 def table_lut(table: Tensor) -> ColorLut:
     """The LUT of a network that has a (N, N, N, 3) table and no perceptron."""
-    axis = torch.linspace(0.0, 1.0, _CUBE_NODES)
+    axis = torch.linspace(0.0, 1.0, CUBE_SIZE)
     colors = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
     change = gate(colors) * interpolate(table.detach(), colors[None])[0]
-    return ColorLut(change.reshape(*(_CUBE_NODES,) * 3, 3))
+    return ColorLut(change.reshape(*(CUBE_SIZE,) * 3, 3))
 
 
 def gate(colors: Tensor) -> Tensor:

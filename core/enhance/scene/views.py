@@ -45,7 +45,7 @@ def reduced(image: NDArray[np.uint8], alpha: NDArray[np.uint8] | None, size: int
     if alpha is None:
         return reduce(pixels), None
     coverage = torch.from_numpy(np.ascontiguousarray(alpha[thinning, thinning])).float()[None] / 255.0
-    mean = (coverage * pixels).sum((1, 2)) / coverage.sum()
+    mean = (coverage * pixels).sum((1, 2)) / coverage.sum().clamp(min=torch.finfo(coverage.dtype).tiny)
     *premultiplied, covered = reduce(torch.cat([coverage * pixels, coverage]))
     straight = torch.stack(premultiplied) / covered.clamp(min=_LEAST_COVERAGE)
     is_covered = covered >= _LEAST_COVERAGE

@@ -15,6 +15,7 @@ from cvdgs.core.batch.task import Kind, Plan, Task, expand, plan_path, read_plan
 from cvdgs.core.errors import InputError
 from cvdgs.core.rendering.requests import CameraPath
 from cvdgs.core.runtime.resources import Resources
+from cvdgs.core.settings import Settings
 
 from ...effort import function_calls
 
@@ -126,6 +127,14 @@ def test_a_finished_run_that_lacks_nothing_needs_frames_alone(tmp_path, chair):
     assert not of_kind(plan, Kind.TRAIN)
     assert not of_kind(plan, Kind.LAYER)
     assert {task.arguments["run"] for task in of_kind(plan, Kind.FRAMES)} == {str(tmp_path / "run")}
+
+
+def test_a_layer_for_a_finished_run_takes_what_the_run_leaves_open(tmp_path, chair):
+    train = {"enhancer": "cgan", "strength": 0.5, "change_budget": 3.0, "fit": 7, "device": "cpu", "iterations": 9}
+    finished = replace(chair, capture=None, run=tmp_path / "run", present=("deutan-1.0",), train=train)
+    (added,) = of_kind(planned(tmp_path, finished), Kind.LAYER)
+    settings = added.arguments["settings"]
+    assert {name: settings[name] for name in train} == {**train, "iterations": Settings.iterations}
 
 
 def test_the_page_of_a_batch_waits_for_everything_but_forgives_failures(tmp_path, chair):

@@ -321,3 +321,9 @@ def sleeping(collection) -> bool:
     return sum(entry["what"] == "begin" for entry in collection.diary) > sum(
         entry["what"] == "end" for entry in collection.diary
     )
+
+
+def test_a_python_without_dask_is_refused_in_one_line():
+    code = "import sys; sys.modules['distributed'] = None; import cvdgs.core.batch.dask"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert "InputError: --cluster: this Python has no Dask" in ended.stderr.splitlines()[-1]

@@ -33,6 +33,11 @@ def test_blur_makes_a_photograph_less_sharp() -> None:
     assert values == sorted(values, reverse=True)
 
 
+def test_a_black_photograph_says_nothing_of_the_others_sharpness() -> None:
+    sharp, black = scene(), np.zeros((144, 192, 3), np.uint8)
+    assert PhotographQuality.of([sharp, black]).sharpness == PhotographQuality.of([sharp]).sharpness
+
+
 def test_blocks_show_at_their_borders_alone() -> None:
     rng = np.random.default_rng(0)
     blocks = np.kron(rng.uniform(60, 180, (12, 12)), np.ones((8, 8)))

@@ -281,6 +281,9 @@ def test_a_damaged_photograph_is_refused_or_skipped_when_asked(tmp_path: Path) -
         ({"enhancer": "magic"}, "magic"),
         ({"enhancer": "missing.safetensors"}, "missing.safetensors"),
         ({"device": "abacus"}, "--device"),
+        ({"seed": -1}, "--seed"),
+        ({"fit": 1001}, "--fit"),
+        ({"change_budget": 0.0}, "--change-budget"),
     ],
 )
 def test_unusable_options_are_refused_before_anything_is_read(
@@ -351,6 +354,25 @@ def test_an_unknown_option_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
     assert len(errors.splitlines()) == 1
+
+
+@pytest.mark.parametrize("option", [("--seed", "-1"), ("--severity", "nan")])
+def test_a_value_out_of_range_names_its_option(tmp_path: Path, option: tuple[str, str]) -> None:
+    process = start(tmp_path, "--out", tmp_path / "out", *option)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert errors.startswith(f"enhance.py: {option[0]}: {option[1]} is out of range")
+
+
+@pytest.mark.parametrize(
+    ("entries", "said"),
+    [({"colour": "red"}, "unknown entries: colour"), ({"inputs": []}, "no photographs"), ({"inputs": "a"}, "no list")],
+)
+def test_a_request_with_unknown_entries_or_without_photographs_is_refused(
+    entries: dict[str, object], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        EnhanceRequest.from_dict({"inputs": ["a.png"], "out": "o", **entries})
 
 
 def test_ctrl_c_ends_it_soon_and_leaves_nothing(tmp_path: Path) -> None:

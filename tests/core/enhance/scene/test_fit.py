@@ -20,6 +20,7 @@ from cvdgs.core.enhance.gan.weights import save_generator
 from cvdgs.core.enhance.scene.fit import FitSettings, FittedNetwork, fit_network
 from cvdgs.core.enhance.scene.network import SceneNetwork
 from cvdgs.core.enhance.scene.objective import ObjectiveWeights
+from cvdgs.core.enhance.scene.views import reduced
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 
@@ -203,7 +204,17 @@ def test_a_fit_goes_on_from_the_best_of_some_starts_and_leaves_them_as_they_were
     assert gained > 0.8 > nothing + 0.3
 
 
-def test_progress_rises_to_one() -> None:
+def test_a_view_whose_few_covered_pixels_are_thinned_out_has_finite_colours() -> None:
+    alpha = np.zeros((64, 64), np.uint8)
+    alpha[1, 1] = 255
+    pixels, coverage = reduced(textiles.tartan(size=64), alpha, 4)
+    assert coverage is not None
+    assert torch.isfinite(pixels).all()
+    assert not coverage.any()
+
+
+@pytest.mark.parametrize("starts", [0, 1])
+def test_progress_rises_evenly_to_one(starts: int) -> None:
     class Recorder(Reporter):
         def __init__(self) -> None:
             self.fractions: list[float] = []
@@ -213,8 +224,9 @@ def test_progress_rises_to_one() -> None:
             self.fractions.append(fraction)
 
     recorder = Recorder()
-    fit_network([textiles.tartan(size=32)], DEUTAN, settings=BRIEF, reporter=recorder)
-    assert recorder.fractions == sorted(recorder.fractions)
+    given = [fitted("deutan").network] * starts
+    fit_network([textiles.tartan(size=32)], DEUTAN, starts=given, settings=BRIEF, reporter=recorder)
+    assert all(0.0 <= step <= 0.06 for step in np.diff(recorder.fractions))
     assert len(recorder.fractions) >= 20
     assert recorder.fractions[-1] == 1.0
 
