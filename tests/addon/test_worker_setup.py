@@ -102,6 +102,35 @@ def test_a_cancellation_leaves_nothing(online, tmp_path):
     assert not (tmp_path / "user" / "environment").exists()
 
 
+def test_a_working_environment_is_not_set_up_again(online, tmp_path):
+    """Somebody who cancels that, or is offline, would lose it."""
+    environment.start_making(base(tmp_path, CHECKING, MAKING, MADE))
+    finished(environment.MAKE_JOB)
+    finished(environment.CHECK_JOB)
+    with pytest.raises(RuntimeError, match="Remove the worker first"):
+        bpy.ops.cvdgs.make_environment()
+
+
+def test_files_that_a_running_job_may_use_are_not_deleted(online, tmp_path):
+    environment.start_making(base(tmp_path, 'if request["job"] == "check": time.sleep(60)', MAKING, MADE))
+    finished(environment.MAKE_JOB)
+    for delete in (bpy.ops.cvdgs.remove_environment, bpy.ops.cvdgs.clear_cache):
+        with pytest.raises(RuntimeError, match="Wait for the running job"):
+            delete()
+    ACTIVITY.end(environment.CHECK_JOB)
+    assert bpy.ops.cvdgs.remove_environment.poll()
+    assert bpy.ops.cvdgs.clear_cache.poll()
+
+
+def test_removing_ends_the_setting_up(online, tmp_path):
+    environment.start_making(base(tmp_path, MAKING, "time.sleep(60)"))
+    job = ACTIVITY.job(environment.MAKE_JOB)
+    until(lambda: job.progress.message.startswith("downloading torch"))
+    assert bpy.ops.cvdgs.remove_environment() == {"FINISHED"}
+    assert ACTIVITY.job(environment.MAKE_JOB) is None
+    assert not (tmp_path / "user" / "environment").exists()
+
+
 def test_nothing_is_downloaded_without_online_access(online):
     bpy.context.preferences.system.use_online_access = False
     assert not bpy.ops.cvdgs.make_environment.poll()
