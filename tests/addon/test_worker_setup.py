@@ -62,12 +62,14 @@ def test_without_anything_the_user_is_led_to_the_preferences(online):
 
 def test_the_button_makes_an_environment_and_checks_it(online, tmp_path):
     environment.start_making(base(tmp_path, CHECKING, MAKING, MADE))
+    bpy.context.preferences.is_dirty = False
     assert not bpy.ops.cvdgs.make_environment.poll()
     assert finished(environment.MAKE_JOB).problem == ""
     assert environment.worker_python() == str(tmp_path / "user" / "environment" / "bin" / "python")
     assert finished(environment.CHECK_JOB).problem == ""
     assert known_machine()["device"] == "cpu: fast, 8 threads"
     assert machine_speed() == 2.5
+    assert bpy.context.preferences.is_dirty, "Blender would not save it"
     layout = RecordingLayout()
     from cvdgs.cvdgs_addon.preferences_panel import draw_preferences
 
