@@ -21,7 +21,7 @@ from .activity import ACTIVITY
 from .background import BackgroundJob, State
 from .folders import user_folder
 from .messages import show_information, show_problem
-from .preferences import get_cache, get_preferences, shrink_cache
+from .preferences import get_cache, get_preferences, remember, shrink_cache
 
 MAKE_JOB, CHECK_JOB = "environment", "check"
 DOWNLOAD_SIZE = "400 MB to download and 2 GB on disk (several times that if torch comes with CUDA libraries)"
@@ -105,7 +105,7 @@ def remove_environment() -> None:
     """Delete the environment that was made."""
     ACTIVITY.end(MAKE_JOB)
     shutil.rmtree(environment_folder(), ignore_errors=True)
-    get_preferences().machine = ""
+    remember(machine="")
 
 
 def find_base_python() -> str:
@@ -151,10 +151,9 @@ def _take_over_environment(job: BackgroundJob) -> None:
 
 
 def _take_over_check(job: BackgroundJob) -> None:
-    preferences = get_preferences()
     if job.state is State.FAILED:
-        preferences.machine = ""
+        remember(machine="")
         show_problem(job.title, job.problem)
     elif job.state is State.DONE:
-        preferences.machine, preferences.speed = json.dumps(job.result), float(job.result["speed"])
+        remember(machine=json.dumps(job.result), speed=float(job.result["speed"]))
         shrink_cache()

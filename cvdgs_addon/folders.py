@@ -78,8 +78,8 @@ class Cache:
 
 
 def normalised_folder(folder: str) -> str:
-    """A folder as Blender's fields have it (relative to the .blend, with a slash at the end), in full."""
-    return os.path.normpath(bpy.path.abspath(folder))
+    """A folder as Blender's fields have it (relative to the .blend, with a slash at the end), in full; "" stays so."""
+    return os.path.abspath(bpy.path.abspath(folder)) if folder else ""
 
 
 def folder_beside(capture_folder: str, addition: str) -> str:

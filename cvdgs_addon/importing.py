@@ -51,7 +51,7 @@ class ImportRequest:
 def ready_folder(folder: str) -> Path | None:
     """Where `folder` or the run in it has a capture that Blender can use as it is, or None."""
     for candidate in (Path(folder), Path(folder, CAPTURE_FOLDER)):
-        if is_normalised(candidate):
+        if folder and is_normalised(candidate):
             return candidate
     return None
 
@@ -77,7 +77,7 @@ def start_import(scene: bpy.types.Scene, request: ImportRequest) -> None:
 
 def _normalise(folder: str, cameras: str, workers: Workers, listen: Listener) -> Path:
     """Let a worker write the capture beside itself; returns where."""
-    if not Path(folder).exists():
+    if not folder or not Path(folder).exists():
         raise InputError("no such file or folder", where=folder, remedy="choose a folder of photographs or a video")
     workers.require_python()  # before a folder is made
     out = folder_beside(folder, "Undistorted")

@@ -13,6 +13,7 @@ from ..core.runtime.supervisor import Listener, finish
 from .activity import ACTIVITY, scene_by_uid
 from .background import BackgroundJob, State
 from .environment import make_workers
+from .folders import normalised_folder
 from .pictures import PICTURES
 from .preferences import get_cache
 
@@ -132,7 +133,7 @@ def thumbnails_of(capture: bpy.types.PropertyGroup) -> list[str]:
 def _asked_for(scene: bpy.types.Scene) -> tuple[str, str]:
     """The folder that is picked, in full, and where its cameras come from."""
     capture = scene.cvdgs.capture
-    return bpy.path.abspath(capture.folder), capture.cameras.lower()
+    return normalised_folder(capture.folder), capture.cameras.lower()
 
 
 def _take_over(scene_uid: int, asked: tuple[str, str], job: BackgroundJob) -> None:

@@ -27,7 +27,7 @@ from .environment import make_workers
 from .folders import folder_beside, normalised_folder
 from .messages import show_information, show_problem
 from .pictures import PICTURES
-from .preferences import get_preferences, learned_stage_speeds, machine_speed, shrink_cache
+from .preferences import get_preferences, learned_stage_speeds, machine_speed, remember, shrink_cache
 from .quality import Quality, expected_seconds, in_words, learned_speeds, quality_called
 from .results import is_finished_run, read_report, show_run
 
@@ -209,7 +209,7 @@ def _here(reference: Mapping[str, float]) -> dict[str, float]:
 def _learn(reference: Mapping[str, float], taken: Mapping[str, float | None]) -> None:
     """Let the next estimate know what a run has taken by stage."""
     speeds = learned_speeds(learned_stage_speeds(), reference, taken)
-    get_preferences().stage_speeds = json.dumps(speeds)
+    remember(stage_speeds=json.dumps(speeds))
 
 
 def _take_over(

@@ -25,6 +25,7 @@ _OPTIONS = {flag(name): option.label for name, option in OPTIONS.items() if opti
     "--iterations": "Quality",
     "--resume": "adding a layer",
     "--no-blend": "no Scene File and Stills",
+    "--no-refine-poses": "Correct Cameras off",
 }
 _OPTION = re.compile(r"--[a-z][a-z-]*")
 

@@ -80,7 +80,7 @@ def ray_below(window: bpy.types.Window, event: bpy.types.Event) -> Ray | None:
         if area.type != "VIEW_3D" or [region.type for region in over] != ["WINDOW"]:
             continue
         (region,) = over
-        place, view = (event.mouse_x - region.x, event.mouse_y - region.y), area.spaces.active.region_3d
+        place, view = (event.mouse_x - region.x, event.mouse_y - region.y), region.data  # a quad view has four
         return region_2d_to_origin_3d(region, view, place), region_2d_to_vector_3d(region, view, place)
     return None
 

@@ -46,6 +46,14 @@ def get_preferences() -> Preferences:
     return entry.preferences if entry is not None and entry.preferences is not None else Preferences()
 
 
+def remember(**fields: str | float) -> None:
+    """Set fields of the add-on's preferences, so that Blender saves them with its own."""
+    preferences = get_preferences()
+    for name, value in fields.items():
+        setattr(preferences, name, value)
+    bpy.context.preferences.is_dirty = True  # Blender notes by itself only what is changed in its window
+
+
 def get_cache() -> Cache:
     """The cache in the folder of the preferences."""
     chosen = get_preferences().cache

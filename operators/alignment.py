@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..core.errors import InputError
 from ..cvdgs_addon.joining import join
 from ..cvdgs_addon.picking_marks import Picking, ray_below
 from ..cvdgs_addon.scene.alignment import Alignment, add_marks, align_by_marks, align_by_photographs, metric
@@ -65,6 +66,9 @@ class CVDGS_OT_pick_marks(_Aligns, bpy.types.Operator):
         owners = (shown_splats(context), _partner(context))
         for owner in owners:
             require_object_mode(owner)
+            if context.view_layer.objects.get(owner.name) != owner:
+                remedy = "tick its collection in the Outliner, or choose other Gaussians"
+                raise InputError("it is not in this view layer", where=owner.name, remedy=remedy)
         self._pick = Picking(owners)  # type: ignore[attr-defined]
         self._pick.show()
         context.workspace.status_text_set(self._pick.in_words)
@@ -72,7 +76,10 @@ class CVDGS_OT_pick_marks(_Aligns, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Clicks choose, Enter goes on, Esc takes back; all else is Blender's, so that the view can be turned."""
+        """Clicks choose, Enter goes on, Esc takes back; all else is Blender's, so that the view can be turned.
+
+        But for its undo, after which the two runs would be other objects than those that are being picked in.
+        """
         pick, is_press = self._pick, event.value == "PRESS"  # type: ignore[attr-defined]
         ray = ray_below(context.window, event) if event.type == "LEFTMOUSE" and is_press else None
         if event.type == "ESC" and is_press:
@@ -81,12 +88,17 @@ class CVDGS_OT_pick_marks(_Aligns, bpy.types.Operator):
             pick.go_on()
         elif ray is not None:
             pick.add(*ray)
-        else:
+        elif not (event.type == "Z" and (event.ctrl or event.oskey)):
             return {"PASS_THROUGH"}
         context.workspace.status_text_set(None if pick.has_ended else pick.in_words)
         if not pick.has_ended:
             return {"RUNNING_MODAL"}
         return self._attempt(self.act, context) if pick.is_complete else {"CANCELLED"}
+
+    def cancel(self, context: bpy.types.Context) -> None:
+        """Called by Blender where it ends this by itself, such as before it opens another file."""
+        self._pick.take_back()  # type: ignore[attr-defined]
+        context.workspace.status_text_set(None)
 
     def fit(self, moved: bpy.types.Object, fixed: bpy.types.Object) -> Alignment:
         return align_by_marks(moved, fixed)

@@ -119,7 +119,7 @@ class CVDGS_OT_view_in_color(_InView, bpy.types.Operator):
 
 
 class CVDGS_OT_draw_faster(Action, bpy.types.Operator):
-    """Turn off Preferences > Viewport > Anti-Aliasing, a third of each redraw without a graphics card"""
+    """Turn off Preferences > Viewport > Anti-Aliasing, which takes a third of each redraw without a graphics card"""
 
     bl_idname = "cvdgs.draw_faster"
     bl_label = "Turn Off Anti-Aliasing"
@@ -127,11 +127,12 @@ class CVDGS_OT_draw_faster(Action, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> None:
         context.preferences.system.viewport_aa = "OFF"
-        self.report({"INFO"}, "3D views are drawn faster; Preferences > Viewport > Anti-Aliasing turns smooth edges on")
+        remedy = "Preferences > Viewport > Anti-Aliasing turns smooth edges back on"
+        self.report({"INFO"}, f"3D views are drawn faster; {remedy}")
 
 
 class CVDGS_OT_look_around(_InView, bpy.types.Operator):
-    """Material Preview from any side; without a graphics card of the most important Gaussians only, seconds a redraw"""
+    """Material Preview from any side. Without a graphics card: the most important Gaussians, seconds per redraw"""
 
     bl_idname = "cvdgs.look_around"
     bl_label = "Look Around in Colour"
@@ -170,7 +171,7 @@ class CVDGS_OT_add_catcher(NeedsGaussians, bpy.types.Operator):
 
 
 class CVDGS_OT_hide_bystanders(NeedsGaussians, bpy.types.Operator):
-    """Hide what renders show beside the Gaussians; Show Hidden Objects in the menu Object brings it back to the view"""
+    """Hide what renders show beside Gaussians; Object > Show/Hide > Show Hidden Objects brings it back to the view"""
 
     bl_idname = "cvdgs.hide_bystanders"
     bl_label = "Hide Other Objects"
@@ -182,7 +183,7 @@ class CVDGS_OT_hide_bystanders(NeedsGaussians, bpy.types.Operator):
 
 
 class CVDGS_OT_hide_other_gaussians(NeedsGaussians, bpy.types.Operator):
-    """Hide the Gaussians of all other runs; Show Hidden Objects in the menu Object brings them back to the view"""
+    """Hide the Gaussians of all other runs; Object > Show/Hide > Show Hidden Objects brings them back to the view"""
 
     bl_idname = "cvdgs.hide_other_gaussians"
     bl_label = "Hide Other Gaussians"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..core.errors import InputError
+from ..core.runtime.environment import is_complete
 from ..cvdgs_addon import environment
 from ..cvdgs_addon.activity import ACTIVITY
 from ..cvdgs_addon.preferences import get_cache
@@ -22,6 +23,8 @@ class CVDGS_OT_make_environment(Action, bpy.types.Operator):
     def missing(cls, _context: bpy.types.Context) -> str:
         if ACTIVITY.running(environment.MAKE_JOB):
             return "The worker is already being set up"
+        if is_complete(environment.environment_folder()):  # setting up begins, and a failure ends, with deleting it
+            return "Remove the worker first"
         return "" if bpy.app.online_access else "Allow Online Access in Preferences > System > Network first"
 
     def act(self, _context: bpy.types.Context) -> None:
@@ -48,7 +51,10 @@ class CVDGS_OT_remove_environment(Action, bpy.types.Operator):
 
     @classmethod
     def missing(cls, _context: bpy.types.Context) -> str:
-        return "" if environment.environment_folder().exists() else "No worker has been set up here"
+        if not environment.environment_folder().exists():
+            return "No worker has been set up here"
+        # Removing ends the setting up itself, and nothing else runs from a folder that is not complete.
+        return "" if ACTIVITY.running(environment.MAKE_JOB) else _running_job()
 
     def act(self, _context: bpy.types.Context) -> None:
         environment.remove_environment()
@@ -82,8 +88,17 @@ class CVDGS_OT_clear_cache(Action, bpy.types.Operator):
     bl_label = "Clear Cache"
     bl_options = set()
 
+    @classmethod
+    def missing(cls, _context: bpy.types.Context) -> str:
+        return _running_job()
+
     def act(self, _context: bpy.types.Context) -> None:
         get_cache().clear()
+
+
+def _running_job() -> str:
+    """Why files that a worker may be using stay; "" where no job runs."""
+    return "Wait for the running job, or cancel it" if ACTIVITY.is_busy() else ""
 
 
 CLASSES: tuple[type, ...] = (

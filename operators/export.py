@@ -56,11 +56,12 @@ class CVDGS_OT_export_gaussians(NeedsGaussians, bpy.types.Operator, ExportHelper
         assert splats is not None  # see `NeedsGaussians.missing`
         layer, enhanced = shown_layer(splats)
         exported = read_gaussians(splats, layer, enhanced, axes=splats.matrix_world if self.axes == "SCENE" else None)
-        export_gaussians(self.filepath, exported)
+        path = bpy.path.abspath(self.filepath)
+        export_gaussians(path, exported)
         if exported.lost_view_dependence:
             self.report({"WARNING"}, "Exported without view-dependent colours, because the Gaussians were stretched")
         else:
-            self.report({"INFO"}, f"Exported {len(exported.gaussians):,} Gaussians to {self.filepath}")
+            self.report({"INFO"}, f"Exported {len(exported.gaussians):,} Gaussians to {path}")
 
 
 class _AllLayers(NeedsGaussians, ExportHelper):
@@ -68,7 +69,7 @@ class _AllLayers(NeedsGaussians, ExportHelper):
 
     bl_options = {"REGISTER"}
 
-    def write(self, splats: bpy.types.Object) -> int:
+    def write(self, path: str, splats: bpy.types.Object) -> int:
         """Write the file; returns the number of Gaussians. Each operator its own."""
         raise AssertionError
 
@@ -77,8 +78,9 @@ class _AllLayers(NeedsGaussians, ExportHelper):
         return ExportHelper.invoke(self, context, event)
 
     def act(self, context: bpy.types.Context) -> None:
-        count = self.write(shown_splats(context))
-        self.report({"INFO"}, f"Exported {count:,} Gaussians to {self.filepath}")  # type: ignore[attr-defined]
+        path = bpy.path.abspath(self.filepath)  # type: ignore[attr-defined]
+        count = self.write(path, shown_splats(context))
+        self.report({"INFO"}, f"Exported {count:,} Gaussians to {path}")  # type: ignore[attr-defined]
 
 
 class CVDGS_OT_export_web_page(_AllLayers, bpy.types.Operator):
@@ -91,8 +93,8 @@ class CVDGS_OT_export_web_page(_AllLayers, bpy.types.Operator):
 
     filter_glob: bpy.props.StringProperty(default="*.html", options={"HIDDEN"})
 
-    def write(self, splats: bpy.types.Object) -> int:
-        return export_web_page(self.filepath, splats)
+    def write(self, path: str, splats: bpy.types.Object) -> int:
+        return export_web_page(path, splats)
 
 
 class CVDGS_OT_export_layers(_AllLayers, bpy.types.Operator):
@@ -106,8 +108,8 @@ class CVDGS_OT_export_layers(_AllLayers, bpy.types.Operator):
 
     filter_glob: bpy.props.StringProperty(default="*.glb;*.usd;*.usda;*.usdc", options={"HIDDEN"})
 
-    def write(self, splats: bpy.types.Object) -> int:
-        return export_layers(self.filepath, splats)
+    def write(self, path: str, splats: bpy.types.Object) -> int:
+        return export_layers(path, splats)
 
 
 class CVDGS_OT_export_cube(NeedsRun, bpy.types.Operator, ExportHelper):
@@ -142,8 +144,9 @@ class CVDGS_OT_export_cube(NeedsRun, bpy.types.Operator, ExportHelper):
     def act(self, context: bpy.types.Context) -> None:
         splats = shown_splats(context)
         layer, _ = shown_layer(splats)
-        export_cube(run_of(splats), layer, self.filepath)
-        self.report({"INFO"}, f"Exported the LUT of {layer} to {self.filepath}")
+        path = bpy.path.abspath(self.filepath)
+        export_cube(run_of(splats), layer, path)
+        self.report({"INFO"}, f"Exported the LUT of {layer} to {path}")
 
 
 def _propose(operator: bpy.types.Operator, context: bpy.types.Context, name: str) -> None:

@@ -13,6 +13,11 @@ from ..cvdgs_addon.scene.splats import show_layer
 from ..cvdgs_addon.shown import shown_layer, shown_splats
 from .base import NeedsGaussians
 
+_DONE = {
+    Treatment.REMOVE: "Removed {} Gaussians",
+    Treatment.KEEP_ORIGINAL: "Kept original colours of {} Gaussians",
+    Treatment.RESTORE: "Restored layer colours of {} Gaussians",
+}
 NOTHING_MASKED = "Nothing is removed, recoloured or kept in its original colours"
 
 
@@ -107,9 +112,10 @@ class CVDGS_OT_treat_selected(NeedsGaussians, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> None:
         splats = shown_splats(context)
+        treatment = Treatment(self.treatment)
         with object_mode(splats):
-            count = masks.treat_selected(splats, Treatment(self.treatment))
-        self.report({"INFO"}, f"{count:,} Gaussians")
+            count = masks.treat_selected(splats, treatment)
+        self.report({"INFO"}, _DONE[treatment].format(f"{count:,}"))
 
 
 class CVDGS_OT_recolor_selected(NeedsGaussians, bpy.types.Operator):

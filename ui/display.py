@@ -61,7 +61,7 @@ def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context, splats: 
     say_bystanders(layout, context, "The view also shows")
     others = [other.name for other in overlapping(context.scene, splats)]
     if others:
-        say(layout, context, f"These stand in each other: {splats.name}, {_listed(others)}", "INFO")
+        say(layout, context, f"These overlap: {splats.name}, {_listed(others)}", "INFO")
         row = layout.row(align=True)
         row.operator("cvdgs.hide_other_gaussians", text="Hide Others", icon="HIDE_ON")
         row.operator("cvdgs.place_beside", icon="FORWARD")
@@ -118,7 +118,7 @@ def _draw_layers(layout: bpy.types.UILayout, splats: bpy.types.Object) -> None:
 
 def _draw_selection(layout: bpy.types.UILayout, splats: bpy.types.Object) -> None:
     row = layout.row(align=True)
-    _draw_input(row, splats, Input.BUDGET, "Most Gaussians (0: all)")
+    _draw_input(row, splats, Input.BUDGET, "Max Gaussians (0: all)")
     _draw_input(row, splats, Input.BUDGET_IN_RENDERS, "", icon="RESTRICT_RENDER_OFF")
     row = layout.row(align=True)
     if crop.crop_box_of(splats) is None:
@@ -163,7 +163,7 @@ def _draw_relight(layout: bpy.types.UILayout, context: bpy.types.Context, splats
     row.operator("cvdgs.take_light_back", text="", icon="X")
     _draw_input(body, splats, Input.RELIGHT, slider=True)
     _draw_input(body, splats, Input.LAMP)
-    say(body, context, "Rotate the lamp. No shadows are thrown; those of the photographs stay", "INFO")
+    say(body, context, "Rotate the lamp. It casts no shadows; those in the photographs remain", "INFO")
 
 
 def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

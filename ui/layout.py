@@ -47,7 +47,7 @@ def say_end(layout: bpy.types.UILayout, context: bpy.types.Context, job: Backgro
     if job is not None and job.state is State.FAILED:
         complain(layout, context, job.problem)
     elif job is not None and job.state is State.CANCELLED:
-        say(layout, context, "Cancelled; there are no results", "INFO")
+        say(layout, context, "Cancelled; no results were changed", "INFO")
 
 
 def say(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:

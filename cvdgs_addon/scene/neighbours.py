@@ -68,10 +68,14 @@ def place_beside(scene: bpy.types.Scene, splats: bpy.types.Object) -> None:
 
 
 def _others(scene: bpy.types.Scene, splats: bpy.types.Object) -> list[bpy.types.Object]:
+    # What is in no view layer, because its collection is excluded, is not seen and cannot be hidden.
     return [
         other
         for other in scene.objects
-        if is_splats(other) and other != splats and not (other.hide_render or other.hide_get())
+        if is_splats(other)
+        and other != splats
+        and not (other.hide_render or other.hide_get())
+        and any(layer.objects.get(other.name) == other for layer in scene.view_layers)
     ]
 
 

@@ -50,8 +50,7 @@ def measure(empty: bpy.types.Object, metres: float) -> list[Path]:
         The folders of these runs.
 
     Raises:
-        InputError: there is no ruler, its ends are in one place, or the length is none.
-        OSError: a run's file cannot be written.
+        InputError: there is no ruler, its ends are in one place, the length is none, or a run's file cannot be written.
     """
     bpy.context.view_layer.update()
     ends = ends_of(empty)
@@ -65,10 +64,18 @@ def measure(empty: bpy.types.Object, metres: float) -> list[Path]:
     unit = ratio * max(empty.matrix_world.to_scale())
     folders = [Path(folder) for folder in sorted({run_of(child) for child in empty.children}) if folder]
     # First what may fail, so that a run that cannot be told leaves the scene as it is.
-    told = [folder for folder in folders if note_metres(folder, unit)]
+    told = [folder for folder in folders if _is_told(folder, unit)]
     middle = mathutils.Matrix.Translation(((first + second) / 2.0).tolist())
     empty.matrix_world = middle @ mathutils.Matrix.Scale(ratio, 4) @ middle.inverted() @ empty.matrix_world
     scale_ranges(empty, ratio)
     set_metres(empty, unit)
     bpy.context.view_layer.update()
     return told
+
+
+def _is_told(folder: Path, metres_per_unit: float) -> bool:
+    try:
+        return note_metres(folder, metres_per_unit)
+    except OSError as error:
+        remedy = "allow writing there, or load a copy of the run"
+        raise InputError(f"cannot be written ({error.strerror or error})", where=folder, remedy=remedy) from None

@@ -1,4 +1,4 @@
-"""The cache: it keeps to its size, and touches nothing but what it made."""
+"""The cache keeps to its size and touches nothing but what it made; and folders as fields have them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.cvdgs_addon.folders import Cache
+from cvdgs.cvdgs_addon.folders import Cache, normalised_folder
 
 
 @given(st.lists(st.integers(0, 400), max_size=12), st.integers(0, 2000))
@@ -42,3 +42,9 @@ def test_captures_do_not_share_their_thumbnails(tmp_path):
     cache = Cache(tmp_path)
     assert cache.thumbnails("one") != cache.thumbnails("two")
     assert cache.thumbnails("one") == cache.thumbnails("one")
+
+
+def test_folders_are_named_in_full(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert normalised_folder("results/") == str(tmp_path / "results")
+    assert normalised_folder("") == ""

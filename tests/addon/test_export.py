@@ -138,6 +138,16 @@ def test_deleted_gaussians_are_gone(addon, run_folder, tmp_path):
     assert len(read_ply(tmp_path / "kept.ply")) == 300
 
 
+@pytest.mark.filterwarnings("ignore:.*blend relative")  # Blender expects that nobody resolves them
+def test_paths_beside_the_blend_file_are_understood(addon, run_folder, tmp_path):
+    show_run(str(run_folder), bpy.context.scene)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.cvdgs.export_gaussians(filepath="//kept.ply")
+    bpy.ops.cvdgs.export_web_page(filepath="//kept.html")
+    assert (tmp_path / "kept.ply").is_file()
+    assert (tmp_path / "kept.html").is_file()
+
+
 def test_a_web_page_holds_all_layers_as_they_are_now(addon, run_folder, tmp_path):
     splats = show_run(str(run_folder), bpy.context.scene)
     add_crop_box(splats).matrix_basis = mathutils.Matrix.Diagonal((0.7, 0.5, 0.9, 1.0))

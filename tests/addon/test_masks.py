@@ -186,6 +186,20 @@ def test_points_are_chosen_in_edit_mode_with_blenders_tools_and_removed_there(sh
     assert len(read_gaussians(shown, "original", 1.0).gaussians) == 400
 
 
+@pytest.mark.parametrize(
+    ("treatment", "told"),
+    [
+        ("REMOVE", "Removed 5 Gaussians"),
+        ("KEEP_ORIGINAL", "Kept original colours of 5 Gaussians"),
+        ("RESTORE", "Restored layer colours of 5 Gaussians"),
+    ],
+)
+def test_what_was_done_to_how_many_is_told(shown, treatment, told, capfd):
+    choose(shown, np.arange(5))
+    bpy.ops.cvdgs.treat_selected(treatment=treatment)
+    assert told in capfd.readouterr().out
+
+
 def test_nothing_selected_is_told(shown):
     choose(shown, np.arange(0))
     with pytest.raises(RuntimeError, match="no Gaussians are selected"):

@@ -10,7 +10,7 @@ from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.camera_view import views_3d
 from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.display import Form, form_of
-from cvdgs.cvdgs_addon.scene.neighbours import overlapping
+from cvdgs.cvdgs_addon.scene.neighbours import overlapping, partner_of
 from cvdgs.cvdgs_addon.scene.splat_attributes import point_positions
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 from cvdgs.cvdgs_addon.scene.splats import get_input
@@ -90,3 +90,12 @@ def test_a_run_that_comes_beside_a_rendered_view_does_not_hold_it_up(addon, tmp_
     view_in_color()
     assert get_input(first, Input.CAMERA_VIEW)
     assert get_input(second, Input.CAMERA_VIEW)
+
+
+def test_runs_in_an_excluded_collection_are_no_neighbours(two):
+    first, second = two
+    scene = bpy.context.scene
+    assert partner_of(scene, second, None) == first
+    bpy.context.view_layer.layer_collection.children[first.users_collection[0].name].exclude = True
+    assert overlapping(scene, second) == []
+    assert partner_of(scene, second, first) is None

@@ -12,12 +12,14 @@ import pytest
 from cvdgs.core.errors import InputError
 from cvdgs.cvdgs_addon import inspection, making, messages, viewer
 from cvdgs.cvdgs_addon.activity import ACTIVITY
+from cvdgs.cvdgs_addon.background import State
 from cvdgs.cvdgs_addon.pictures import PICTURES
 from cvdgs.cvdgs_addon.preferences_panel import draw_preferences
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.operators import CLASSES as OPERATORS
 from cvdgs.ui import CLASSES as PANELS
 from cvdgs.ui.capture import CVDGS_PT_capture
+from cvdgs.ui.layout import say_end
 from cvdgs.ui.results import CVDGS_PT_export, CVDGS_PT_report
 from cvdgs.ui.run import CVDGS_PT_run
 from cvdgs.ui.viewer import CVDGS_MT_viewer_presets, CVDGS_PT_viewer
@@ -298,3 +300,13 @@ def test_the_default_output_is_beside_the_capture(addon, tmp_path):
     assert making.output_folder(scene) == ""
     scene.cvdgs.capture.folder = f"{tmp_path}/photos/"
     assert Path(making.output_folder(scene)) == tmp_path / "photos CVD"
+
+
+def test_messages_name_options_as_the_panels_do():
+    assert messages.in_panel_words("--no-refine-poses keeps it") == "'Correct Cameras off' keeps it"
+
+
+def test_a_cancelled_job_claims_nothing_about_earlier_results():
+    layout = RecordingLayout()
+    say_end(layout, bpy.context, SimpleNamespace(state=State.CANCELLED))
+    assert "no results were changed" in " ".join(layout.texts)

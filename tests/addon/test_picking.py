@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import bpy
 import mathutils
 import numpy as np
 import pytest
 
+from cvdgs.core.errors import InputError
 from cvdgs.core.splats.gaussians import SH_C0, Gaussians
-from cvdgs.cvdgs_addon.picking_marks import Picking
+from cvdgs.cvdgs_addon.picking_marks import Picking, ray_below
 from cvdgs.cvdgs_addon.scene import masks, splats
 from cvdgs.cvdgs_addon.scene.alignment import align_by_marks, places_of_marks, set_marks
 from cvdgs.cvdgs_addon.scene.masks import Treatment
 from cvdgs.cvdgs_addon.scene.picking import surface_point
+from cvdgs.operators.alignment import CVDGS_OT_pick_marks
 
 from .test_alignment import apart  # noqa: F401 - a fixture
 from .test_neighbours import in_scene, two  # noqa: F401 - a fixture
@@ -102,3 +107,49 @@ def test_who_cancels_gets_the_earlier_marks_back(apart):  # noqa: F811
     assert not pick.is_complete
     np.testing.assert_allclose(places_of_marks(apart[0]), places, atol=1e-5)
     assert places_of_marks(apart[1]) == []
+
+
+def pressed(key: str, *, ctrl: bool = False) -> SimpleNamespace:
+    return SimpleNamespace(type=key, value="PRESS", ctrl=ctrl, oskey=False)
+
+
+def test_undo_leaves_the_picking_alone(apart):  # noqa: F811
+    operator = SimpleNamespace(_pick=Picking(apart))
+    assert CVDGS_OT_pick_marks.modal(operator, bpy.context, pressed("Z", ctrl=True)) == {"RUNNING_MODAL"}
+    assert CVDGS_OT_pick_marks.modal(operator, bpy.context, pressed("Z")) == {"PASS_THROUGH"}
+
+
+def test_picking_that_blender_ends_is_taken_back(apart):  # noqa: F811
+    pick = Picking(apart)
+    pick.show()
+    pick.add(*look_at(apart[0], 3))
+    CVDGS_OT_pick_marks.cancel(SimpleNamespace(_pick=pick), bpy.context)
+    assert [owner.hide_get() for owner in apart] == [False, False]
+    assert places_of_marks(apart[0]) == []
+
+
+def test_gaussians_out_of_sight_are_not_picked_in(apart):  # noqa: F811
+    first, second = apart
+    bpy.context.scene.view_layers.new("other")
+    layer = bpy.context.view_layer
+    layer.layer_collection.children[first.users_collection[0].name].exclude = True
+    layer.update()
+    assert first.name not in layer.objects
+    with pytest.raises(InputError, match="not in this view layer"):
+        CVDGS_OT_pick_marks.on_click(SimpleNamespace(), bpy.context, pressed("LEFTMOUSE"))
+    assert not second.hide_get()
+
+
+def test_each_picture_of_a_quad_view_is_clicked_in_by_itself():
+    def region(x: int, height: float) -> SimpleNamespace:
+        view = mathutils.Matrix.Translation((0.0, 0.0, -height))
+        data = SimpleNamespace(view_matrix=view, perspective_matrix=view, is_perspective=True)
+        return SimpleNamespace(type="WINDOW", x=x, y=0, width=100, height=100, data=data)
+
+    regions = [region(0, 1.0), region(100, 2.0)]
+    spaces = SimpleNamespace(active=SimpleNamespace(region_3d=regions[-1].data))
+    area = SimpleNamespace(type="VIEW_3D", regions=regions, spaces=spaces)
+    window = SimpleNamespace(screen=SimpleNamespace(areas=[area]))
+    for x, height in ((50, 1.0), (150, 2.0)):
+        origin, _ = ray_below(window, SimpleNamespace(mouse_x=x, mouse_y=50))
+        assert origin.z == height

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from cvdgs.core.splats.io.layers import world_of_run
 from cvdgs.cvdgs_addon.background import State
 from cvdgs.cvdgs_addon.report_pages import JOB, start_writing_pages
 from cvdgs.cvdgs_addon.results import show_run
+from cvdgs.cvdgs_addon.scene import ruler
 from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.finished_run import read_run
 from cvdgs.cvdgs_addon.scene.placement import found_of
@@ -128,4 +130,16 @@ def test_a_run_that_cannot_be_told_leaves_the_scene_as_it_is(run: Path, empty: b
     with pytest.raises(InputError, match="not the files of a run"):
         measure(empty, 2.4)
     bpy.context.view_layer.update()
+    assert empty.matrix_world == before
+
+
+def test_a_run_on_a_read_only_share_is_refused_in_one_line(run: Path, empty: bpy.types.Object, monkeypatch) -> None:
+    def read_only(*_: object) -> bool:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(ruler, "note_metres", read_only)
+    add_ruler(empty)
+    before = empty.matrix_world.copy()
+    with pytest.raises(InputError, match=f"{run}: cannot be written .*Read-only.* - allow writing"):
+        measure(empty, 2.4)
     assert empty.matrix_world == before

@@ -62,12 +62,14 @@ def test_without_anything_the_user_is_led_to_the_preferences(online):
 
 def test_the_button_makes_an_environment_and_checks_it(online, tmp_path):
     environment.start_making(base(tmp_path, CHECKING, MAKING, MADE))
+    bpy.context.preferences.is_dirty = False
     assert not bpy.ops.cvdgs.make_environment.poll()
     assert finished(environment.MAKE_JOB).problem == ""
     assert environment.worker_python() == str(tmp_path / "user" / "environment" / "bin" / "python")
     assert finished(environment.CHECK_JOB).problem == ""
     assert known_machine()["device"] == "cpu: fast, 8 threads"
     assert machine_speed() == 2.5
+    assert bpy.context.preferences.is_dirty, "Blender would not save it"
     layout = RecordingLayout()
     from cvdgs.cvdgs_addon.preferences_panel import draw_preferences
 
@@ -99,6 +101,35 @@ def test_a_cancellation_leaves_nothing(online, tmp_path):
     bpy.ops.cvdgs.cancel_job(job=environment.MAKE_JOB)
     finished(environment.MAKE_JOB)
     assert job.state is State.CANCELLED
+    assert not (tmp_path / "user" / "environment").exists()
+
+
+def test_a_working_environment_is_not_set_up_again(online, tmp_path):
+    """Somebody who cancels that, or is offline, would lose it."""
+    environment.start_making(base(tmp_path, CHECKING, MAKING, MADE))
+    finished(environment.MAKE_JOB)
+    finished(environment.CHECK_JOB)
+    with pytest.raises(RuntimeError, match="Remove the worker first"):
+        bpy.ops.cvdgs.make_environment()
+
+
+def test_files_that_a_running_job_may_use_are_not_deleted(online, tmp_path):
+    environment.start_making(base(tmp_path, 'if request["job"] == "check": time.sleep(60)', MAKING, MADE))
+    finished(environment.MAKE_JOB)
+    for delete in (bpy.ops.cvdgs.remove_environment, bpy.ops.cvdgs.clear_cache):
+        with pytest.raises(RuntimeError, match="Wait for the running job"):
+            delete()
+    ACTIVITY.end(environment.CHECK_JOB)
+    assert bpy.ops.cvdgs.remove_environment.poll()
+    assert bpy.ops.cvdgs.clear_cache.poll()
+
+
+def test_removing_ends_the_setting_up(online, tmp_path):
+    environment.start_making(base(tmp_path, MAKING, "time.sleep(60)"))
+    job = ACTIVITY.job(environment.MAKE_JOB)
+    until(lambda: job.progress.message.startswith("downloading torch"))
+    assert bpy.ops.cvdgs.remove_environment() == {"FINISHED"}
+    assert ACTIVITY.job(environment.MAKE_JOB) is None
     assert not (tmp_path / "user" / "environment").exists()
 
 
