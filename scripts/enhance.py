@@ -26,7 +26,7 @@ from cvdgs.core.settings import CVD_TYPES
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The options of design.md; `EnhanceRequest` checks their values."""
+    """The options of docs/command-line.md; `EnhanceRequest` checks their values."""
     parser = OneLineParser(
         prog="enhance.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
     )

@@ -1,4 +1,4 @@
-"""The main job: from photographs with known cameras to a CVD-friendly Gaussian scene in Blender.
+"""The main job: from photographs or videos to a CVD-friendly Gaussian scene in Blender.
 
     python scripts/run.py CAPTURE --out DIR [options]
     blender -b -P scripts/run.py -- CAPTURE --out DIR [options]
@@ -35,7 +35,11 @@ def build_parser() -> argparse.ArgumentParser:
     """The options of docs/command-line.md; their ranges are checked by `Settings`."""
     parser = OneLineParser(prog="run.py", description=__doc__.splitlines()[0], allow_abbrev=False)
     add = parser.add_argument
-    add("capture", metavar="CAPTURE", help="folder of photographs with cameras: COLMAP model or transforms.json")
+    add(
+        "capture",
+        metavar="CAPTURE",
+        help="folder of photographs, with cameras (COLMAP model or transforms.json) or without; or a video, or a zip",
+    )
     add("--out", required=True, metavar="DIR", help="folder for the results; replaced only when the run succeeds")
     add("--cvd", action="append", metavar="TYPE", help=f"{'|'.join(CVD_TYPES)}; repeat for several layers (deutan)")
     add("--severity", action="append", type=float, metavar="0..1", help="one for all layers, or one per --cvd (1)")

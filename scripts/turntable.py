@@ -45,7 +45,7 @@ FARMS = ("openjd", "flamenco")
 
 
 def build_parser() -> argparse.ArgumentParser:
-    """The options of design.md."""
+    """The options of docs/batches.md."""
     parser = OneLineParser(
         prog="turntable.py",
         description=__doc__,

@@ -183,7 +183,7 @@ def _of_layer(name: str, layer: Mapping[str, Any], limits: AdviceThresholds) -> 
         yield CaptureWarning(
             "views-disagree",
             f"{name}: colours change more from view to view than in the photographs (RWE {rwe['ratio']:.2f}); "
-            "--mode layers gives each surface a single colour",
+            "the default mode (layers) gives each surface a single colour",
         )
     if ccpr["enhanced"] < limits.ccpr:
         yield CaptureWarning(

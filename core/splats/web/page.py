@@ -98,7 +98,7 @@ def write_web_page(
         raise InputError(
             f"{len(first):,} Gaussians are more than a browser can draw",
             where=path,
-            remedy="keep the most important ones (scripts/convert.py --gaussians 1000000)",
+            remedy="remove some first: crop, Remove Floaters, or scripts/convert.py --gaussians 1000000",
         )
     if ORIGINAL in layers:  # the slider begins with it
         layers = {ORIGINAL: layers[ORIGINAL], **layers}
