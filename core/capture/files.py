@@ -145,6 +145,11 @@ def resolve_inside(folder: Path, name: str, *, where: str | Path, root: Path | N
     return path
 
 
+def shared_root(capture: Path, files: Iterable[Path]) -> Path:
+    """The nearest folder that holds the capture, or what of it was given, and `files`; absolute, links unresolved."""
+    return Path(os.path.commonpath([os.path.abspath(path) for path in (capture, *(file.parent for file in files))]))
+
+
 def _is_encodable(name: str) -> bool:
     """Whether every program can be told `name`; Python's own spelling of names that are not UTF-8 is none."""
     try:
