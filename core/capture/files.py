@@ -23,9 +23,11 @@ IMAGE_EXTENSIONS = (
 )
 
 FRAMES_FILE = "frames.json"
-"""In the folder of extracted frames or beside it: ``{"frames": [{"name", "time", "video"}, ...]}`` in order, names as
-`sfm.estimate_cameras` gets them, times in seconds from the beginning of the video of that name. Photographs are not in
-it."""
+"""In the folder of extracted frames or, in the capture, beside it:
+
+``{"frames": [{"name", "time", "video"}, ...]}`` in order, names as `sfm.estimate_cameras` gets them, times in seconds
+from the beginning of the video of that name. Photographs are not in it.
+"""
 
 # What cameras and editors leave beside them and is not read.
 SPLAT_EXTENSION = ".ply"

@@ -154,7 +154,7 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter, max_size: int 
         originals = photographs.originals.items()
         masks = {name: found.files[original] for name, original in originals if original in found.files}
         settings = SfmSettings.for_views(max_size)
-        model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter, settings, masks)
+        model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter, settings, masks, folder)
         if is_folder(folder):  # what lies beside one video may belong to others
             warn_about_unused(model, found.unused)
         model.views = [replace(view, time=photographs.times.get(view.name)) for view in model.views]

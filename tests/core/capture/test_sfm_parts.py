@@ -79,15 +79,26 @@ def test_passages_of_a_film_without_a_place_are_named_by_their_times() -> None:
 def test_a_list_of_frames_is_found_and_a_damaged_one_refused(tmp_path: Path) -> None:
     folder = tmp_path / "images"
     folder.mkdir()
-    assert read_frames(folder) == {}
+    assert read_frames(folder, tmp_path) == {}
     file = tmp_path / "frames.json"
     file.write_text(json.dumps({"frames": [{"name": "a.jpg", "time": 1.5, "video": "walk.mp4"}]}))
-    assert read_frames(folder) == {"a.jpg": Frame(1.5, "walk.mp4")}
+    assert read_frames(folder, tmp_path) == {"a.jpg": Frame(1.5, "walk.mp4")}
     frame = {"name": "a", "time": "x", "video": ""}
     for damaged in ("{", "3", "[]", json.dumps({"frames": [frame]}), '{"frames": [{"name": "a.jpg"}]}', "[" * 9999):
         file.write_text(damaged)
-        with pytest.raises(InputError, match="no list of a video"):
-            read_frames(folder)
+        with pytest.raises(InputError, match=r"no list of a video|not valid JSON"):
+            read_frames(folder, tmp_path)
+
+
+def test_a_list_of_frames_outside_of_the_capture_is_not_read(tmp_path: Path) -> None:
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    file = tmp_path / "frames.json"
+    file.write_text(json.dumps({"frames": [{"name": "a.jpg", "time": 1.5, "video": "walk.mp4"}]}))
+    assert read_frames(folder, folder) == {}
+    (folder / "frames.json").symlink_to(file)
+    with pytest.raises(InputError, match="leads out of the capture folder"):
+        read_frames(folder, folder)
 
 
 def test_a_draft_looks_at_less_first_and_goes_on_with_the_rest() -> None:
