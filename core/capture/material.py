@@ -157,7 +157,7 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter, si
     if videos := [name for name, kind in kinds.items() if kind == "video"]:
         raise video_with_wrong_name(material.folder / videos[0])
     if not material.videos and not any(kind in _CONVERTED for kind in kinds.values()):
-        folder, names = _common_folder(material)
+        folder, names = common_folder(material)
         originals = dict(zip(names, material.photographs, strict=True))
         return Photographs(folder, names, originals=originals, warnings=_depth_warning(material, material.depths))
     made = Photographs(workspace, [])
@@ -189,7 +189,7 @@ def describe(material: Material) -> str:
     return " and ".join(parts)
 
 
-def _common_folder(material: Material) -> tuple[Path, list[str]]:
+def common_folder(material: Material) -> tuple[Path, list[str]]:
     """The folder ``images`` with the names in it, where all photographs are there."""
     for inside in IMAGE_FOLDERS:
         if all(name.startswith(f"{inside}/") for name in material.photographs):
