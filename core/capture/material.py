@@ -217,7 +217,7 @@ def _extract_frames(
     total = max(sum(map(len, chosen)), 1)
     frames: list[dict[str, str | float]] = []
     keys = make_keys(material.videos) if count > 1 else [PurePosixPath(name).stem for name in material.videos]
-    folders = make_keys([f"{key}.mp4" for key in keys])
+    folders = _folders_for_frames(make_keys([f"{key}.mp4" for key in keys]), material.photographs)
     for name, folder, look, wanted in zip(material.videos, folders, looks, chosen, strict=True):
         before = len(frames)
         reporter.status(STAGE, f"taking {len(wanted)} of {len(look.film.frames):,} frames of {look.path.name}")
@@ -230,6 +230,18 @@ def _extract_frames(
         written = extract(look, wanted, made.folder / folder, white, show_frames)
         frames += [{"name": f"{folder}/{file}", "time": round(time, 4), "video": name} for file, time in written]
     return frames
+
+
+def _folders_for_frames(wanted: Sequence[str], photographs: Sequence[str]) -> list[str]:
+    """`wanted` where no photograph lies in a folder of that name; the frames of walk.mp4 must not meet walk/1.jpg."""
+    taken = {PurePosixPath(name).parts[0].lower() for name in (FRAMES_FILE, *photographs)}
+    folders = []
+    for folder in wanted:
+        while folder.lower() in taken:
+            folder += "-frames"
+        taken.add(folder.lower())
+        folders.append(folder)
+    return folders
 
 
 def _warnings_about(look: Look) -> Iterator[CaptureWarning]:
@@ -309,5 +321,6 @@ def _link(source: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         os.link(source.resolve(), target)
-    except OSError:  # another disk
-        shutil.copyfile(source, target)
+    except OSError:  # another disk; what is there already is refused again
+        with open(source, "rb") as original, open(target, "xb") as copy:
+            shutil.copyfileobj(original, copy)
