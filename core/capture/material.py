@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import struct
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -23,7 +24,7 @@ from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 from ..intake.raw import Development
 from ..intake.selection import choose
-from ..intake.video import Look, extract, look_through
+from ..intake.video import MAX_SECONDS, Look, extract, look_through
 from ..runs.layout import MASKS_FOLDER
 from ..runtime.protocol import Reporter
 from .colmap import IMAGE_FOLDERS
@@ -248,6 +249,9 @@ def _warnings_about(look: Look) -> Iterator[CaptureWarning]:
     if look.cut_at is not None:
         what = f"{look.path}: the video breaks off after {look.cut_at:.1f} s; what is there is used"
         yield CaptureWarning("video-cut", what)
+    if look.is_shortened:
+        what = f"{look.path}: only the first {MAX_SECONDS / 60:.0f} minutes of the video are used"
+        yield CaptureWarning("video-long", what)
     if look.transfer:
         what = f"{look.path}: HDR video ({look.transfer.upper()}), brought into the range of sRGB"
         yield CaptureWarning("video-hdr", what)
@@ -312,7 +316,7 @@ def _write_jpeg(path: Path, source: Path, exif: bytes, development: Development 
         tags.load(exif)
         tags[0x0112] = 1  # upright already
         written = tags.tobytes()
-    except (ValueError, SyntaxError, OSError, TypeError, KeyError):
+    except (ValueError, SyntaxError, OSError, TypeError, KeyError, struct.error):
         written = b""
     Image.fromarray(color).save(path, "JPEG", quality=_QUALITY, subsampling=0, exif=written)
 
