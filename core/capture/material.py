@@ -185,7 +185,7 @@ def masks_of(material: Material) -> FoundMasks:
 def describe(material: Material) -> str:
     """What there is, in words."""
     photographs, videos = len(material.photographs), len(material.videos)
-    parts = [f"{photographs:,} photographs"] if photographs else []
+    parts = [f"{photographs:,} photograph{'s' if photographs > 1 else ''}"] if photographs else []
     parts += [f"{videos} video{'s' if videos > 1 else ''}"] if videos else []
     return " and ".join(parts)
 

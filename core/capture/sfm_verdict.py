@@ -92,7 +92,7 @@ def require_enough(placed: Placed, names: Sequence[str], folder: Path) -> None:
         raise InputError(what, where=folder, remedy=_AGAIN)
     lonely = [name for name, partners in zip(names, placed.matched, strict=True) if not partners]
     detail = f"; {len(lonely)} show nothing that another shows: {quote_first(lonely)}" if lonely else ""
-    raise InputError(f"only {found} of {count} photographs hang together{detail}", where=folder, remedy=_AGAIN)
+    raise InputError(f"only {found} of {count} photographs could be connected{detail}", where=folder, remedy=_AGAIN)
 
 
 def say_left_out(placed: Placed, names: Sequence[str], frames: Mapping[str, Frame]) -> str:
@@ -102,7 +102,7 @@ def say_left_out(placed: Placed, names: Sequence[str], frames: Mapping[str, Fram
     if not left_out:
         return ""
     noun = "frames" if all(name in frames for name in names) else "photographs"
-    said = f"{len(with_place)} of {len(names)} {noun} hang together"
+    said = f"{len(with_place)} of {len(names)} {noun} could be connected"
     if noun == "photographs":
         return f"{said}; without a place, and left out: {quote_first(left_out)}"
     return f"{said}; film more slowly at {_passages(names, with_place, frames)}"

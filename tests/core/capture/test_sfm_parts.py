@@ -52,8 +52,8 @@ def test_evening_out_makes_dark_and_light_parts_alike() -> None:
 
 def test_a_model_of_three_of_twenty_is_refused_and_two_of_two_is_not() -> None:
     names = names_of(20)
-    with pytest.raises(InputError, match="only 3 of 20 photographs hang together; 15 show nothing") as refusal:
-        require_enough(Placed(names[:3], [3, 2], [1.2], 5.0, [2] * 5 + [0] * 15), names, Path("room"))
+    with pytest.raises(InputError, match="only 3 of 20 photographs could be connected; 15 show nothing") as refusal:
+        require_enough(Placed(names[:3], [3, 2], [1.2], [2] * 5 + [0] * 15), names, Path("room"))
     assert "small steps" in str(refusal.value)
     require_enough(Placed(names[:7], [7]), names, Path("room"))
     require_enough(Placed(names[:2], [2]), names[:2], Path("room"))
@@ -71,7 +71,7 @@ def test_passages_of_a_film_without_a_place_are_named_by_their_times() -> None:
     names = names_of(40)
     frames = {name: Frame(index * 0.5, "walk.mp4") for index, name in enumerate(names)}
     placed = Placed([name for index, name in enumerate(names) if not 24 <= index <= 30])
-    assert say_left_out(placed, names, frames) == "33 of 40 frames hang together; film more slowly at 0:12-0:15"
+    assert say_left_out(placed, names, frames) == "33 of 40 frames could be connected; film more slowly at 0:12-0:15"
     assert say_left_out(Placed(names), names, frames) == ""
     assert "without a place, and left out: 24.jpg" in say_left_out(placed, names, {})
 
