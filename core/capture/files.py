@@ -23,9 +23,11 @@ IMAGE_EXTENSIONS = (
 )
 
 FRAMES_FILE = "frames.json"
-"""In the folder of extracted frames or beside it: ``{"frames": [{"name", "time", "video"}, ...]}`` in order, names as
-`sfm.estimate_cameras` gets them, times in seconds from the beginning of the video of that name. Photographs are not in
-it."""
+"""In the folder of extracted frames or, in the capture, beside it:
+
+``{"frames": [{"name", "time", "video"}, ...]}`` in order, names as `sfm.estimate_cameras` gets them, times in seconds
+from the beginning of the video of that name. Photographs are not in it.
+"""
 
 # What cameras and editors leave beside them and is not read.
 SPLAT_EXTENSION = ".ply"
@@ -143,6 +145,11 @@ def resolve_inside(folder: Path, name: str, *, where: str | Path, root: Path | N
     if not stat.S_ISREG(mode):
         raise InputError(f"the image name {name!r} is not a regular file", where=where, remedy=remedy)
     return path
+
+
+def shared_root(capture: Path, files: Iterable[Path]) -> Path:
+    """The nearest folder that holds the capture, or what of it was given, and `files`; absolute, links unresolved."""
+    return Path(os.path.commonpath([os.path.abspath(path) for path in (capture, *(file.parent for file in files))]))
 
 
 def _is_encodable(name: str) -> bool:

@@ -23,7 +23,7 @@ from .model import PinholeCamera
 
 _RUN_AGAIN = "choose the output folder of a finished run"
 _IMPORT_AGAIN = "import the capture again"
-_LEAST_UP = 1e-6  # length of a vector that is a direction
+_LEAST_UP = 1e-6  # length of a vector that is a direction, also of a mean of these
 _ORTHONORMAL_TOLERANCE = 1e-3
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 
@@ -31,7 +31,6 @@ _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 _PNG_COLOR_TYPE = 25
 _PNG_TYPES_WITH_ALPHA = (4, 6)
 
-_LEAST_UP = 1e-6  # length of the mean of directions that say anything
 _MOST_VIEWS = 20_000  # as many as a worker reads
 _MOST_POINT_BYTES = 1 << 30
 _COLOR = ("red", "green", "blue")

@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..files.untrusted import is_file, is_folder
 from ..runs.layout import MASKS_FOLDER
 from .colmap import IMAGE_FOLDERS
-from .files import list_images, quote_first, resolve_inside
+from .files import list_images, quote_first, resolve_inside, shared_root
 from .images import ImageHeader, apply_orientation, read_pixels
 from .model import View
 from .scaling import same_aspect
@@ -59,7 +59,7 @@ def find_masks(capture: Path, photographs: Mapping[str, Path]) -> FoundMasks:
     paths = {name: Path(os.path.abspath(path)) for name, path in photographs.items()}
     if not paths:
         return FoundMasks({}, [])
-    root = Path(os.path.commonpath([os.path.abspath(capture), *(path.parent for path in paths.values())]))
+    root = shared_root(capture, paths.values())
     files: dict[str, Path] = {}
     folders: dict[Path, bool] = {}
     for name, path in paths.items():

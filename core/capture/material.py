@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import struct
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -23,7 +24,7 @@ from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 from ..intake.raw import Development
 from ..intake.selection import choose
-from ..intake.video import Look, extract, look_through
+from ..intake.video import MAX_SECONDS, Look, extract, look_through
 from ..runs.layout import MASKS_FOLDER
 from ..runtime.protocol import Reporter
 from .colmap import IMAGE_FOLDERS
@@ -157,7 +158,7 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter, si
     if videos := [name for name, kind in kinds.items() if kind == "video"]:
         raise video_with_wrong_name(material.folder / videos[0])
     if not material.videos and not any(kind in _CONVERTED for kind in kinds.values()):
-        folder, names = _common_folder(material)
+        folder, names = common_folder(material)
         originals = dict(zip(names, material.photographs, strict=True))
         return Photographs(folder, names, originals=originals, warnings=_depth_warning(material, material.depths))
     made = Photographs(workspace, [])
@@ -184,12 +185,12 @@ def masks_of(material: Material) -> FoundMasks:
 def describe(material: Material) -> str:
     """What there is, in words."""
     photographs, videos = len(material.photographs), len(material.videos)
-    parts = [f"{photographs:,} photographs"] if photographs else []
+    parts = [f"{photographs:,} photograph{'s' if photographs > 1 else ''}"] if photographs else []
     parts += [f"{videos} video{'s' if videos > 1 else ''}"] if videos else []
     return " and ".join(parts)
 
 
-def _common_folder(material: Material) -> tuple[Path, list[str]]:
+def common_folder(material: Material) -> tuple[Path, list[str]]:
     """The folder ``images`` with the names in it, where all photographs are there."""
     for inside in IMAGE_FOLDERS:
         if all(name.startswith(f"{inside}/") for name in material.photographs):
@@ -217,7 +218,7 @@ def _extract_frames(
     total = max(sum(map(len, chosen)), 1)
     frames: list[dict[str, str | float]] = []
     keys = make_keys(material.videos) if count > 1 else [PurePosixPath(name).stem for name in material.videos]
-    folders = make_keys([f"{key}.mp4" for key in keys])
+    folders = _folders_for_frames(make_keys([f"{key}.mp4" for key in keys]), material.photographs)
     for name, folder, look, wanted in zip(material.videos, folders, looks, chosen, strict=True):
         before = len(frames)
         reporter.status(STAGE, f"taking {len(wanted)} of {len(look.film.frames):,} frames of {look.path.name}")
@@ -232,10 +233,25 @@ def _extract_frames(
     return frames
 
 
+def _folders_for_frames(wanted: Sequence[str], photographs: Sequence[str]) -> list[str]:
+    """`wanted` where no photograph lies in a folder of that name; the frames of walk.mp4 must not meet walk/1.jpg."""
+    taken = {PurePosixPath(name).parts[0].lower() for name in (FRAMES_FILE, *photographs)}
+    folders = []
+    for folder in wanted:
+        while folder.lower() in taken:
+            folder += "-frames"
+        taken.add(folder.lower())
+        folders.append(folder)
+    return folders
+
+
 def _warnings_about(look: Look) -> Iterator[CaptureWarning]:
     if look.cut_at is not None:
         what = f"{look.path}: the video breaks off after {look.cut_at:.1f} s; what is there is used"
         yield CaptureWarning("video-cut", what)
+    if look.is_shortened:
+        what = f"{look.path}: only the first {MAX_SECONDS / 60:.0f} minutes of the video are used"
+        yield CaptureWarning("video-long", what)
     if look.transfer:
         what = f"{look.path}: HDR video ({look.transfer.upper()}), brought into the range of sRGB"
         yield CaptureWarning("video-hdr", what)
@@ -300,7 +316,7 @@ def _write_jpeg(path: Path, source: Path, exif: bytes, development: Development 
         tags.load(exif)
         tags[0x0112] = 1  # upright already
         written = tags.tobytes()
-    except (ValueError, SyntaxError, OSError, TypeError, KeyError):
+    except (ValueError, SyntaxError, OSError, TypeError, KeyError, struct.error):
         written = b""
     Image.fromarray(color).save(path, "JPEG", quality=_QUALITY, subsampling=0, exif=written)
 
@@ -309,5 +325,6 @@ def _link(source: Path, target: Path) -> None:
     target.parent.mkdir(parents=True, exist_ok=True)
     try:
         os.link(source.resolve(), target)
-    except OSError:  # another disk
-        shutil.copyfile(source, target)
+    except OSError:  # another disk; what is there already is refused again
+        with open(source, "rb") as original, open(target, "xb") as copy:
+            shutil.copyfileobj(original, copy)

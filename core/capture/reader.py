@@ -34,7 +34,7 @@ from .source import MOST_VIEWS, SourceModel
 from .tag_scale import metres_per_unit
 from .transforms import find_transforms, read_transforms
 from .upright import DOWN_IS_Y, find_up, rotation_to
-from .views import STAGE, plan_views, read_views
+from .views import STAGE, find_again, plan_views, read_views
 
 # Below this a reconstruction has to guess what lies between the views.
 _FEW_VIEWS = 10
@@ -136,6 +136,7 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter, max_size: int 
     model = read_cameras(folder, reporter, cameras, adjusted=True)
     if model is not None:
         _add_masks(model, folder)
+        _add_again(model, folder)
         yield model
         return
     material = material_without_cameras(folder, cameras)
@@ -153,10 +154,12 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter, max_size: int 
         originals = photographs.originals.items()
         masks = {name: found.files[original] for name, original in originals if original in found.files}
         settings = SfmSettings.for_views(max_size)
-        model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter, settings, masks)
+        model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter, settings, masks, folder)
         if is_folder(folder):  # what lies beside one video may belong to others
             warn_about_unused(model, found.unused)
         model.views = [replace(view, time=photographs.times.get(view.name)) for view in model.views]
+        if photographs.folder != extracted:  # converted ones lie elsewhere
+            _add_again(model, folder)
         told = (
             replace(warning, message=warning.message.replace(str(extracted), str(folder))) for warning in model.warnings
         )
@@ -172,6 +175,12 @@ def _add_masks(model: SourceModel, folder: Path) -> None:
     named = {view.mask.resolve() for view in model.views if view.mask is not None}
     if not named - {path.resolve() for path in found.files.values()}:  # a camera file that names masks knows best
         warn_about_unused(model, found.unused)
+
+
+def _add_again(model: SourceModel, folder: Path) -> None:
+    """Give the views the second photographs that lie beside them."""
+    found = find_again(folder, {view.name: view.path for view in model.views})
+    model.views = [replace(view, again=found.get(view.name)) for view in model.views]
 
 
 def _sizes(material: Material) -> Counter[tuple[int, int]]:

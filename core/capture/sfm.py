@@ -52,6 +52,7 @@ def estimate_cameras(
     reporter: Reporter,
     settings: SfmSettings | None = None,
     masks: Mapping[str, Path] | None = None,
+    root: Path | None = None,
 ) -> SourceModel:
     """Estimate the cameras of photographs.
 
@@ -63,13 +64,14 @@ def estimate_cameras(
             What it raises stops the estimation at once.
         settings: the defaults suit two cores.
         masks: of photographs, by name: no features are sought in what they leave out.
+        root: the capture folder, in which a `FRAMES_FILE` may also lie beside `folder`.
 
     Raises:
         InputError: the photographs do not overlap enough.
         RuntimeError: pycolmap ended unexpectedly.
     """
     settings = settings or SfmSettings()
-    frames = read_frames(folder)
+    frames = read_frames(folder, root)
     names = _in_order(names, frames)
     cameras = number_cameras(folder, names, frames)
     masks = masks or {}

@@ -115,19 +115,15 @@ class Placed:
         names: of the photographs that have a place, in the job's order; those of the largest piece.
         pieces: number of photographs in each piece that hangs together, largest first.
         lenses: for each camera with a placed photograph its focal length as a multiple of the longer side.
-        angle: median angle in degrees, over the points, between the two rays to a point that are farthest apart.
         matched: for each photograph the number of others with which it has enough in common.
-        method: "global" or "incremental".
-        effort: how many ways of placing them were tried before, which placed fewer.
+        method: "global", "incremental" or "pieces" (of either, joined).
     """
 
     names: list[str] = field(default_factory=list)
     pieces: list[int] = field(default_factory=list)
     lenses: list[float] = field(default_factory=list)
-    angle: float = 0.0
     matched: list[int] = field(default_factory=list)
     method: str = ""
-    effort: int = 0
 
     def to_dict(self) -> dict:
         return asdict(self)

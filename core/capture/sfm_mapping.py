@@ -5,10 +5,8 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 
-import numpy as np
 import pycolmap
 
 from .bundle import THREADS, adjust, extended_params
@@ -33,7 +31,6 @@ _REPROJECTION = 4.0  # pixels, of the copies
 _ANGLE = 1.5  # degrees between rays, below which a point's depth is not known
 # Of the time of global mapping and what follows it, when its model changes: placed, adjusted, triangulated, adjusted.
 _GLOBAL_SHARES = (0.35, 0.5, 0.55, 0.65)
-_SAMPLE = 2000  # points whose angles are looked at
 
 
 @dataclass(frozen=True)
@@ -312,16 +309,3 @@ def _is_lens(camera: pycolmap.Camera) -> bool:
 def focal_ratio(camera: pycolmap.Camera) -> float:
     """Focal length as a multiple of the longer side."""
     return camera.mean_focal_length() / max(camera.width, camera.height)
-
-
-def median_angle(model: pycolmap.Reconstruction) -> float:
-    """Median over points of the largest angle, in degrees, between two rays to one; 0 without points."""
-    points = list(model.points3D.values())
-    angles = []
-    for point in points[:: max(1, len(points) // _SAMPLE)]:
-        centres = [model.image(element.image_id).projection_center() for element in point.track.elements]
-        rays = np.array(centres) - point.xyz
-        rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
-        least = min((float(a @ b) for a, b in combinations(rays[:: max(1, len(rays) // 8)], 2)), default=1.0)
-        angles.append(np.degrees(np.arccos(np.clip(least, -1.0, 1.0))))
-    return float(np.median(angles)) if angles else 0.0

@@ -21,7 +21,7 @@ from ..errors import InputError
 from ..runtime.process import follow_parent
 from .sfm_images import EVEN, MASKS, PLAIN, copy_name, copy_photographs, even_out, index_of
 from .sfm_job import DATABASE, REFUSAL, RESULT, Placed, SfmJob, SfmSettings
-from .sfm_mapping import Mapped, focal_ratio, map_photographs, median_angle
+from .sfm_mapping import Mapped, focal_ratio, map_photographs
 from .sfm_pairs import pairs_alike, pairs_in_time, signatures_of, write_pairs
 
 _PEAK = 0.02 / 3  # least contrast of a feature, COLMAP's own
@@ -78,7 +78,7 @@ def _estimate(job: SfmJob) -> None:
         _tell(f"{more}mapping")
         found = map_photographs(database, count, round_.settings, _tell)
         if best is None or (found and found.score > best.score):
-            placed = _describe(found, job, matched, effort)
+            placed = _describe(found, job, matched)
             best = found
         if best and best.placed >= job.settings.enough * count:
             break
@@ -207,9 +207,9 @@ def _match(database: Path, job: SfmJob, settings: SfmSettings) -> list[int]:
     return partners
 
 
-def _describe(found: Mapped | None, job: SfmJob, matched: list[int], effort: int) -> Placed:
+def _describe(found: Mapped | None, job: SfmJob, matched: list[int]) -> Placed:
     if found is None:
-        return Placed(matched=matched, effort=effort)
+        return Placed(matched=matched)
     model = found.model
     images = [model.image(image) for image in model.reg_image_ids()]
     used = {image.camera_id for image in images}
@@ -217,10 +217,8 @@ def _describe(found: Mapped | None, job: SfmJob, matched: list[int], effort: int
         names=[job.names[index] for index in sorted(index_of(image.name) for image in images)],
         pieces=found.pieces,
         lenses=[focal_ratio(model.camera(camera)) for camera in sorted(used)],
-        angle=median_angle(model),
         matched=matched,
         method=found.method,
-        effort=effort,
     )
 
 

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from .sfm_pieces import read_indices
+
 _FITS = 2.0  # pixels of the copies, up to which a match is explained
 _MOST = 4.0  # pixels, beyond which it does not matter how far off it is
 _FEW_JUDGES = 200  # matches of points that two photographs show, below which all matches judge
@@ -41,16 +43,11 @@ class Matches:
 def read_matches(database: Path) -> Matches:
     """The matches that agree with the geometry of their two photographs."""
     with pycolmap.Database.open(str(database)) as opened:
-        pairs, geometries = opened.read_two_view_geometries()
         points = {
             image.image_id: np.asarray(opened.read_keypoints(image.image_id), np.float64)[:, :2]
             for image in opened.read_all_images()
         }
-    indices = {
-        pycolmap.pair_id_to_image_pair(pair): np.asarray(geometry.inlier_matches, np.int64)
-        for pair, geometry in zip(pairs, geometries, strict=True)
-        if len(geometry.inlier_matches)
-    }
+    indices = read_indices(database)
     every = {
         (first, second): np.stack([points[first][places[:, 0]], points[second][places[:, 1]]], axis=1)
         for (first, second), places in indices.items()

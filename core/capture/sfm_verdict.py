@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..files.untrusted import is_file, parse_json
-from .files import FRAMES_FILE, quote_first
+from ..files.untrusted import is_file, read_json
+from .files import FRAMES_FILE, quote_first, resolve_inside
 from .images import apply_orientation, read_header, read_pixels
 from .scaling import downscale, fit_size
 from .sfm_job import Placed
 
-_MOST_BYTES = 64 << 20
 _LEAST_SHARE = 1 / 3  # of the photographs, below which a model is of a corner, or wrong
 _FEW = 6  # photographs, up to which that is two
 _NAMED = 3  # passages of a film that are named
@@ -42,22 +41,33 @@ class Frame:
     video: str
 
 
-def read_frames(folder: Path) -> dict[str, Frame]:
-    """The frames of videos in `folder` by name, from the `FRAMES_FILE` in it or beside it; none without one.
+def frames_file(folder: Path, root: Path | None = None) -> Path | None:
+    """The `FRAMES_FILE` in `folder` or, inside of the capture folder `root`, beside it; None without one.
 
     Raises:
-        InputError: the file is damaged.
+        InputError: it is a link out of the capture folder.
     """
-    file = next((path for path in (folder / FRAMES_FILE, folder.parent / FRAMES_FILE) if is_file(path)), None)
+    is_below = root is not None and folder != root and folder.is_relative_to(root)
+    places = (folder, folder.parent) if is_below else (folder,)
+    place = next((place for place in places if is_file(place / FRAMES_FILE)), None)
+    return place and resolve_inside(place, FRAMES_FILE, where=place, root=places[-1])
+
+
+def read_frames(folder: Path, root: Path | None = None) -> dict[str, Frame]:
+    """The frames of videos in `folder` by name, from its `frames_file`; none without one.
+
+    Raises:
+        InputError: the file is damaged, cannot be read, or is a link out of the capture folder.
+    """
+    file = frames_file(folder, root)
     if file is None:
         return {}
     remedy = f"remove {FRAMES_FILE}, or extract the frames again"
-    if file.stat().st_size > _MOST_BYTES:
-        raise InputError("is too large", where=file, remedy=remedy)
+    document = read_json(file, remedy=remedy)
     try:
-        listed = parse_json(file.read_text(encoding="utf-8"))["frames"]
+        listed = document["frames"]
         found = {str(entry["name"]): Frame(float(entry["time"]), str(entry["video"])) for entry in listed}
-    except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
+    except (ValueError, TypeError, KeyError, OverflowError):
         raise InputError("is no list of a video's frames", where=file, remedy=remedy) from None
     if not all(np.isfinite(frame.time) for frame in found.values()):
         raise InputError("has a time that is no number", where=file, remedy=remedy)
@@ -82,7 +92,7 @@ def require_enough(placed: Placed, names: Sequence[str], folder: Path) -> None:
         raise InputError(what, where=folder, remedy=_AGAIN)
     lonely = [name for name, partners in zip(names, placed.matched, strict=True) if not partners]
     detail = f"; {len(lonely)} show nothing that another shows: {quote_first(lonely)}" if lonely else ""
-    raise InputError(f"only {found} of {count} photographs hang together{detail}", where=folder, remedy=_AGAIN)
+    raise InputError(f"only {found} of {count} photographs could be connected{detail}", where=folder, remedy=_AGAIN)
 
 
 def say_left_out(placed: Placed, names: Sequence[str], frames: Mapping[str, Frame]) -> str:
@@ -92,7 +102,7 @@ def say_left_out(placed: Placed, names: Sequence[str], frames: Mapping[str, Fram
     if not left_out:
         return ""
     noun = "frames" if all(name in frames for name in names) else "photographs"
-    said = f"{len(with_place)} of {len(names)} {noun} hang together"
+    said = f"{len(with_place)} of {len(names)} {noun} could be connected"
     if noun == "photographs":
         return f"{said}; without a place, and left out: {quote_first(left_out)}"
     return f"{said}; film more slowly at {_passages(names, with_place, frames)}"

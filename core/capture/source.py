@@ -34,6 +34,7 @@ class SourceView:
         time: seconds into the video that it is a frame of.
         mask: the image file of its mask, which exists.
         smear: as in `View`, in pixels of the camera's image.
+        again: the image file of a second photograph from the same place, which exists.
     """
 
     name: str
@@ -45,6 +46,7 @@ class SourceView:
     time: float | None = None
     mask: Path | None = None
     smear: NDArray[np.float64] | None = None
+    again: Path | None = None
 
 
 @dataclass

@@ -55,7 +55,8 @@ def read_transforms(file: Path, folder: Path | None = None) -> SourceModel:
     ``k4``, ``k5`` and ``k6`` are the denominator of OpenCV's rational model.
 
     Args:
-        folder: what names are relative to; None is the file's own. It may also be the images' folder itself.
+        folder: what names are relative to; None is the file's own. It may also be the images' folder itself. No image
+            or mask may lie outside of it.
 
     Raises:
         InputError: not JSON, cut, without frames, or with unusable poses, intrinsics or names.
@@ -70,7 +71,8 @@ def read_transforms(file: Path, folder: Path | None = None) -> SourceModel:
             where=file,
             remedy="split the capture, or keep every second photograph",
         )
-    return _Reader(file, document, _image_root(folder, frames) if folder else file.parent).read(frames)
+    root = folder or file.parent
+    return _Reader(file, document, _image_root(folder, frames) if folder else root, root).read(frames)
 
 
 def _image_root(folder: Path, frames: list[dict[str, Any]]) -> Path:
@@ -81,11 +83,12 @@ def _image_root(folder: Path, frames: list[dict[str, Any]]) -> Path:
 
 
 class _Reader:
-    """Reads the frames of one file."""
+    """Reads the frames of one file, whose names are relative to `folder` and must lead into `root`."""
 
-    def __init__(self, file: Path, document: dict[str, Any], folder: Path) -> None:
+    def __init__(self, file: Path, document: dict[str, Any], folder: Path, root: Path) -> None:
         self._file = file
         self._folder = folder
+        self._root = root
         self._document = document
         self._cameras: dict[tuple, pycolmap.Camera] = {}
         self._spelling = Spelling()
@@ -137,14 +140,14 @@ class _Reader:
 
     def _image(self, name: str) -> Path | None:
         """The image file of a frame; the NeRF synthetic layout leaves out the extension."""
-        path = resolve_inside(self._folder, name, where=self._file)
+        path = resolve_inside(self._folder, name, where=self._file, root=self._root)
         for extension in ("", *IMAGE_EXTENSIONS, *(extension.upper() for extension in IMAGE_EXTENSIONS)):
             if is_file(path.with_name(path.name + extension)):
-                return resolve_inside(self._folder, name + extension, where=self._file)
+                return resolve_inside(self._folder, name + extension, where=self._file, root=self._root)
         for extension in ("", *IMAGE_EXTENSIONS):
             respelled = self._spelling.find(self._folder, name, extension)
             if is_file(self._folder / respelled):
-                return resolve_inside(self._folder, respelled, where=self._file)
+                return resolve_inside(self._folder, respelled, where=self._file, root=self._root)
         return None
 
     def _mask(self, frame: dict[str, Any], name: str) -> Path | None:
@@ -154,7 +157,7 @@ class _Reader:
             return None
         if not isinstance(mask, str):
             raise self._refusal(f"the mask_path of {name} is not a file name")
-        path = resolve_inside(self._folder, relative_name(self._folder, mask), where=self._file)
+        path = resolve_inside(self._folder, relative_name(self._folder, mask), where=self._file, root=self._root)
         if is_file(path):
             return path
         self._without_masks.append(name)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,7 +16,8 @@ from ..errors import InputError
 from ..files.untrusted import is_file
 from ..intake.raw import Development
 from ..runtime.protocol import Reporter
-from .files import make_keys, natural_key
+from .colmap import IMAGE_FOLDERS
+from .files import make_keys, natural_key, resolve_inside, shared_root
 from .images import MIN_SIDE, ImageHeader, apply_orientation, read_header, read_pixels, upright_rotation
 from .masks import as_shown, read_mask, resized_mask
 from .model import PinholeCamera, View
@@ -25,7 +27,7 @@ from .undistort import Undistorter
 
 STAGE = "capture"
 SECOND_FOLDER = "images_again"
-"""Beside the folder of the photographs: second ones from the same places, of the same names."""
+"""Beside one of `IMAGE_FOLDERS`: second photographs from the same places, of the same names."""
 # One decoder a core; decoded photographs are what costs memory.
 _DECODERS = 2
 # Above this size one photograph is decoded at a time.
@@ -56,6 +58,27 @@ class ViewPlan:
         if self.upright or self.turned:
             return self.header.upright_size
         return self.header.width, self.header.height
+
+
+def find_again(capture: Path, photographs: Mapping[str, Path]) -> dict[str, Path]:
+    """The second photographs in `SECOND_FOLDER`, by the names of the first.
+
+    Args:
+        capture: the capture, or what of it was given.
+        photographs: files by name; those that lie directly in one of `IMAGE_FOLDERS` can have second ones.
+
+    Raises:
+        InputError: one is no regular file, or a link out of the folder that holds `SECOND_FOLDER`.
+    """
+    paths = {name: Path(os.path.abspath(path)) for name, path in photographs.items()}
+    root = shared_root(capture, paths.values())
+    found = {}
+    for name, path in paths.items():
+        above = path.parent.parent
+        folder = above / SECOND_FOLDER
+        if path.parent.name in IMAGE_FOLDERS and above.is_relative_to(root) and is_file(folder / path.name):
+            found[name] = resolve_inside(folder, path.name, where=folder, root=above)
+    return found
 
 
 def plan_views(model: SourceModel, max_size: int | None) -> list[ViewPlan]:
@@ -178,10 +201,9 @@ def _read_mask(plan: ViewPlan, undistorter: Undistorter) -> NDArray[np.bool_] | 
 
 
 def _second_photograph(plan: ViewPlan) -> Path | None:
-    """The photograph of the same name in `SECOND_FOLDER`, beside the folder of the first, if it has the same size."""
-    first = plan.source.path
-    second = first.parent.parent / SECOND_FOLDER / first.name
-    if not is_file(second):
+    """The second photograph, if it has the size of the first."""
+    second = plan.source.again
+    if second is None:
         return None
     header = read_header(second)
     return second if (header.width, header.height) == (plan.header.width, plan.header.height) else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import lzma
 import shutil
 import stat
 import zipfile
@@ -42,10 +43,11 @@ def unpack(archive: Path, folder: Path, progress: Callable[[float], None] = lamb
             for entry in entries:
                 done += _extract(opened, entry, folder, archive)
                 progress(done / max(total, 1))
-    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, UnicodeError, ValueError):
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, UnicodeError, ValueError):
         raise _refusal(archive, "the zip is damaged or not one that can be read") from None
     except OSError as error:
-        raise _refusal(archive, f"cannot be unpacked ({error.strerror or error})", "free space on the disk") from None
+        remedy = "check its permissions and the free space, or unpack it and give the folder"
+        raise _refusal(archive, f"cannot be unpacked ({error.strerror or error})", remedy) from None
     inside = list(folder.iterdir())
     return inside[0] if len(inside) == 1 and inside[0].is_dir() else folder
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ _BAND_PIXELS = 1 << 20  # that are tone-mapped at a time
 _DAMAGE: tuple[type[Exception], ...] = (
     *(OSError, ValueError, SyntaxError, RuntimeError, EOFError, IndexError, KeyError, TypeError),
     ZeroDivisionError,
+    struct.error,
     Image.DecompressionBombError,
 )
 

@@ -55,7 +55,7 @@ class Look:
     Attributes:
         path: the file.
         film: its frames and how they move.
-        seconds: from the first to the last frame that can be decoded.
+        is_shortened: whether it goes on after `MAX_SECONDS`, where it is not looked at.
         cut_at: seconds at which it breaks off, or None.
         transfer: "hlg", "pq" or "" (not HDR).
         white: of HDR, in cd/m², see `color.hdr.white_of`.
@@ -63,7 +63,7 @@ class Look:
 
     path: Path
     film: Film
-    seconds: float
+    is_shortened: bool
     cut_at: float | None
     transfer: str
     white: float
@@ -119,8 +119,9 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
     probes: list[Followed] = []
     lights: list[Tensor] = []
     follower, next_probe, next_light, transfer, time, start = Follower(), 0.0, 0.0, "", 0.0, 0.0
+    is_shortened = False
     with _opened(path) as (container, stream), one_thread():
-        stated = _stated_seconds(container, stream)
+        stated = min(_stated_seconds(container, stream), MAX_SECONDS)
         # What is computed for one small picture is over before more threads have begun; the decoder needs them.
         for number, (time, frame) in enumerate(_timed(container, stream, path)):
             if number < _INTERLACED_FRAMES and frame.interlaced_frame:
@@ -130,6 +131,7 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
                 transfer = transfer_of(frame)
                 next_probe = next_light = time
             if time - start > MAX_SECONDS:
+                is_shortened = True
                 break
             large, small = _greys(frame)
             if time >= next_probe:
@@ -144,8 +146,9 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
     if len(frames) < _LEAST_FRAMES:
         raise _no_frames(path)
     seconds = frames[-1].time - frames[0].time
-    cut_at = seconds if stated and seconds < _CUT * stated - 0.5 else None
-    return Look(path, Film(frames, probes), seconds, cut_at, transfer, white_of(lights))
+    is_cut = stated and seconds < _CUT * stated - 0.5 and not is_shortened
+    cut_at = seconds if is_cut else None
+    return Look(path, Film(frames, probes), is_shortened, cut_at, transfer, white_of(lights))
 
 
 def extract(

@@ -11,17 +11,19 @@ import numpy as np
 
 from ... import __version__
 from ..capture.files import FRAMES_FILE, make_keys
-from ..capture.material import find_material, masks_of
+from ..capture.material import common_folder, find_material, masks_of
 from ..capture.model import MIN_VIEWS, Capture, CaptureWarning, Estimate, PinholeCamera, View
 from ..capture.reader import read_cameras
 from ..capture.sfm_job import SfmSettings
+from ..capture.sfm_verdict import frames_file
 from ..capture.source import MOST_VIEWS, rigid_pose
 from ..capture.upright import UpDirection
+from ..capture.views import find_again
 from ..files.states import SavedState, State
 from ..files.untrusted import is_file, opened
 from ..intake.kinds import is_archive
 
-_FORMAT = "cvdgs-kept-capture-1"  # another one whenever what is kept changes
+_FORMAT = "cvdgs-kept-capture-2"  # another one whenever what is kept changes
 _WHERE = "--resume"
 _MOST_BYTES = 1 << 42  # of a film; only a block of it is held at a time
 _BLOCK = 1 << 20
@@ -53,13 +55,16 @@ def digest_of(path: Path, cameras: str, max_size: int, tag_side: float | None) -
 
 
 def _originals(path: Path) -> dict[str, Path]:
-    """The files that cameras are estimated from, by name."""
+    """The files that a capture with estimated cameras is made of, by name."""
     material = find_material(path)
     files = {name: material.folder / name for name in (*material.photographs, *material.videos)}
+    again = find_again(path, {name: files[name] for name in material.photographs})
     masks = masks_of(material)
-    listed = {FRAMES_FILE: material.folder / FRAMES_FILE}
     files.update({f"mask of {name}": mask for name, mask in masks.files.items()})
-    files.update({name: file for name, file in listed.items() if is_file(file)})
+    files.update({f"second of {name}": second for name, second in again.items()})
+    folder, _ = common_folder(material)
+    if material.photographs and (listed := frames_file(folder, path)):
+        files[FRAMES_FILE] = listed
     return files
 
 
@@ -142,7 +147,7 @@ def _view_state(view: View) -> State:
         "lens": np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
         "pose": view.world_to_camera,
         "image": view.image,
-        **_there(alpha=view.alpha, mask=view.mask, time=view.time),
+        **_there(alpha=view.alpha, again=view.again, mask=view.mask, time=view.time),
     }
 
 
@@ -162,6 +167,7 @@ def _view(saved: SavedState) -> View:
         pose,
         image,
         alpha=saved.array("alpha", np.uint8, height, width) if "alpha" in saved else None,
+        again=saved.array("again", np.uint8, height, width, 3) if "again" in saved else None,
         time=saved.value("time", float) if "time" in saved else None,
         mask=saved.array("mask", np.bool_, height, width) if "mask" in saved else None,
     )

@@ -16,6 +16,7 @@ from cvdgs.core.capture import images
 from cvdgs.core.capture.images import MAX_SIDE, read_header, read_pixels
 from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.capture.scaling import downscale_with_alpha, fit_size
+from cvdgs.core.capture.views import find_again
 from cvdgs.core.color.profiles import DISPLAY_P3
 from cvdgs.core.errors import InputError
 from cvdgs.core.files.images import write_png
@@ -352,3 +353,21 @@ def test_a_second_photograph_comes_with_its_view_at_the_same_size(tmp_path: Path
     assert third.again is None
     assert second.again.shape == second.image.shape
     assert np.abs(second.again.astype(int) - second.image - 3).mean() < 1.0
+
+
+def test_second_photographs_lie_beside_the_folder_images_and_inside_the_capture(tmp_path: Path) -> None:
+    names = ("images/1.png", "images/cam1/1.png", "images/cam2/1.png")
+    for name in (*names, "images_again/1.png", "images/images_again/1.png"):
+        save(tmp_path / name, PICTURE)
+    photographs = {name: tmp_path / name for name in names}
+    assert find_again(tmp_path, photographs) == {"images/1.png": tmp_path / "images_again" / "1.png"}
+    assert find_again(tmp_path / "images", photographs) == {}
+
+
+def test_a_link_to_a_second_photograph_outside_of_the_capture_is_refused(tmp_path: Path) -> None:
+    photographs = shots(2)
+    capture = write_transforms(tmp_path / "capture", photographs)
+    save(tmp_path / "elsewhere" / photographs[0].name, photographs[0].render())
+    (capture / "images_again").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="leads out of the capture folder"):
+        read_capture(capture, max_size=64)

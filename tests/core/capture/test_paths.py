@@ -322,6 +322,16 @@ def test_a_camera_file_from_elsewhere_is_for_the_photographs_of_the_capture(tmp_
     assert "no such file" in refused(tmp_path / "photos", str(tmp_path / "gone.json"))
 
 
+def test_photographs_beside_the_given_folder_of_images_are_refused(tmp_path: Path) -> None:
+    photographs = shots(3)
+    listed = [*frames(photographs[:2], "Pictures/"), *frames(photographs[2:], "Documents/")]
+    document = {**intrinsics(photographs[0].camera), "frames": listed}
+    cameras = write_transforms(tmp_path, photographs, document, images=False) / "transforms.json"
+    for name in ("Pictures", "Documents"):
+        save_images(tmp_path / name, photographs)
+    assert "'Documents/0003.png' leads out of the capture" in refused(tmp_path / "Pictures", str(cameras))
+
+
 def test_a_colmap_model_from_elsewhere_is_for_the_photographs_of_the_capture(tmp_path: Path) -> None:
     write_colmap(tmp_path / "solved", shots(3))
     (tmp_path / "photos").mkdir()

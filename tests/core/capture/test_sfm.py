@@ -182,7 +182,7 @@ def test_strays_are_left_out_shown_and_named(tmp_path: Path) -> None:
     capture = read_capture(tmp_path, max_size=160, cameras="estimate")
     assert len(capture.views) == 10
     (warning,) = (warning for warning in capture.warnings if warning.name == "not-placed")
-    assert "10 of 12 photographs hang together" in warning.message
+    assert "10 of 12 photographs could be connected" in warning.message
     assert "z1.png" in warning.message
     assert capture.estimate is not None
     assert capture.estimate.sheet is not None

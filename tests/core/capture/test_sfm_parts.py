@@ -52,8 +52,8 @@ def test_evening_out_makes_dark_and_light_parts_alike() -> None:
 
 def test_a_model_of_three_of_twenty_is_refused_and_two_of_two_is_not() -> None:
     names = names_of(20)
-    with pytest.raises(InputError, match="only 3 of 20 photographs hang together; 15 show nothing") as refusal:
-        require_enough(Placed(names[:3], [3, 2], [1.2], 5.0, [2] * 5 + [0] * 15), names, Path("room"))
+    with pytest.raises(InputError, match="only 3 of 20 photographs could be connected; 15 show nothing") as refusal:
+        require_enough(Placed(names[:3], [3, 2], [1.2], [2] * 5 + [0] * 15), names, Path("room"))
     assert "small steps" in str(refusal.value)
     require_enough(Placed(names[:7], [7]), names, Path("room"))
     require_enough(Placed(names[:2], [2]), names[:2], Path("room"))
@@ -71,7 +71,7 @@ def test_passages_of_a_film_without_a_place_are_named_by_their_times() -> None:
     names = names_of(40)
     frames = {name: Frame(index * 0.5, "walk.mp4") for index, name in enumerate(names)}
     placed = Placed([name for index, name in enumerate(names) if not 24 <= index <= 30])
-    assert say_left_out(placed, names, frames) == "33 of 40 frames hang together; film more slowly at 0:12-0:15"
+    assert say_left_out(placed, names, frames) == "33 of 40 frames could be connected; film more slowly at 0:12-0:15"
     assert say_left_out(Placed(names), names, frames) == ""
     assert "without a place, and left out: 24.jpg" in say_left_out(placed, names, {})
 
@@ -79,15 +79,26 @@ def test_passages_of_a_film_without_a_place_are_named_by_their_times() -> None:
 def test_a_list_of_frames_is_found_and_a_damaged_one_refused(tmp_path: Path) -> None:
     folder = tmp_path / "images"
     folder.mkdir()
-    assert read_frames(folder) == {}
+    assert read_frames(folder, tmp_path) == {}
     file = tmp_path / "frames.json"
     file.write_text(json.dumps({"frames": [{"name": "a.jpg", "time": 1.5, "video": "walk.mp4"}]}))
-    assert read_frames(folder) == {"a.jpg": Frame(1.5, "walk.mp4")}
+    assert read_frames(folder, tmp_path) == {"a.jpg": Frame(1.5, "walk.mp4")}
     frame = {"name": "a", "time": "x", "video": ""}
     for damaged in ("{", "3", "[]", json.dumps({"frames": [frame]}), '{"frames": [{"name": "a.jpg"}]}', "[" * 9999):
         file.write_text(damaged)
-        with pytest.raises(InputError, match="no list of a video"):
-            read_frames(folder)
+        with pytest.raises(InputError, match=r"no list of a video|not valid JSON"):
+            read_frames(folder, tmp_path)
+
+
+def test_a_list_of_frames_outside_of_the_capture_is_not_read(tmp_path: Path) -> None:
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    file = tmp_path / "frames.json"
+    file.write_text(json.dumps({"frames": [{"name": "a.jpg", "time": 1.5, "video": "walk.mp4"}]}))
+    assert read_frames(folder, folder) == {}
+    (folder / "frames.json").symlink_to(file)
+    with pytest.raises(InputError, match="leads out of the capture folder"):
+        read_frames(folder, folder)
 
 
 def test_a_draft_looks_at_less_first_and_goes_on_with_the_rest() -> None:

@@ -86,6 +86,20 @@ def test_damage_is_refused(tmp_path: Path, damage: Callable[[bytes], bytes]) -> 
     assert "zip" in refused(path, tmp_path / "out")
 
 
+def test_a_damaged_entry_of_lzma_is_refused(tmp_path: Path) -> None:
+    path = write_zip(tmp_path / "x.zip", {"x.png": bytes(range(256)) * 100}, zipfile.ZIP_LZMA)
+    data = bytearray(path.read_bytes())
+    data[60:90] = b"\xff" * 30
+    path.write_bytes(data)
+    assert "damaged" in refused(path, tmp_path / "out")
+
+
+def test_an_archive_that_may_not_be_read_asks_for_permissions(tmp_path: Path) -> None:
+    folder = tmp_path / "x.zip"
+    folder.mkdir()  # which nobody may open as a file
+    assert "check its permissions" in refused(folder, tmp_path / "out")
+
+
 def test_an_encrypted_one_is_refused(tmp_path: Path) -> None:
     path = write_zip(tmp_path / "x.zip", {"x.png": b"pixels"})
     data = bytearray(path.read_bytes())

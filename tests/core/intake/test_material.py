@@ -57,6 +57,19 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
     assert made.times == {frame["name"]: frame["time"] for frame in frames}
 
 
+def test_photographs_in_a_folder_called_like_a_video_do_not_meet_its_frames(tmp_path: Path) -> None:
+    mixed, out = tmp_path / "in", tmp_path / "out"
+    (mixed / "Walk").mkdir(parents=True)
+    out.mkdir()
+    write_video(mixed / "walk.mp4", [window(WALL, 50 + 6 * step) for step in range(RATE * 2)])
+    for number in range(RATE * 2):
+        save(mixed / "Walk" / f"{number:06d}.jpg", WALL[100:164, :96])
+    made = make_photographs(find_material(mixed), out, Reporter())
+    assert {name.split("/")[0] for name in made.times} == {"walk-frames"}
+    assert all(read_header(out / name).width == WIDTH for name in made.times)
+    assert read_header(out / "Walk" / "000000.jpg").width == 96
+
+
 def test_all_frames_of_a_video_have_its_mask_and_photographs_their_own(tmp_path: Path) -> None:
     for name in ("a.mp4", "b.mp4"):
         write_video(tmp_path / name, [window(WALL, 50 + 6 * step) for step in range(RATE * 2)])

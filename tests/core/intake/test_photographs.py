@@ -20,7 +20,7 @@ from cvdgs.core.capture.reader import inspect_capture
 from cvdgs.core.color.hdr import tone_map
 from cvdgs.core.color.profiles import DISPLAY_P3
 from cvdgs.core.errors import InputError
-from cvdgs.core.intake.heif import read_heif_header
+from cvdgs.core.intake.heif import read_heif_header, taken_with
 from cvdgs.core.intake.raw import Development
 from cvdgs.core.photographs.find import find_photographs
 from cvdgs.core.runtime.protocol import Reporter
@@ -324,3 +324,14 @@ def test_files_of_scanners_and_360_degree_cameras_are_named(tmp_path: Path, name
     (tmp_path / name).write_bytes(b"x" * 100)
     with pytest.raises(InputError, match=f"{name}.*{way_round}"):
         find_material(tmp_path)
+
+
+def test_a_photograph_whose_exif_block_is_cut_is_used_without_it(tmp_path: Path) -> None:
+    exif = b"Exif\0\0II+\0\x08\0\0\0"  # the start of a BigTIFF
+    assert taken_with(exif) == ""
+    heif = pillow_heif.from_pillow(Image.fromarray(soft_picture(64, 96)))
+    heif.save(tmp_path / "1.heic", exif=exif)
+    assert read_heif_header(tmp_path / "1.heic", "heif").exif
+    (tmp_path / "out").mkdir()
+    made = make_photographs(find_material(tmp_path), tmp_path / "out", Reporter())
+    assert (read_header(tmp_path / "out" / made.names[0]).width, made.names) == (96, ["1.jpg"])

@@ -15,6 +15,7 @@ from PIL import Image
 
 from cvdgs.core.capture.reader import inspect_capture, read_capture, write_thumbnails
 from cvdgs.core.errors import InputError
+from cvdgs.core.intake import video
 from cvdgs.core.intake.selection import choose
 from cvdgs.core.intake.video import extract, look_through, read_video_header
 from cvdgs.core.runtime.resources import peak_memory_mb
@@ -109,6 +110,15 @@ def test_of_a_video_that_is_cut_behind_its_index_the_part_that_is_there_is_used(
     assert 0.5 < look.cut_at < 5.0
     (chosen,) = choose([look.film])
     assert len(extract(look, chosen, tmp_path / "out", look.white)) == len(chosen) >= 2
+
+
+def test_of_a_video_that_is_too_long_the_beginning_is_used_and_it_is_not_called_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(video, "MAX_SECONDS", 1.0)
+    look = look_through(write_video(tmp_path / "x.mp4", [window(WALL, 50 + step) for step in range(RATE * 4)]))
+    assert (look.is_shortened, look.cut_at) == (True, None)
+    assert look.film.frames[-1].time <= 1.0
 
 
 def test_frames_far_apart_are_found_between_key_frames_that_are_farther(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ def a_capture(keys: tuple[str, ...] = ("a", "b")) -> Capture:
         time=1.25,
         mask=generator.random((6, 8)) > 0.5,
         alpha=generator.integers(0, 256, (6, 8)).astype(np.uint8),
+        again=generator.integers(0, 256, (6, 8, 3)).astype(np.uint8),
     )
     return Capture(
         Path("film.mp4"),
@@ -103,7 +104,7 @@ def photographs(tmp_path):
     return tmp_path
 
 
-def test_another_pixel_another_mask_another_name_and_another_size_are_another_capture(photographs):
+def test_another_file_another_name_and_another_size_are_another_capture(photographs):
     digests = [
         digest_of(photographs, "auto", 640, None),
         digest_of(photographs, "auto", 320, None),
@@ -116,8 +117,11 @@ def test_another_pixel_another_mask_another_name_and_another_size_are_another_ca
     digests.append(digest_of(photographs, "auto", 640, None))
     (photographs / "images" / "1.png").rename(photographs / "images" / "2.png")
     digests.append(digest_of(photographs, "auto", 640, None))
-    (photographs / "frames.json").write_text(json.dumps({"frames": []}))
+    write_png(photographs / "images_again" / "0.png", np.full((20, 20, 3), 1, np.uint8))
     digests.append(digest_of(photographs, "auto", 640, None))
+    for name, frames in (("frames.json", []), ("images/frames.json", [{}])):
+        (photographs / name).write_text(json.dumps({"frames": frames}))
+        digests.append(digest_of(photographs, "auto", 640, None))
     assert len(set(digests)) == len(digests)
 
 
