@@ -65,6 +65,7 @@ class CVDGS_OT_pick_marks(_Aligns, bpy.types.Operator):
     def on_click(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         owners = (shown_splats(context), _partner(context))
         for owner in owners:
+            assert owner is not None  # see `_OfTwoRuns.missing`
             require_object_mode(owner)
             if context.view_layer.objects.get(owner.name) != owner:
                 remedy = "tick its collection in the Outliner, or choose other Gaussians"
