@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ import pycolmap
 
 from ..errors import InputError
 from ..files.untrusted import is_file, is_there, read_json
+from ..runs.layout import MASKS_FOLDER
 from .colmap import check_camera
 from .files import IMAGE_EXTENSIONS, Spelling, quote_first, relative_name, resolve_inside
 from .images import read_header
@@ -157,7 +158,11 @@ class _Reader:
             return None
         if not isinstance(mask, str):
             raise self._refusal(f"the mask_path of {name} is not a file name")
-        path = resolve_inside(self._folder, relative_name(self._folder, mask), where=self._file, root=self._root)
+        named = relative_name(self._folder, mask)
+        # Masks that are found by name lie beside the folder of images, too (`find_masks`), which may be what was given.
+        beside = self._folder != self._root and PurePosixPath(named).parts[:1] == (MASKS_FOLDER,)
+        root = self._folder / MASKS_FOLDER if beside else self._root
+        path = resolve_inside(self._folder, named, where=self._file, root=root)
         if is_file(path):
             return path
         self._without_masks.append(name)

@@ -21,6 +21,7 @@ from cvdgs.core.capture.files import (
 )
 from cvdgs.core.capture.points import write_point_cloud
 from cvdgs.core.capture.reader import inspect_capture, read_capture
+from cvdgs.core.capture.transforms import read_transforms
 from cvdgs.core.errors import InputError
 from cvdgs.core.settings import AUTO
 
@@ -330,6 +331,21 @@ def test_photographs_beside_the_given_folder_of_images_are_refused(tmp_path: Pat
     for name in ("Pictures", "Documents"):
         save_images(tmp_path / name, photographs)
     assert "'Documents/0003.png' leads out of the capture" in refused(tmp_path / "Pictures", str(cameras))
+
+
+@pytest.mark.parametrize(("folder", "is_read"), [("masks", True), ("Documents", False)])
+def test_masks_may_lie_beside_the_given_folder_of_images_but_nowhere_else(tmp_path: Path, folder, is_read) -> None:
+    photographs = shots(2)
+    listed = [frame | {"mask_path": f"{folder}/{frame['file_path'][7:]}"} for frame in frames(photographs, "images/")]
+    document = {**intrinsics(photographs[0].camera), "frames": listed}
+    cameras = write_transforms(tmp_path, photographs, document, images=False) / "transforms.json"
+    save_images(tmp_path / "images", photographs)
+    save_images(tmp_path / folder, photographs)
+    if is_read:
+        views = read_transforms(cameras, folder=tmp_path / "images").views
+        assert [view.mask for view in views] == [tmp_path / "masks" / view.path.name for view in views]
+    else:
+        assert "leads out of the capture" in refused(tmp_path / "images", str(cameras))
 
 
 def test_a_colmap_model_from_elsewhere_is_for_the_photographs_of_the_capture(tmp_path: Path) -> None:
