@@ -16,8 +16,8 @@ import numpy as np
 
 from ..capture.model import Capture, CaptureWarning
 from ..files.images import read_png
+from ..intake.sampling import evenly_spread
 from ..runs.layout import ORIGINAL, RENDERS_FOLDER
-from ..sampling import evenly_spread
 from ..settings import Layer
 from .evaluation import Split
 from .photograph_quality import PhotographQuality, image_shift

@@ -23,6 +23,7 @@ from ..consistency import (
 )
 from ..consistency.correspondence import LONG_RANGE_STEP, SHORT_RANGE_STEP
 from ..files.images import read_png, write_png
+from ..intake.sampling import evenly_spread
 from ..runs.layout import (
     AGAIN_FOLDER,
     ENHANCED_FOLDER,
@@ -32,7 +33,6 @@ from ..runs.layout import (
     SIMULATED_INPUT_FOLDER,
 )
 from ..runtime.protocol import Reporter
-from ..sampling import evenly_spread
 from ..settings import Layer, Settings
 from ..splats.gaussians import Gaussians
 from ..splats.renderer import SceneRenderer

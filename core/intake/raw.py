@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..sampling import evenly_spread
 from .kinds import kind_of_file
+from .sampling import evenly_spread
 
 _SAMPLES = 5  # photographs that the common development is measured on
 _BRIGHT = 0.99  # of the pixels are darker than what becomes `_BRIGHT_LIGHT`

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..sampling import evenly_spread
 from .motion import Followed, Motion, motion_between
+from .sampling import evenly_spread
 
 MOST_FRAMES = 150
 """Of all videos of a capture; more take SfM and training longer than they improve them."""

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.intake.sampling import evenly_spread
 from ...core.runtime.protocol import Reporter
-from ...core.sampling import evenly_spread
 from ...core.settings import Settings
 from . import photograph, room, scene
 from .cameras import Pose, focal_pixels, rings, walk

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from ...errors import InputError
-from ...sampling import evenly_spread
+from ...intake.sampling import evenly_spread
 from ..pairs import Alphas, Images
 
 _FINEST = 8  # larger images lose pixels before they are reduced, in units of the size that is asked for

@@ -15,7 +15,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from ...files.states import SavedState, State
-from ...sampling import evenly_spread
+from ...intake.sampling import evenly_spread
 from ..raster import Frame, Gradients, ParameterSet, RasterCamera, Rasterizer
 from ..targets import Background, TrainingView
 from .exposure import ExposureCorrection, ExposurePlan, estimate_log_gains

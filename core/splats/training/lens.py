@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...capture.model import View
+from ...intake.sampling import evenly_spread
 from ...runtime.protocol import Reporter, StageSpan
-from ...sampling import evenly_spread
 from ..calibration.adam import AdamMoments, decayed
 from ..calibration.corrections import CORRECTED, Correction
 from ..calibration.poses import PoseRefinement

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ...files.states import SavedState, State
-from ...sampling import evenly_spread
+from ...intake.sampling import evenly_spread
 from ..calibration.corrections import KnownBlur, ViewCorrections
 from ..calibration.motion_blur import smeared_array
 from ..raster import ParameterSet, RasterCamera, Rasterizer

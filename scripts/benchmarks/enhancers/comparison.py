@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from ....core.enhance import Enhancer
 from ....core.errors import InputError
+from ....core.intake.sampling import evenly_spread
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
-from ....core.sampling import evenly_spread
 from ....core.settings import Layer
 from ...training.data.plates import SMALLEST_PLATE
 from ..options import Part, named_path, names, numbers

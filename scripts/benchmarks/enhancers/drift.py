@@ -27,9 +27,9 @@ from ....core.enhance import Enhancer, enhance_bytes
 from ....core.evaluate.evaluation import SceneMatches, Split
 from ....core.evaluate.scores import Scorer
 from ....core.files.untrusted import replacing
+from ....core.intake.sampling import evenly_spread
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter, StageSpan
-from ....core.sampling import evenly_spread
 from ....core.settings import Layer
 from ....core.splats import raster
 from ....core.splats.renderer import SceneRenderer

@@ -13,7 +13,7 @@ from ....core.capture.files import list_images
 from ....core.capture.images import read_pixels
 from ....core.capture.scaling import downscale, fit_size
 from ....core.errors import InputError
-from ....core.sampling import evenly_spread
+from ....core.intake.sampling import evenly_spread
 from ...training.data.kinds import draw_image
 from ...training.data.plates import draw_plate
 

@@ -17,9 +17,9 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from ....core.intake.sampling import evenly_spread
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
-from ....core.sampling import evenly_spread
 from ..charts import Theme, logarithmic, picture, plot_series, write_charts
 from ..options import Part, add_study_arguments, chosen_sources, made_by, numbers, with_quick_defaults, work_folder
 from ..provenance import trained_product

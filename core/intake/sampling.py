@@ -1,4 +1,4 @@
-"""Chooses a few of many, evenly spread."""
+"""Chooses a few of many photographs or frames, evenly spread."""
 
 from __future__ import annotations
 

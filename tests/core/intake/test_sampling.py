@@ -5,7 +5,7 @@ import itertools
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.core.sampling import evenly_spread
+from cvdgs.core.intake.sampling import evenly_spread
 
 
 @given(st.integers(0, 300), st.integers(0, 40))
