@@ -41,7 +41,8 @@ def test_axes_that_meet_are_nearest_to_where_they_do(seed: int, count: int) -> N
 
 
 def test_of_axes_that_pass_each_other_the_middle_of_their_common_normal_is_nearest() -> None:
-    found = nearest_to_axes(np.array([[-3.0, 0.0, 1.0], [0.0, 5.0, -1.0]]), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
+    centers, axes = np.array([[-3.0, 0.0, 1.0], [0.0, 5.0, -1.0]]), np.eye(3)[:2]
+    found = nearest_to_axes(centers, axes)
     assert found == pytest.approx(np.zeros(3))
 
 
