@@ -17,6 +17,7 @@ import json
 import os
 import struct
 from collections.abc import Mapping
+from math import inf
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -89,7 +90,7 @@ def write_glb(path: str | Path, layers: Mapping[str, Gaussians], up: str = "", m
 def read_glb(path: str | Path) -> dict[str, Gaussians]:
     """Read the layers of a GLB file as `write_glb` writes it: float32 throughout, one geometry, nothing compressed.
 
-    Coordinates are those of the meshes; a rotation of their nodes only says what is up.
+    Coordinates are those of the meshes; a rotation of their nodes only says what is up, and a scale how long a unit is.
 
     Raises:
         InputError: not a GLB file, without Gaussians, damaged, or of a layout that is not read.
@@ -228,8 +229,12 @@ class _Reader:
         unknown = [name for name in needed if name != _EXTENSION] if isinstance(needed, list) else [needed]
         if unknown:
             raise self.refusal(f"it needs the glTF extension {unknown[0]}, which is not read")
-        if any({"matrix", "scale", "translation"} & set(node) for node in self._all("nodes")):
-            raise self.refusal("its nodes move or scale what they hold, which is not read")
+        nodes = self._all("nodes")
+        sizes = [node.get("scale", [1.0] * 3) for node in nodes]
+        if any({"matrix", "translation"} & set(node) for node in nodes) or not all(map(_is_size, sizes)):
+            raise self.refusal("its nodes move or stretch what they hold, which is not read")
+        if any(size != sizes[0] for size in sizes):
+            raise self.refusal("its nodes scale what they hold differently, which is not read")
         found: dict[str, dict[str, Any]] = {}
         for number, mesh in enumerate(self._all("meshes")):
             for primitive in _dictionaries(mesh.get("primitives")):
@@ -293,6 +298,13 @@ def _dictionary(value: object) -> dict[str, Any]:
 
 def _dictionaries(value: object) -> list[dict[str, Any]]:
     return [entry for entry in value if isinstance(entry, dict)] if isinstance(value, list) else []
+
+
+def _is_size(scale: object) -> bool:
+    """Whether a node's scale is one positive number for all axes."""
+    if not isinstance(scale, list) or len(scale) != 3 or any(number != scale[0] for number in scale):
+        return False
+    return isinstance(scale[0], int | float) and 0.0 < scale[0] < inf
 
 
 def _read_layers(document: _Reader, primitives: dict[str, dict[str, Any]], path: Path) -> dict[str, Gaussians]:
