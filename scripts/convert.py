@@ -27,7 +27,7 @@ from cvdgs.core.runtime.cli import OneLineParser, exit_code
 from cvdgs.core.splats.io.files import (
     WITH_A_WORLD,
     most_important,
-    read_layers,
+    read_sound_layers,
     require_known_suffix,
     without_floaters,
     write_layers,
@@ -100,7 +100,7 @@ def convert(options: argparse.Namespace) -> str:
     for source in options.sources:
         if target.exists() and source.exists() and target.samefile(source):
             raise InputError("is also the input", where=target, remedy="name another file to write")
-    layers = read_layers(options.sources, drop_damaged=options.drop_damaged)
+    layers, sound = read_sound_layers(options.sources, drop_damaged=options.drop_damaged)
     if options.layer:
         if options.layer not in layers:
             raise InputError(
@@ -109,7 +109,7 @@ def convert(options: argparse.Namespace) -> str:
         layers = {options.layer: layers[options.layer]}
     before = len(next(iter(layers.values())))
     if options.clean:
-        layers = without_floaters(layers, options.sources, options.clean)
+        layers = without_floaters(layers, options.sources, options.clean, sound)
     cleaned = before - len(next(iter(layers.values())))
     if subject is not None:
         layers = {name: layer.take(subject.holds(layer)) for name, layer in layers.items()}

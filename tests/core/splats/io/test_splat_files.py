@@ -214,3 +214,20 @@ def test_the_script_complains_in_one_line_and_leaves_everything_as_it_is(tmp_pat
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     assert run(tmp_path / "a.ply", tmp_path / "b.ply", "--drop-damaged").returncode == 0
     assert len(read_gaussians(tmp_path / "b.ply")) == 2
+
+
+def test_recorded_scores_count_for_what_is_left_of_a_damaged_file(tmp_path):
+    original, scores = cloud(50), np.zeros(50, np.float32)
+    original.means[3], scores[10:] = np.nan, 1.0
+    write_ply(tmp_path / "really.splat", original, scores)
+    done = run(tmp_path / "really.splat", tmp_path / "b.ply", "--drop-damaged", "--clean", "0.5")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "40 floaters" in done.stdout
+    np.testing.assert_array_equal(read_gaussians(tmp_path / "b.ply").means, np.delete(original.means[:10], 3, axis=0))
+
+
+def test_a_file_with_the_ending_of_another_format_is_cleaned(tmp_path):
+    write_gaussians(tmp_path / "a.spz", cloud(50))
+    (tmp_path / "a.spz").rename(tmp_path / "a.ply")
+    done = run(tmp_path / "a.ply", tmp_path / "b.ply", "--clean", "0.5")
+    assert (done.returncode, done.stderr) == (0, "")
