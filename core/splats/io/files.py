@@ -109,6 +109,9 @@ def read_sound_layers(
             )
     if not damaged.any():
         return layers, ~damaged
+    if damaged.all():
+        what = "every Gaussian has values that are not finite numbers"
+        raise InputError(what, where=sources[next(iter(layers))], remedy="export it again")
     return _taken(layers, ~damaged), ~damaged
 
 

@@ -150,6 +150,14 @@ def test_values_that_are_no_numbers_are_refused_or_left_out(tmp_path, field):
     np.testing.assert_array_equal(kept.means, np.delete(damaged.means, 7, axis=0))
 
 
+def test_a_file_without_a_sound_gaussian_is_refused(tmp_path):
+    damaged = cloud(3)
+    damaged.means[:] = np.nan
+    write_ply(tmp_path / "s.ply", damaged)
+    with pytest.raises(InputError, match="every Gaussian has values that are not finite numbers - export it again"):
+        read_gaussians(tmp_path / "s.ply", drop_damaged=True)
+
+
 def test_infinite_opacity_logits_become_opaque(tmp_path):
     original = cloud(3)
     original.opacity_logits[:] = (np.inf, -np.inf, 0.5)
