@@ -23,6 +23,7 @@ import bootstrap
 
 bootstrap.load(modules=("numpy",))
 from cvdgs.core.errors import InputError, one_line
+from cvdgs.core.files.untrusted import is_there
 from cvdgs.core.runtime.cli import OneLineParser, exit_code
 from cvdgs.core.splats.io.files import (
     WITH_A_WORLD,
@@ -98,7 +99,7 @@ def convert(options: argparse.Namespace) -> str:
         raise InputError(f"{options.clean:g} is out of range", where="--clean", remedy="give a number from 0 to 1")
     subject = Subject.parse(options.crop) if options.crop else None
     for source in options.sources:
-        if target.exists() and source.exists() and target.samefile(source):
+        if is_there(target) and is_there(source) and target.samefile(source):
             raise InputError("is also the input", where=target, remedy="name another file to write")
     layers, sound = read_sound_layers(options.sources, drop_damaged=options.drop_damaged)
     if options.layer:

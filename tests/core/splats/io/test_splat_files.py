@@ -213,6 +213,11 @@ def test_the_script_complains_in_one_line_and_leaves_everything_as_it_is(tmp_pat
         ((tmp_path / "a.ply", tmp_path / "a.ply"), "is also the input"),
         ((tmp_path / "a.ply", tmp_path / "b.ply"), "--drop-damaged"),
         ((tmp_path / "a.ply", tmp_path / "b.txt"), "not a format for Gaussians"),
+        (
+            (tmp_path / "a.ply", tmp_path / f"{'b' * 300}.ply", "--drop-damaged"),
+            "cannot be written (File name too long)",
+        ),
+        ((tmp_path / f"{'a' * 300}.ply", tmp_path / "b.ply"), "cannot be read (File name too long)"),
         ((tmp_path / "a.ply",), "see --help"),
     ):
         done = run(*arguments)
