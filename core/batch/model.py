@@ -12,7 +12,7 @@ from typing import Any
 from ..files.untrusted import is_file
 from ..rendering.requests import CameraPath
 from ..runs.layout import ORIGINAL
-from ..settings import CVD_TYPES, Layer
+from ..settings import AUTO, CVD_TYPES, ESTIMATE, GIVEN, WEIGHTS_SUFFIX, Layer
 
 _LAYER = re.compile(rf"({'|'.join(CVD_TYPES)})(?:-([0-9.]+))?")
 
@@ -110,6 +110,13 @@ class Batch:
     items: tuple[Item, ...]
     retries: int = 1
     needs: Needs = field(default_factory=Needs)
+
+
+def names_files(option: str, value: Any) -> bool:
+    """Whether `value` of an option of a run, by its name in `Settings`, is the path of a file or a folder."""
+    if option == "enhancer":
+        return str(value).endswith(WEIGHTS_SUFFIX)
+    return option == "cameras" and value not in ("", AUTO, ESTIMATE, GIVEN)
 
 
 def layer_of(name: str) -> Layer | None:
