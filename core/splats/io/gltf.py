@@ -29,7 +29,7 @@ from ...errors import InputError
 from ...files.untrusted import opened, parse_json, writing_whole
 from ..gaussians import HIGHEST_SH_DEGREE, MOST_FILE_BYTES, Gaussians, require_room
 from .layers import first_of, turn_to_y
-from .splat_file import logarithm, normalised
+from .splat_file import finite_scales, logarithm, normalised
 
 MAGIC = b"glTF"
 
@@ -54,7 +54,6 @@ _POSITION, _FALLBACK_COLOR = "POSITION", "COLOR_0"
 _ROTATION, _SCALE, _OPACITY = (f"{_EXTENSION}:{name}" for name in ("ROTATION", "SCALE", "OPACITY"))
 _GEOMETRY = {_POSITION: "VEC3", _ROTATION: "VEC4", _SCALE: "VEC3", _OPACITY: "SCALAR"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
-_MOST_LOG_SCALE = 88.0  # exp of which float32 holds
 _USE_ANOTHER = "choose a .glb that scripts/convert.py has written, or export a .ply"
 
 
@@ -75,7 +74,7 @@ def write_glb(path: str | Path, layers: Mapping[str, Gaussians], up: str = "", m
     geometry = {
         _POSITION: document.add(first.means, extremes=True),
         _ROTATION: document.add(normalised(first.quaternions)[:, [1, 2, 3, 0]]),
-        _SCALE: document.add(np.exp(np.minimum(first.log_scales, _MOST_LOG_SCALE).astype(np.float64))),
+        _SCALE: document.add(finite_scales(first.log_scales)),
         _OPACITY: document.add(_opacities(first)[:, None]),
     }
     fallback = {_FALLBACK_COLOR: document.add(_points_colors(first))}

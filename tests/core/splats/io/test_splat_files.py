@@ -57,12 +57,13 @@ def test_a_splat_file_rounds_to_bytes_and_no_further(tmp_path_factory, count, se
 
 def test_ends_of_the_range_survive_a_splat_file(tmp_path):
     original = cloud(2)
-    original.log_scales[0] = -np.inf
+    original.log_scales[:] = ((-np.inf,) * 3, (100.0,) * 3)
     original.opacity_logits[:] = (-200.0, 200.0)
     original.quaternions[:] = ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0))
     write_splat(tmp_path / "s.splat", original)
     result = read_gaussians(tmp_path / "s.splat")
     assert np.exp(result.log_scales[0]).max() <= 1e-19
+    np.testing.assert_allclose(result.log_scales[1], 88.0, rtol=1e-6)
     np.testing.assert_allclose(result.opacities, [0.0, 1.0], atol=0.002)
     np.testing.assert_allclose(result.quaternions[0], [1.0, 0.0, 0.0, 0.0], atol=0.01)
 
