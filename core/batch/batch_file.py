@@ -15,7 +15,7 @@ engines = ["cycles"]
 height = 0.1
 
 [[items]]
-capture = "captures/chair"                 # relative to the batch file
+capture = "captures/chair"                 # relative to the batch file; also a video, a zip or a transforms.json
 layers = ["deutan-1.0", "protan-0.6"]      # an item's own values come before those above
 turntable.frames = 48
 
@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..files.untrusted import is_file, is_folder, is_there, read_text
+from ..files.untrusted import is_file, is_there, read_text
 from ..rendering.requests import CameraPath
 from ..runs.layout import DIGITS, ORIGINAL
 from ..runs.report import check_finished_run
@@ -154,9 +154,8 @@ def _with_source_checked(item: Item, table: TableReader) -> Item:
             present = []
         return replace(item, present=tuple(present))
     if item.capture is not None:
-        if not (is_folder(item.capture) or (is_file(item.capture) and item.capture.suffix.lower() == ".json")):
-            what = "not a folder" if is_there(item.capture) else "no such folder"
-            table.add("capture", f"{what}: {item.capture}", "give a folder of photographs with cameras")
+        if not is_there(item.capture):  # what there is, the worker looks at
+            table.add("capture", f"no such file or folder: {item.capture}", "give photographs, a video or a zip")
         layers = tuple(filter(None, map(layer_of, item.layers)))
         if not layers:
             key = "layers" if "layers" in table else "capture"

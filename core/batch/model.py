@@ -71,7 +71,7 @@ class Item:
 
     Attributes:
         name: in file names; unique.
-        capture: folder of photographs with cameras, absolute; None for a finished run.
+        capture: what a run takes: photographs, a video, a zip, a camera file; absolute; None for a finished run.
         run: folder of a finished run, absolute; None for a capture.
         layers: in order; `ORIGINAL` is the scene's own colours.
         present: layers that a finished run has already.
@@ -90,7 +90,7 @@ class Item:
 
     @property
     def source(self) -> Path:
-        """Folder of what the item is made from."""
+        """What the item is made from: a folder, a video or a zip."""
         path = self.capture or self.run
         assert path is not None
         return path.parent if path.suffix.lower() == ".json" and is_file(path) else path
