@@ -23,11 +23,12 @@ import bootstrap
 
 bootstrap.load(modules=("numpy",))
 from cvdgs.core.errors import InputError, one_line
+from cvdgs.core.files.untrusted import is_there
 from cvdgs.core.runtime.cli import OneLineParser, exit_code
 from cvdgs.core.splats.io.files import (
     WITH_A_WORLD,
     most_important,
-    read_layers,
+    read_sound_layers,
     require_known_suffix,
     without_floaters,
     write_layers,
@@ -98,9 +99,9 @@ def convert(options: argparse.Namespace) -> str:
         raise InputError(f"{options.clean:g} is out of range", where="--clean", remedy="give a number from 0 to 1")
     subject = Subject.parse(options.crop) if options.crop else None
     for source in options.sources:
-        if target.exists() and source.exists() and target.samefile(source):
+        if is_there(target) and is_there(source) and target.samefile(source):
             raise InputError("is also the input", where=target, remedy="name another file to write")
-    layers = read_layers(options.sources, drop_damaged=options.drop_damaged)
+    layers, sound = read_sound_layers(options.sources, drop_damaged=options.drop_damaged)
     if options.layer:
         if options.layer not in layers:
             raise InputError(
@@ -109,7 +110,7 @@ def convert(options: argparse.Namespace) -> str:
         layers = {options.layer: layers[options.layer]}
     before = len(next(iter(layers.values())))
     if options.clean:
-        layers = without_floaters(layers, options.sources, options.clean)
+        layers = without_floaters(layers, options.sources, options.clean, sound)
     cleaned = before - len(next(iter(layers.values())))
     if subject is not None:
         layers = {name: layer.take(subject.holds(layer)) for name, layer in layers.items()}

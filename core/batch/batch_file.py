@@ -3,7 +3,7 @@
 title = "Autumn collection"
 layers = ["original", "deutan-1.0"]        # "deutan" and "deutan-1.0" are the same
 
-[train]                                    # options of scripts/run.py, for items that are captures
+[train]                                    # options of scripts/run.py, for captures; files relative to this one
 iterations = 3000
 
 [turntable]
@@ -15,7 +15,7 @@ engines = ["cycles"]
 height = 0.1
 
 [[items]]
-capture = "captures/chair"                 # relative to the batch file
+capture = "captures/chair"                 # relative to the batch file; also a video, a zip or a transforms.json
 layers = ["deutan-1.0", "protan-0.6"]      # an item's own values come before those above
 turntable.frames = 48
 
@@ -34,12 +34,12 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..files.untrusted import is_file, is_folder, is_there, read_text
+from ..files.untrusted import is_file, is_there, read_text
 from ..rendering.requests import CameraPath
 from ..runs.layout import DIGITS, ORIGINAL
 from ..runs.report import check_finished_run
-from ..settings import AUTO, CVD_TYPES, ENGINES, OPTIONS, WEIGHTS_SUFFIX, Layer, Settings, typed_value
-from .model import Batch, Item, Needs, Output, TurntableSettings, layer_of
+from ..settings import AUTO, CVD_TYPES, ENGINES, OPTIONS, Layer, Settings, typed_value
+from .model import Batch, Item, Needs, Output, TurntableSettings, layer_of, names_files
 from .toml_reader import TableReader, UnusableFile
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
@@ -154,9 +154,8 @@ def _with_source_checked(item: Item, table: TableReader) -> Item:
             present = []
         return replace(item, present=tuple(present))
     if item.capture is not None:
-        if not (is_folder(item.capture) or (is_file(item.capture) and item.capture.suffix.lower() == ".json")):
-            what = "not a folder" if is_there(item.capture) else "no such folder"
-            table.add("capture", f"{what}: {item.capture}", "give a folder of photographs with cameras")
+        if not is_there(item.capture):  # what there is, the worker looks at
+            table.add("capture", f"no such file or folder: {item.capture}", "give photographs, a video or a zip")
         layers = tuple(filter(None, map(layer_of, item.layers)))
         if not layers:
             key = "layers" if "layers" in table else "capture"
@@ -291,9 +290,10 @@ def _checked(name: str, value: Any, folder: Path) -> Any:
     if value == AUTO and getattr(Settings, name) is None:
         return None
     value = typed_value(Settings, name, value)
-    if name == "enhancer" and value.endswith(WEIGHTS_SUFFIX):
+    if names_files(name, value):
         value = os.path.normpath(folder / value)
-        if not is_file(value):
-            raise InputError(f"no such file: {value}", remedy=f"name an existing {WEIGHTS_SUFFIX} file")
+        exists = is_file if name == "enhancer" else is_there  # a COLMAP model's folder has cameras, too
+        if not exists(value):
+            raise InputError(f"no such file: {value}", remedy="name one that exists, relative to the batch file")
     Settings("capture", "out", (Layer("deutan", 1.0),), **{name: value})
     return value

@@ -12,7 +12,7 @@ from typing import Any
 from ..files.untrusted import is_file
 from ..rendering.requests import CameraPath
 from ..runs.layout import ORIGINAL
-from ..settings import CVD_TYPES, Layer
+from ..settings import AUTO, CVD_TYPES, ESTIMATE, GIVEN, WEIGHTS_SUFFIX, Layer
 
 _LAYER = re.compile(rf"({'|'.join(CVD_TYPES)})(?:-([0-9.]+))?")
 
@@ -71,7 +71,7 @@ class Item:
 
     Attributes:
         name: in file names; unique.
-        capture: folder of photographs with cameras, absolute; None for a finished run.
+        capture: what a run takes: photographs, a video, a zip, a camera file; absolute; None for a finished run.
         run: folder of a finished run, absolute; None for a capture.
         layers: in order; `ORIGINAL` is the scene's own colours.
         present: layers that a finished run has already.
@@ -90,7 +90,7 @@ class Item:
 
     @property
     def source(self) -> Path:
-        """Folder of what the item is made from."""
+        """What the item is made from: a folder, a video or a zip."""
         path = self.capture or self.run
         assert path is not None
         return path.parent if path.suffix.lower() == ".json" and is_file(path) else path
@@ -110,6 +110,13 @@ class Batch:
     items: tuple[Item, ...]
     retries: int = 1
     needs: Needs = field(default_factory=Needs)
+
+
+def names_files(option: str, value: Any) -> bool:
+    """Whether `value` of an option of a run, by its name in `Settings`, is the path of a file or a folder."""
+    if option == "enhancer":
+        return str(value).endswith(WEIGHTS_SUFFIX)
+    return option == "cameras" and value not in ("", AUTO, ESTIMATE, GIVEN)
 
 
 def layer_of(name: str) -> Layer | None:

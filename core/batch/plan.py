@@ -32,7 +32,7 @@ from ..rendering.requests import (
 from ..runs.layout import GAUSSIANS_FILE, ORIGINAL, REPORT_FILE, VIEWER_PAGE, layer_gaussians_file, pictures
 from ..runs.report import CAMERAS
 from ..settings import OPTIONS, Settings
-from .model import Batch, Item, Needs, Output, layer_of
+from .model import Batch, Item, Needs, Output, layer_of, names_files
 from .progress import (
     LAYER_ADDED_SECONDS,
     LAYER_KEPT_SECONDS,
@@ -218,7 +218,7 @@ class _PlannedItem:
                 f"{name}.train",
                 Kind.TRAIN,
                 TrainArguments(settings, made_along).to_dict(),
-                inputs=(str(item.source),),
+                inputs=(str(item.source), *_files_of(item.train)),
                 # Layers trained along with the run have tasks of their own: losing one costs no training.
                 outputs=tuple(f"{run}/{file}" for file in (GAUSSIANS_FILE, CAMERAS)),
                 seconds=train_seconds(item.train, len(layers)),
@@ -235,7 +235,7 @@ class _PlannedItem:
                 f"{name}.layer.{layer.name}",
                 Kind.LAYER,
                 LayerArguments(settings, source).to_dict(),
-                inputs=(f"{source or run}/{GAUSSIANS_FILE}",),
+                inputs=(f"{source or run}/{GAUSSIANS_FILE}", *_files_of(options)),
                 outputs=tuple(outputs),
                 seconds=LAYER_ADDED_SECONDS if item.run else LAYER_KEPT_SECONDS,
                 after=after,
@@ -339,6 +339,11 @@ class _PlannedItem:
         parts += [turn.engine] if len(self.item.turntable.engines) > 1 else []
         parts += [turn.camera.name] if len(self.item.cameras) > 1 else []
         return ", ".join(parts)
+
+
+def _files_of(options: Mapping[str, Any]) -> Iterator[str]:
+    """Weights and cameras that options of a run name."""
+    return (value for name, value in options.items() if names_files(name, value))
 
 
 def _layer_options(train: Mapping[str, Any]) -> dict[str, Any]:

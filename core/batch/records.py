@@ -12,7 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,7 +86,7 @@ def sign_inputs(task: Task, out: Path) -> dict[str, tuple[Any, ...]]:
         InputError: an input is missing, and the task does not tolerate that.
         OSError: a file cannot be read.
     """
-    signatures = {name: _signature(path) for name, path in _input_files(task, out)}
+    signatures = {name: _signature(path) for name, path in _input_files(task, out).items()}
     missing = [name for name, signature in signatures.items() if not signature]
     if missing and not task.kind.tolerates_failures:
         raise InputError("no such file", where=missing[0], remedy="run the batch again, which makes it first")
@@ -127,9 +127,8 @@ def _outputs_fit(out: Path, record: Record) -> bool:
 
 
 def _inputs_fit(task: Task, out: Path, record: Record) -> bool:
-    found = 0
-    for name, path in _input_files(task, out):
-        found += 1
+    files = _input_files(task, out)
+    for name, path in files.items():
         known = record.inputs.get(name)
         if known is None:
             return False
@@ -138,18 +137,20 @@ def _inputs_fit(task: Task, out: Path, record: Record) -> bool:
                 return False
         except OSError:
             return False
-    return found == len(record.inputs)
+    return len(files) == len(record.inputs)
 
 
-def _input_files(task: Task, out: Path) -> Iterator[tuple[str, Path]]:
-    """Every file that `task` depends on, those in folders one by one, with its name in the record."""
+def _input_files(task: Task, out: Path) -> dict[str, Path]:
+    """Every file that `task` depends on, those in folders one by one, by its name in the record."""
+    files: dict[str, Path] = {}  # cameras may lie in the folder of the photographs, or the other way round
     for path in task.input_paths(out):
         if path.is_dir():
             for folder, subfolders, names in os.walk(path):
                 subfolders.sort()
-                yield from ((_name(Path(folder, name), out), Path(folder, name)) for name in sorted(names))
+                files.update((_name(Path(folder, name), out), Path(folder, name)) for name in sorted(names))
         else:
-            yield _name(path, out), path
+            files[_name(path, out)] = path
+    return files
 
 
 def _name(path: Path, out: Path) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ..capture.model import Capture, View
 from ..capture.reader import inspect_capture, read_capture
 from ..errors import InputError
-from ..files.untrusted import MAX_JSON_BYTES, explained, is_file, parse_json, read_text
+from ..files.untrusted import MAX_JSON_BYTES, explained, is_file, is_there, parse_json, read_text
 from ..runs.layout import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
 from ..runs.report import SCHEMA, check_report
 from ..runtime.protocol import Reporter, StageSpan
@@ -97,7 +97,7 @@ class EarlierRun:
         return replace(asked, **own)
 
     def check_photographs(self, folder: Path, reporter: Reporter) -> None:
-        """Make sure that `folder` is the capture that the run was made from.
+        """Make sure that `folder` is the capture that the run was made from, or the run's own copy of it.
 
         Where the run estimated the cameras itself, these stay, and only the number of photographs is compared; where it
         corrected them, the poses or the focal lengths are not compared.
@@ -105,6 +105,9 @@ class EarlierRun:
         Raises:
             InputError: it is another one, or it has changed.
         """
+        own = Path(self.out, CAPTURE_FOLDER)
+        if is_there(folder) and is_there(own) and folder.samefile(own):
+            return  # its cameras lie in it, wherever those of the run came from
         found = inspect_capture(folder, cameras=self.settings.cameras_from)
         if found.format == "sfm":
             # Which frames of a video are taken is not known before it is looked through.

@@ -10,8 +10,9 @@ import typing
 from collections.abc import Callable, Iterable
 from typing import NoReturn, TextIO
 
-from ..errors import InputError
+from ..errors import InputError, one_line
 from ..settings import AUTO, OPTIONS, Settings, flag
+from .devices import explain_fault
 from .progress import format_seconds
 from .protocol import LEAST_SHARE, Reporter
 from .supervisor import EXIT_CANCELLED, EXIT_DONE, EXIT_INPUT
@@ -28,7 +29,7 @@ def exit_code(program: str, work: Callable[[], None], *, stopped: str = "stopped
 
     Args:
         program: the script's name.
-        work: may raise `InputError`.
+        work: may raise `InputError`, and what faults of the machine raise; a defect of ours goes on as it is.
         stopped: what is said after Ctrl-C.
     """
     try:
@@ -39,6 +40,12 @@ def exit_code(program: str, work: Callable[[], None], *, stopped: str = "stopped
     except KeyboardInterrupt:
         print(f"{program}: {stopped}", file=sys.stderr)
         return EXIT_CANCELLED
+    except Exception as error:
+        explanation = explain_fault(error, smaller="close other programs, or give it less to do")
+        if not explanation:
+            raise
+        print(f"{program}: {one_line(explanation)}", file=sys.stderr)
+        return EXIT_INPUT
     return EXIT_DONE
 
 

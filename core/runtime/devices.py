@@ -67,10 +67,15 @@ def is_out_of_memory(error: BaseException) -> bool:
     return any(isinstance(e, RuntimeError | OSError | ImportError) and bool(_NO_MEMORY.search(str(e))) for e in reasons)
 
 
-def explain_fault(error: Exception) -> str:
-    """One line about a fault of the machine, with a remedy; "" for a defect of ours."""
+def explain_fault(
+    error: Exception, *, smaller: str = "give fewer or smaller photographs, or a smaller --max-size"
+) -> str:
+    """One line about a fault of the machine, with a remedy; "" for a defect of ours.
+
+    Args:
+        smaller: the remedy where memory does not suffice.
+    """
     if is_out_of_memory(error):
-        smaller = "give fewer or smaller photographs, or a smaller --max-size"
         if _ON_GRAPHICS_CARD.search(str(error)):
             return f"the graphics card is out of memory - {smaller}, or use --device cpu"
         return f"the machine is out of memory - {smaller}"

@@ -77,6 +77,13 @@ def read_layers(paths: Sequence[str | Path], *, drop_damaged: bool = False) -> d
     Raises:
         InputError: also where the geometries differ or two layers have one name.
     """
+    return read_sound_layers(paths, drop_damaged=drop_damaged)[0]
+
+
+def read_sound_layers(
+    paths: Sequence[str | Path], *, drop_damaged: bool = False
+) -> tuple[dict[str, Gaussians], NDArray[np.bool_]]:
+    """As `read_layers`; also returns which of the N Gaussians of the files the layers hold, (N,)."""
     layers: dict[str, Gaussians] = {}
     sources: dict[str, Path] = {}
     for path in map(Path, paths):
@@ -101,9 +108,11 @@ def read_layers(paths: Sequence[str | Path], *, drop_damaged: bool = False) -> d
                 remedy="export it again, or drop them (scripts/convert.py --drop-damaged)",
             )
     if not damaged.any():
-        return layers
-    kept = first.take(~damaged)
-    return {name: replace(kept, sh=gaussians.sh[~damaged]) for name, gaussians in layers.items()}
+        return layers, ~damaged
+    if damaged.all():
+        what = "every Gaussian has values that are not finite numbers"
+        raise InputError(what, where=sources[next(iter(layers))], remedy="export it again")
+    return _taken(layers, ~damaged), ~damaged
 
 
 def write_gaussians(path: str | Path, gaussians: Gaussians) -> None:
@@ -147,30 +156,32 @@ def most_important(layers: Mapping[str, Gaussians], count: int) -> dict[str, Gau
     first = next(iter(layers.values()))
     if len(first) <= count:
         return dict(layers)
-    kept = np.sort(np.argsort(-first.importance, kind="stable")[:count])
-    taken = first.take(kept)
-    return {name: replace(taken, sh=gaussians.sh[kept]) for name, gaussians in layers.items()}
+    return _taken(layers, np.sort(np.argsort(-first.importance, kind="stable")[:count]))
 
 
 def without_floaters(
-    layers: Mapping[str, Gaussians], paths: Sequence[str | Path], clean: float
+    layers: Mapping[str, Gaussians],
+    paths: Sequence[str | Path],
+    clean: float,
+    held: NDArray[np.bool_] | None = None,
 ) -> dict[str, Gaussians]:
     """Every layer without the Gaussians whose scores are above 1 - `clean`; see `core.splats.floaters`.
 
     Args:
         paths: the files of the layers. Of a run, one has the scores; else shape and place alone tell.
+        held: (N,) which of the files' Gaussians the layers hold; without it all.
 
     Raises:
         InputError: nothing would be left, or scores are damaged.
     """
     first = next(iter(layers.values()))
-    recorded = (read_floaters(path) for path in map(Path, paths) if path.suffix.lower() == ".ply")
-    scores = next((one for one in recorded if one is not None and len(one) == len(first)), None)
+    held = np.ones(len(first), bool) if held is None else held
+    recorded = (read_floaters(path) for path in map(Path, paths) if _is_ply(_start_of(path)))
+    scores = next((one[held] for one in recorded if one is not None and len(one) == len(held)), None)
     kept = kept_after(floater_scores(first) if scores is None else scores, clean)
     if not kept.any():
         raise InputError("nothing would be left", where=paths[0], remedy="give --clean a smaller number")
-    taken = first.take(kept)
-    return {name: replace(taken, sh=gaussians.sh[kept]) for name, gaussians in layers.items()}
+    return _taken(layers, kept)
 
 
 def require_known_suffix(path: Path) -> None:
@@ -184,13 +195,28 @@ def require_known_suffix(path: Path) -> None:
         require_usd(path)
 
 
+def _taken(layers: Mapping[str, Gaussians], index: NDArray[np.integer] | NDArray[np.bool_]) -> dict[str, Gaussians]:
+    """The same Gaussians of every layer, as `Gaussians.take` chooses them; their geometry stays shared."""
+    geometry = next(iter(layers.values())).take(index)
+    return {name: replace(geometry, sh=gaussians.sh[index]) for name, gaussians in layers.items()}
+
+
+def _start_of(path: Path) -> bytes:
+    """The bytes that tell most formats apart."""
+    with opened(path, most_bytes=MOST_FILE_BYTES) as file:
+        return file.read(4)
+
+
+def _is_ply(start: bytes) -> bool:
+    return start[:3] == b"ply"
+
+
 def _read(path: Path) -> dict[str, Gaussians]:
     """The layers as they are in the file."""
-    with opened(path, most_bytes=MOST_FILE_BYTES) as file:
-        start = file.read(4)
+    start = _start_of(path)
     if not start:
         raise InputError("the file is empty", where=path, remedy="copy or export it again")
-    if start[:3] == b"ply":
+    if _is_ply(start):
         return {layer_name(path): read_ply(path)}
     if start == MAGIC or start[:2] == GZIP_MAGIC:
         return {layer_name(path): read_spz(path)}

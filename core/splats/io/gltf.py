@@ -17,6 +17,7 @@ import json
 import os
 import struct
 from collections.abc import Mapping
+from math import inf
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -28,7 +29,7 @@ from ...errors import InputError
 from ...files.untrusted import opened, parse_json, writing_whole
 from ..gaussians import HIGHEST_SH_DEGREE, MOST_FILE_BYTES, Gaussians, require_room
 from .layers import first_of, turn_to_y
-from .splat_file import logarithm, normalised
+from .splat_file import finite_scales, logarithm, normalised
 
 MAGIC = b"glTF"
 
@@ -53,7 +54,6 @@ _POSITION, _FALLBACK_COLOR = "POSITION", "COLOR_0"
 _ROTATION, _SCALE, _OPACITY = (f"{_EXTENSION}:{name}" for name in ("ROTATION", "SCALE", "OPACITY"))
 _GEOMETRY = {_POSITION: "VEC3", _ROTATION: "VEC4", _SCALE: "VEC3", _OPACITY: "SCALAR"}
 _WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
-_MOST_LOG_SCALE = 88.0  # exp of which float32 holds
 _USE_ANOTHER = "choose a .glb that scripts/convert.py has written, or export a .ply"
 
 
@@ -74,7 +74,7 @@ def write_glb(path: str | Path, layers: Mapping[str, Gaussians], up: str = "", m
     geometry = {
         _POSITION: document.add(first.means, extremes=True),
         _ROTATION: document.add(normalised(first.quaternions)[:, [1, 2, 3, 0]]),
-        _SCALE: document.add(np.exp(np.minimum(first.log_scales, _MOST_LOG_SCALE).astype(np.float64))),
+        _SCALE: document.add(finite_scales(first.log_scales)),
         _OPACITY: document.add(_opacities(first)[:, None]),
     }
     fallback = {_FALLBACK_COLOR: document.add(_points_colors(first))}
@@ -89,7 +89,7 @@ def write_glb(path: str | Path, layers: Mapping[str, Gaussians], up: str = "", m
 def read_glb(path: str | Path) -> dict[str, Gaussians]:
     """Read the layers of a GLB file as `write_glb` writes it: float32 throughout, one geometry, nothing compressed.
 
-    Coordinates are those of the meshes; a rotation of their nodes only says what is up.
+    Coordinates are those of the meshes; a rotation of their nodes only says what is up, and a scale how long a unit is.
 
     Raises:
         InputError: not a GLB file, without Gaussians, damaged, or of a layout that is not read.
@@ -228,8 +228,12 @@ class _Reader:
         unknown = [name for name in needed if name != _EXTENSION] if isinstance(needed, list) else [needed]
         if unknown:
             raise self.refusal(f"it needs the glTF extension {unknown[0]}, which is not read")
-        if any({"matrix", "scale", "translation"} & set(node) for node in self._all("nodes")):
-            raise self.refusal("its nodes move or scale what they hold, which is not read")
+        nodes = self._all("nodes")
+        sizes = [node.get("scale", [1.0] * 3) for node in nodes]
+        if any({"matrix", "translation"} & set(node) for node in nodes) or not all(map(_is_size, sizes)):
+            raise self.refusal("its nodes move or stretch what they hold, which is not read")
+        if any(size != sizes[0] for size in sizes):
+            raise self.refusal("its nodes scale what they hold differently, which is not read")
         found: dict[str, dict[str, Any]] = {}
         for number, mesh in enumerate(self._all("meshes")):
             for primitive in _dictionaries(mesh.get("primitives")):
@@ -293,6 +297,13 @@ def _dictionary(value: object) -> dict[str, Any]:
 
 def _dictionaries(value: object) -> list[dict[str, Any]]:
     return [entry for entry in value if isinstance(entry, dict)] if isinstance(value, list) else []
+
+
+def _is_size(scale: object) -> bool:
+    """Whether a node's scale is one positive number for all axes."""
+    if not isinstance(scale, list) or len(scale) != 3 or any(number != scale[0] for number in scale):
+        return False
+    return isinstance(scale[0], int | float) and 0.0 < scale[0] < inf
 
 
 def _read_layers(document: _Reader, primitives: dict[str, dict[str, Any]], path: Path) -> dict[str, Gaussians]:

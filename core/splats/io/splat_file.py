@@ -21,6 +21,7 @@ from ..gaussians import MOST_FILE_BYTES, SH_C0, Gaussians, require_room
 _RECORD = np.dtype(
     [("mean", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 3), ("opacity", "u1"), ("quaternion", "u1", 4)]
 )
+_MOST_LOG_SCALE = 88.0  # exp of which float32 holds
 _SMALLEST_SCALE = 1e-20  # scene units; flat Gaussians are stored with a scale of zero, whose logarithm is infinite
 # The bytes 0 and 255 stand for the half steps at the ends; the middle of these has a finite logit.
 _END = 0.25
@@ -30,7 +31,7 @@ def write_splat(path: str | Path, gaussians: Gaussians) -> None:
     """Write means and scales in full precision and the rest in bytes; colour terms above degree 0 are dropped."""
     records = np.empty(len(gaussians), _RECORD)
     records["mean"] = gaussians.means
-    records["scale"] = np.exp(gaussians.log_scales)
+    records["scale"] = finite_scales(gaussians.log_scales)
     records["color"] = to_bytes(gaussians.base_colors * 255.0)
     records["opacity"] = opacities_to_bytes(gaussians.opacity_logits)
     records["quaternion"] = to_bytes(normalised(gaussians.quaternions) * 128.0 + 128.0)
@@ -63,6 +64,11 @@ def read_splat(path: str | Path) -> Gaussians:
         opacity_logits=bytes_to_opacity_logits(records["opacity"]),
         sh=sh.astype(np.float32),
     )
+
+
+def finite_scales(log_scales: NDArray[np.float32]) -> NDArray[np.float64]:
+    """The standard deviations, none of which is too large for float32."""
+    return np.exp(np.minimum(log_scales, _MOST_LOG_SCALE).astype(np.float64))
 
 
 def logarithm(scales: np.ndarray) -> np.ndarray:

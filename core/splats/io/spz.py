@@ -36,6 +36,7 @@ _CONTENTS_AT = struct.Struct("<I12x")  # version 4 only: offset of the table of 
 _CONTENTS_ENTRY = struct.Struct("<QQ")  # compressed and uncompressed length of a stream
 _COLOR_STEPS = 0.15 * 255.0  # bytes per unit of a degree-0 coefficient: room beyond [0, 1] on both sides
 _SCALE_STEPS, _SCALE_LOWEST = 16.0, -10.0  # bytes per unit of a log scale, and the log scale of byte 0
+_MOST_CLIPPED = 0.01  # of the Gaussians, whose size changes; in usual scenes none
 _SH_STEPS = 128.0  # bytes per unit of a higher coefficient
 _SH_BUCKETS = (8, 16)  # of degree 1 and above: coefficients are rounded to this many steps, to compress better
 _POSITION_LIMIT = 1 << 23  # 24 bits with a sign
@@ -92,15 +93,16 @@ def write_spz(path: str | Path, gaussians: Gaussians, version: int = 3) -> None:
     """Write an SPZ file of `version` 2 or 3.
 
     Positions are precise to 2^-12 scene units or 2^-16 of the scene's size, whichever is finer; log scales, from -10 to
-    5.9, to 1/32; opacities and colours to half a byte.
+    5.9, to 1/32, and beyond that clipped; opacities and colours to half a byte.
 
     Raises:
-        InputError: a position is beyond the range of the format.
+        InputError: a position, or the size of more than a few Gaussians, is beyond the range of the format.
         ValueError: an unknown version.
     """
     if version not in VERSIONS_WRITTEN:
         raise ValueError(f"version {version} is not written, only {VERSIONS_WRITTEN}")
     bits = _fractional_bits(gaussians.means, Path(path))
+    _require_sizes(gaussians.log_scales, Path(path))
     header = _HEADER.pack(MAGIC, version, len(gaussians), gaussians.sh_degree, bits, 0, 0)
     compressor = zlib.compressobj(wbits=31)  # a gzip stream
     with writing_whole(Path(path)) as file:
@@ -253,6 +255,20 @@ def _fractional_bits(means: NDArray[np.float32], path: Path) -> int:
     wanted = _RELATIVE_BITS - int(np.floor(np.log2(size))) if size > 0.0 else _USUAL_FRACTIONAL_BITS
     possible = int(np.floor(np.log2((_POSITION_LIMIT - 1) / farthest))) if farthest > 0.0 else _FRACTIONAL_BITS_LIMIT
     return max(min(max(wanted, _USUAL_FRACTIONAL_BITS), possible, _FRACTIONAL_BITS_LIMIT), 0)
+
+
+def _require_sizes(log_scales: NDArray[np.float32], path: Path) -> None:
+    """Raise `InputError` where clipping changes the longest axis of more than a few Gaussians."""
+    lowest, highest = _SCALE_LOWEST, _SCALE_LOWEST + 255.0 / _SCALE_STEPS
+    longest = log_scales.max(axis=1)
+    clipped = int(np.count_nonzero(np.abs(longest - np.clip(longest, lowest, highest)) > 0.5 / _SCALE_STEPS))
+    if clipped > _MOST_CLIPPED * len(longest):
+        raise InputError(
+            f"{clipped:,} of {len(longest):,} Gaussians are smaller than {np.exp(lowest):.2g} or larger than "
+            f"{np.exp(highest):.0f} units, which SPZ cannot hold",
+            where=path,
+            remedy="write a .ply or a .splat",
+        )
 
 
 def _packed(gaussians: Gaussians, bits: int, version: int) -> Iterator[NDArray[np.uint8]]:

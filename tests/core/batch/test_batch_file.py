@@ -43,6 +43,13 @@ def test_a_capture_alone_is_a_batch(batch, tmp_path):
     assert [camera.name for camera in item.cameras] == ["turn"]
 
 
+@pytest.mark.parametrize(("file", "name"), [("walk.mp4", "walk-mp4"), ("chair.zip", "chair-zip")])
+def test_a_video_or_a_zip_is_a_capture(batch, tmp_path, file, name):
+    (tmp_path / file).touch()
+    (item,) = batch(f'[[items]]\ncapture = "{file}"\n').items
+    assert (item.name, item.capture, item.source) == (name, tmp_path / file, tmp_path / file)
+
+
 def test_an_items_own_values_come_before_the_batchs(batch):
     first, second = batch(
         'layers = ["deutan"]\noutputs = ["frames"]\n[train]\niterations = 9\nseed = 3\n[turntable]\nframes = 12\n'
@@ -58,6 +65,21 @@ def test_an_items_own_values_come_before_the_batchs(batch):
     assert second.turntable.chunk == 5
     assert [[camera.name for camera in item.cameras] for item in (first, second)] == [["low", "high"], ["high"]]
     assert second.outputs == {Output.VIDEO}
+
+
+def test_files_are_looked_for_beside_the_batch_file(batch, tmp_path, monkeypatch):
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    for name in ("weights.safetensors", "cameras.json"):
+        (tmp_path / name).touch()
+    given = '[train]\nenhancer = "weights.safetensors"\ncameras = "chair/../cameras.json"\n'
+    own = ITEM + 'name = "other"\ntrain.cameras = "estimate"\n'
+    first, second = batch(given + ITEM + own).items
+    assert first.train == {
+        "enhancer": str(tmp_path / "weights.safetensors"),
+        "cameras": str(tmp_path / "cameras.json"),
+    }
+    assert second.train["cameras"] == "estimate"
 
 
 def test_everything_wrong_is_said_in_one_go_with_its_place(batch):
@@ -123,9 +145,11 @@ def test_everything_wrong_is_said_in_one_go_with_its_place(batch):
         (ITEM + 'cameras = ["side"]\n', "items[1].cameras[1]", "'side'"),
         (ITEM + 'train = { mode = "joint", refine_poses = true }\n', "items[1].train", "refine-poses"),
         (ITEM + 'train.enhancer = "missing.safetensors"\n', "items[1].train.enhancer", "no such file"),
+        (ITEM + 'train.cameras = "nowhere/transforms.json"\n', "items[1].train.cameras", "no such file"),
+        (ITEM + 'train.cameras = ""\n', "items[1].train.cameras", "nothing is given"),
         (ITEM + 'layers = ["deutan-1.5"]\n', "items[1].layers[1]", "severity from 0 to 1"),
         (ITEM + 'layers = ["deutan-1..0"]\n', "items[1].layers[1]", "severity from 0 to 1"),
-        ('[[items]]\ncapture = "batch.toml"\n', "items[1].capture", "not a folder"),
+        ('[[items]]\ncapture = "walk.mp4"\n', "items[1].capture", "no such file or folder"),
         (ITEM + "train.iterations = 1" + "0" * 400 + "\n", "items[1].train.iterations", "too many digits"),
         (ITEM + "train.strength = 1" + "0" * 400 + "\n", "items[1].train.strength", "unusable"),
         ("cameras.low.height = 1" + "0" * 400 + "\n" + ITEM, "cameras.low.height", "give a number"),

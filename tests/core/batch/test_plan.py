@@ -137,6 +137,17 @@ def test_a_layer_for_a_finished_run_takes_what_the_run_leaves_open(tmp_path, cha
     assert {name: settings[name] for name in train} == {**train, "iterations": Settings.iterations}
 
 
+def test_a_task_depends_on_the_weights_and_the_cameras_that_its_options_name(tmp_path, chair):
+    named = replace(chair, train={"enhancer": "/a/own.safetensors", "cameras": "/a/cameras", "mode": "post"})
+    (train,) = of_kind(planned(tmp_path, named), Kind.TRAIN)
+    assert train.inputs == (str(chair.capture), "/a/own.safetensors", "/a/cameras")
+    finished = replace(named, capture=None, run=tmp_path / "run")
+    for added in of_kind(planned(tmp_path, finished), Kind.LAYER):
+        assert added.inputs[1:] == ("/a/own.safetensors",)  # the run has its cameras
+    (train,) = of_kind(planned(tmp_path, replace(chair, train={"enhancer": "cgan", "cameras": "given"})), Kind.TRAIN)
+    assert train.inputs == (str(chair.capture),)
+
+
 def test_the_page_of_a_batch_waits_for_everything_but_forgives_failures(tmp_path, chair):
     plan = planned(tmp_path, chair, replace(chair, name="sofa"))
     page = plan.tasks[-1]

@@ -90,6 +90,14 @@ def test_so_do_files_that_come_and_go_in_a_folder(out, change):
     assert not is_done(FRAMES, out)
 
 
+def test_a_file_inside_a_folder_that_is_an_input_too_counts_once(out):
+    both = replace(FRAMES, inputs=(*FRAMES.inputs, "chair/run/capture/cameras", "chair/run"))
+    write_record(both, out, sign_inputs(both, out), 1.0)
+    assert is_done(both, out)
+    (out / "chair/run/capture/cameras").write_text("others")
+    assert not is_done(both, out)
+
+
 def test_the_same_content_written_anew_does_not(out):
     path = out / "chair/run/splats.ply"
     path.write_text("Gaussians")

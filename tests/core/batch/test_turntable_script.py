@@ -264,16 +264,17 @@ def test_a_dry_run_tells_every_task_and_writes_nothing(collection):
 def test_captures_without_usable_cameras_are_found_before_anything_starts(collection):
     for name in ("chair", "sofa"):
         collection.add_capture(name)
-    collection.write_batch(TWO + "train.cameras = 'given'\n")
+    collection.write_batch(TWO + "train.cameras = 'given'\n[[items]]\ncapture = 'batch.toml'\n")
     command = [sys.executable, str(ROOT / "scripts" / "turntable.py"), str(collection.folder / "batch.toml")]
     ended = subprocess.run([*command, "--out", str(collection.out)], capture_output=True, text=True, timeout=120)
     assert ended.returncode == 2
     refusals = [line for line in ended.stderr.splitlines() if "batch.toml: items" in line]
-    assert len(refusals) == 2
+    assert len(refusals) == 3
     assert "items[1].capture" in refusals[0]
     assert "only one photograph" in refusals[0]  # whose cameras would be estimated
     assert "items[2].capture" in refusals[1]
     assert "no cameras" in refusals[1]
+    assert "batch.toml: not a capture - give a video, a zip or the folder with the photographs" in refusals[2]
     assert not collection.out.exists()
 
 

@@ -136,6 +136,15 @@ def test_the_runs_own_capture_is_accepted(run, folder):
     run.check_photographs(folder / "capture", Reporter())
 
 
+def test_the_runs_own_capture_needs_no_camera_file_that_the_run_was_made_with(folder, tmp_path):
+    made = {**report(), "settings": replace(MADE_WITH, cameras=str(tmp_path / "gone.json")).to_dict()}
+    (folder / "report.json").write_text(json.dumps(made))
+    run = EarlierRun.read(folder, str(folder))
+    run.check_photographs(folder / "." / "capture", Reporter())
+    with pytest.raises(InputError, match=r"gone\.json: no such file or folder"):
+        run.check_photographs(tmp_path, Reporter())
+
+
 def changed_capture(tmp_path, change) -> Path:
     original = capture(tmp_path)
     write_capture(replace(original, views=change(original.views)), tmp_path / "photos")

@@ -238,7 +238,9 @@ def set_entry(kind: str, number: int = 0, **values: object):
         (set_entry("bufferViews", byteOffset=10**9), "cut short"),
         (set_entry("bufferViews", byteStride=64), "interleaved"),
         (set_entry("bufferViews", buffer=1), "interleaved or in another file"),
-        (set_entry("nodes", matrix=[1] * 16), "move or scale"),
+        (set_entry("nodes", matrix=[1] * 16), "move or stretch"),
+        (set_entry("nodes", translation=[1, 0, 0]), "move or stretch"),
+        *((set_entry("nodes", scale=value), "move or stretch") for value in ([1, 2, 1], [0] * 3, [2], ["2"] * 3, 2)),
     ],
 )
 def test_descriptions_that_are_damaged_or_not_ours_are_refused_in_one_line(tmp_path, change, said):
@@ -255,6 +257,7 @@ def test_descriptions_that_are_damaged_or_not_ours_are_refused_in_one_line(tmp_p
     [
         (set_entry("meshes", 1, name="original"), "two of its layers are called 'original'"),
         (set_attribute("SCALE", 0), "different Gaussians, not layers of one scene"),
+        (set_entry("nodes", scale=[2.0] * 3), "scale what they hold differently"),
     ],
 )
 def test_meshes_that_are_no_layers_are_refused(tmp_path, change, said):
@@ -263,6 +266,14 @@ def test_meshes_that_are_no_layers_are_refused(tmp_path, change, said):
     change(document)
     with pytest.raises(InputError, match=said):
         read_glb(join(tmp_path / "s.glb", document, numbers))
+
+
+def test_a_unit_that_is_not_a_metre_leaves_the_numbers_as_they_are(tmp_path):
+    original = layers(6, 1, "deutan-1.0")
+    write_glb(tmp_path / "s.glb", original, "-y", metres=0.37)
+    for name, gaussians in read_glb(tmp_path / "s.glb").items():
+        np.testing.assert_array_equal(gaussians.means, original[name].means)
+        np.testing.assert_allclose(gaussians.log_scales, original[name].log_scales, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -57,12 +57,13 @@ def test_a_splat_file_rounds_to_bytes_and_no_further(tmp_path_factory, count, se
 
 def test_ends_of_the_range_survive_a_splat_file(tmp_path):
     original = cloud(2)
-    original.log_scales[0] = -np.inf
+    original.log_scales[:] = ((-np.inf,) * 3, (100.0,) * 3)
     original.opacity_logits[:] = (-200.0, 200.0)
     original.quaternions[:] = ((0.0, 0.0, 0.0, 0.0), (0.0, 0.0, -1.0, 0.0))
     write_splat(tmp_path / "s.splat", original)
     result = read_gaussians(tmp_path / "s.splat")
     assert np.exp(result.log_scales[0]).max() <= 1e-19
+    np.testing.assert_allclose(result.log_scales[1], 88.0, rtol=1e-6)
     np.testing.assert_allclose(result.opacities, [0.0, 1.0], atol=0.002)
     np.testing.assert_allclose(result.quaternions[0], [1.0, 0.0, 0.0, 0.0], atol=0.01)
 
@@ -150,6 +151,14 @@ def test_values_that_are_no_numbers_are_refused_or_left_out(tmp_path, field):
     np.testing.assert_array_equal(kept.means, np.delete(damaged.means, 7, axis=0))
 
 
+def test_a_file_without_a_sound_gaussian_is_refused(tmp_path):
+    damaged = cloud(3)
+    damaged.means[:] = np.nan
+    write_ply(tmp_path / "s.ply", damaged)
+    with pytest.raises(InputError, match="every Gaussian has values that are not finite numbers - export it again"):
+        read_gaussians(tmp_path / "s.ply", drop_damaged=True)
+
+
 def test_infinite_opacity_logits_become_opaque(tmp_path):
     original = cloud(3)
     original.opacity_logits[:] = (np.inf, -np.inf, 0.5)
@@ -205,6 +214,11 @@ def test_the_script_complains_in_one_line_and_leaves_everything_as_it_is(tmp_pat
         ((tmp_path / "a.ply", tmp_path / "a.ply"), "is also the input"),
         ((tmp_path / "a.ply", tmp_path / "b.ply"), "--drop-damaged"),
         ((tmp_path / "a.ply", tmp_path / "b.txt"), "not a format for Gaussians"),
+        (
+            (tmp_path / "a.ply", tmp_path / f"{'b' * 300}.ply", "--drop-damaged"),
+            "cannot be written (File name too long)",
+        ),
+        ((tmp_path / f"{'a' * 300}.ply", tmp_path / "b.ply"), "cannot be read (File name too long)"),
         ((tmp_path / "a.ply",), "see --help"),
     ):
         done = run(*arguments)
@@ -214,3 +228,20 @@ def test_the_script_complains_in_one_line_and_leaves_everything_as_it_is(tmp_pat
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     assert run(tmp_path / "a.ply", tmp_path / "b.ply", "--drop-damaged").returncode == 0
     assert len(read_gaussians(tmp_path / "b.ply")) == 2
+
+
+def test_recorded_scores_count_for_what_is_left_of_a_damaged_file(tmp_path):
+    original, scores = cloud(50), np.zeros(50, np.float32)
+    original.means[3], scores[10:] = np.nan, 1.0
+    write_ply(tmp_path / "really.splat", original, scores)
+    done = run(tmp_path / "really.splat", tmp_path / "b.ply", "--drop-damaged", "--clean", "0.5")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "40 floaters" in done.stdout
+    np.testing.assert_array_equal(read_gaussians(tmp_path / "b.ply").means, np.delete(original.means[:10], 3, axis=0))
+
+
+def test_a_file_with_the_ending_of_another_format_is_cleaned(tmp_path):
+    write_gaussians(tmp_path / "a.spz", cloud(50))
+    (tmp_path / "a.spz").rename(tmp_path / "a.ply")
+    done = run(tmp_path / "a.ply", tmp_path / "b.ply", "--clean", "0.5")
+    assert (done.returncode, done.stderr) == (0, "")

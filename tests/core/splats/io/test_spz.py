@@ -130,6 +130,23 @@ def test_a_scene_too_far_out_is_refused_and_nothing_is_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("longest", [-12.5, 6.5, -np.inf])
+def test_units_in_which_sizes_do_not_fit_are_refused_and_nothing_is_written(tmp_path, longest):
+    scene = waves(300, 0)
+    scene.log_scales[:4] = longest
+    with pytest.raises(InputError, match=r"4 of 300 Gaussians are smaller than 4.5e-05 or larger than 379 units"):
+        write_spz(tmp_path / "s.spz", scene)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_few_sizes_beyond_the_range_and_flat_gaussians_are_clipped(tmp_path):
+    scene = waves(300, 0)
+    scene.log_scales[:, 1] = -30.0
+    scene.log_scales[:3] = ((-12.5,) * 3, (6.5,) * 3, (-1.0,) * 3)
+    write_spz(tmp_path / "s.spz", scene)
+    np.testing.assert_array_equal(read_spz(tmp_path / "s.spz").log_scales[:3, 0], (-10.0, 5.9375, -1.0))
+
+
 def gzip_of(version: int = 3, count: int = 3, degree: int = 0, bits: int = 12, body: bytes = bytes(60)) -> bytes:
     return gzip.compress(struct.pack("<4sIIBBBB", b"NGSP", version, count, degree, bits, 0, 0) + body, mtime=0)
 
