@@ -83,6 +83,7 @@ def read_capture(
     cameras: str = AUTO,
     reporter: Reporter | None = None,
     tag_side: float | None = None,
+    keep_order: bool = False,
 ) -> Capture:
     """Read a capture: photographs with a COLMAP model or a transforms.json, or photographs and videos alone.
 
@@ -95,6 +96,7 @@ def read_capture(
             anything else is the path of a COLMAP model's folder or a transforms.json.
         reporter: told of progress and of every warning.
         tag_side: of printed tags that the photographs show, in metres; the capture then has its `metres_per_unit`.
+        keep_order: leave the views in the order in which the camera file lists them.
 
     Raises:
         InputError: nothing usable is there, or something in it is damaged; or no tag gives a scale.
@@ -104,7 +106,7 @@ def read_capture(
         raise InputError(f"{max_size} pixels are too few", where="--max-size", remedy=f"give at least {MIN_SIDE}")
     reporter.status(STAGE, f"reading the cameras of {folder.name}")
     with unpacked(folder, reporter) as opened, _source_model(opened, cameras, reporter, max_size) as model:
-        plans = plan_views(model, max_size)
+        plans = plan_views(model, max_size, keep_order=keep_order)
         reporter.status(STAGE, f"reading {len(plans)} photographs")
         views = usable_views(read_views(plans, reporter), model)
         metres = None if tag_side is None else metres_per_unit(_large_views(model, reporter), tag_side, folder)
