@@ -7,9 +7,9 @@ import os
 import shutil
 import struct
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from statistics import median
 
@@ -32,6 +32,8 @@ from .files import FOREIGN_EXTENSIONS, FRAMES_FILE, SPLAT_EXTENSION, list_images
 from .images import read_pixels
 from .masks import FoundMasks, find_masks
 from .model import MIN_VIEWS, CaptureWarning
+
+Renaming = Callable[[str], str]
 
 STAGE = "capture"
 _QUALITY = 98
@@ -74,31 +76,42 @@ class Photographs:
 
 
 @contextmanager
-def unpacked(path: Path, reporter: Reporter | None = None) -> Iterator[Path]:
-    """`path`, or while it is needed the folder that a zip was unpacked into.
+def unpacked(path: Path, reporter: Reporter | None = None) -> Iterator[tuple[Path, Renaming]]:
+    """`path`, or while it is needed the folder that a zip was unpacked into; and how texts name `path` instead.
 
     Raises:
         InputError: the zip cannot be used.
     """
     if not (is_archive(path) and is_file(path)):
-        yield path
+        yield path, str
         return
     reporter = reporter or Reporter()
     reporter.status(STAGE, f"unpacking {path.name}")
-    with tempfile.TemporaryDirectory(prefix="cvdgs-zip-") as folder, named_after(path, folder):
-        yield unpack(path, Path(folder), lambda share: reporter.progress(STAGE, share, "unpacking"))
+    with tempfile.TemporaryDirectory(prefix="cvdgs-zip-") as folder, named_after(path, folder) as rename:
+        yield unpack(path, Path(folder), lambda share: reporter.progress(STAGE, share, "unpacking")), rename
 
 
 @contextmanager
-def named_after(path: Path, temporary: str) -> Iterator[None]:
-    """Refusals of what lies in the folder `temporary`, which is gone when the user reads them, name `path` instead."""
+def named_after(path: Path, temporary: str) -> Iterator[Renaming]:
+    """Refusals of what lies in the folder `temporary`, which is gone when the user reads them, name `path` instead.
+
+    Gives what does the same to other texts.
+    """
+
+    def rename(text: str) -> str:
+        return text.replace(temporary, str(path))
+
     try:
-        yield
+        yield rename
     except InputError as error:
         if temporary not in error.where and temporary not in error.what:
             raise
-        what, where = (text.replace(temporary, str(path)) for text in (error.what, error.where))
-        raise InputError(what, where=where, remedy=error.remedy) from None
+        raise InputError(rename(error.what), where=rename(error.where), remedy=error.remedy) from None
+
+
+def renamed(warnings: Iterable[CaptureWarning], rename: Renaming) -> tuple[CaptureWarning, ...]:
+    """The same warnings about what the user gave."""
+    return tuple(replace(warning, message=rename(warning.message)) for warning in warnings)
 
 
 def find_material(path: Path) -> Material:
