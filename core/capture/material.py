@@ -117,8 +117,8 @@ def renamed(warnings: Iterable[CaptureWarning], rename: Renaming) -> tuple[Captu
 def find_material(path: Path) -> Material:
     """What is in a folder, or a video alone.
 
-    Photographs in the folder ``images`` of a capture are taken alone, so masks, depths or smaller copies beside it do
-    not take part; videos are found everywhere.
+    Photographs in the folder ``images`` of a capture, where it holds any, are taken alone, so masks, depths or smaller
+    copies beside it do not take part; videos are found everywhere.
 
     Raises:
         InputError: there is nothing, or a name is unusable or a link out of the folder.
@@ -128,8 +128,9 @@ def find_material(path: Path) -> Material:
             return Material(path.parent, (), (path.name,))
         raise InputError("is one file, and no video or zip", where=path, remedy="give the folder with the photographs")
     videos = list_images(path, VIDEO_EXTENSIONS)
-    inside = next((name for name in IMAGE_FOLDERS if (path / name).is_dir()), "")
-    names = [f"{inside}/{name}" if inside else name for name in list_images(path / inside)]
+    folders = [f"{name}/" for name in IMAGE_FOLDERS if (path / name).is_dir()]
+    listings = ([f"{folder}{name}" for name in list_images(path / folder)] for folder in (*folders, ""))
+    names = next(filter(None, listings), [])
     names = [name for name in names if not name.startswith(f"{MASKS_FOLDER}/")]
     pictures = [name for name in names if not _DEPTH_FOLDERS & set(PurePosixPath(name.lower()).parent.parts)]
     depths = len(names) - len(pictures) if pictures or videos else 0
