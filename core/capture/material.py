@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..files.untrusted import is_file
 from ..intake.archive import unpack
 from ..intake.heif import HeifHeader, read_heif_header
-from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file, video_with_wrong_name
+from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file, video_as_photograph
 from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 from ..intake.raw import Development
@@ -170,7 +170,7 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter, si
     """
     kinds = {name: kind_of_file(material.folder / name) for name in material.photographs}
     if videos := [name for name, kind in kinds.items() if kind == "video"]:
-        raise video_with_wrong_name(material.folder / videos[0])
+        raise video_as_photograph(material.folder / videos[0])
     if not material.videos and not any(kind in _CONVERTED for kind in kinds.values()):
         folder, names = common_folder(material)
         originals = dict(zip(names, material.photographs, strict=True))
