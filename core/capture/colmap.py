@@ -79,7 +79,7 @@ def read_colmap(found: ColmapFolder, reporter: Reporter | None = None, *, adjust
         model.warn(
             "several-models", f"{found.model}: the largest of {len(found.others) + 1} models is used, not {names}"
         )
-    check_cameras(read, found.model)
+    _check_model(read, found.model)  # before the adjustment, which ends the process at a pose that is none
     if adjusted and may_share_lens(read) and (lens := share_lens(read)) and lens.views:
         model.warn("shared-lens", describe(lens, found.model))
         read = lens.model
@@ -90,8 +90,7 @@ def read_colmap(found: ColmapFolder, reporter: Reporter | None = None, *, adjust
 def add_model(model: SourceModel, read: ColmapModel, image_folder: Path, root: Path) -> None:
     """Add the images of `read` whose files exist below `image_folder`, inside `root`, and its points."""
     images = read.images
-    _refuse_repeated_names([image.name for image in images], model.file)
-    check_cameras(read, model.file)
+    _check_model(read, model.file)
     spelling = Spelling(image.name for image in images)
     missing = []
     reshaped = []
@@ -208,10 +207,13 @@ def _image_folder(found: ColmapFolder, read: ColmapModel) -> Path:
     return next(folder for folder in usual if folder.is_dir())
 
 
-def check_cameras(read: ColmapModel, where: Path) -> None:
-    """`check_camera` for every camera of a model."""
+def _check_model(read: ColmapModel, where: Path) -> None:
+    """Refuse a model with a camera or a pose that cannot be, or with two images of one name."""
     for number, camera in read.cameras.items():
         check_camera(camera, frame=f"camera {number}", where=where)
+    for image in read.images:
+        rigid_pose(image.world_to_camera, frame=image.name, where=where)
+    _refuse_repeated_names([image.name for image in read.images], where)
 
 
 def check_camera(camera: pycolmap.Camera, *, frame: str, where: Path) -> None:

@@ -16,7 +16,7 @@ from ..color.profiles import can_convert, convert_to_srgb
 from ..errors import InputError
 from ..files.untrusted import opened
 from ..intake.heif import read_heif, read_heif_header, taken_with
-from ..intake.kinds import kind_of, video_with_wrong_name
+from ..intake.kinds import kind_of, video_as_photograph
 from ..intake.raw import Development, read_raw, read_raw_header
 
 # Above every camera on sale (the largest sensors have 151 MP, 14,204 px a side), and 600 MB when decoded.
@@ -132,7 +132,7 @@ def _kind(path: Path) -> str:
     with opened(path, most_bytes=MAX_FILE_BYTES, remedy=_COPY_AGAIN) as content:
         kind = kind_of(content.read(_SIGNATURE_BYTES), path.name)
     if kind == "video":
-        raise video_with_wrong_name(path)
+        raise video_as_photograph(path)
     return kind
 
 

@@ -7,9 +7,9 @@ import os
 import shutil
 import struct
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from statistics import median
 
@@ -19,7 +19,7 @@ from ..errors import InputError
 from ..files.untrusted import is_file
 from ..intake.archive import unpack
 from ..intake.heif import HeifHeader, read_heif_header
-from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file, video_with_wrong_name
+from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file, video_as_photograph
 from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 from ..intake.raw import Development
@@ -32,6 +32,8 @@ from .files import FOREIGN_EXTENSIONS, FRAMES_FILE, SPLAT_EXTENSION, list_images
 from .images import read_pixels
 from .masks import FoundMasks, find_masks
 from .model import MIN_VIEWS, CaptureWarning
+
+Renaming = Callable[[str], str]
 
 STAGE = "capture"
 _QUALITY = 98
@@ -74,38 +76,49 @@ class Photographs:
 
 
 @contextmanager
-def unpacked(path: Path, reporter: Reporter | None = None) -> Iterator[Path]:
-    """`path`, or while it is needed the folder that a zip was unpacked into.
+def unpacked(path: Path, reporter: Reporter | None = None) -> Iterator[tuple[Path, Renaming]]:
+    """`path`, or while it is needed the folder that a zip was unpacked into; and how texts name `path` instead.
 
     Raises:
         InputError: the zip cannot be used.
     """
     if not (is_archive(path) and is_file(path)):
-        yield path
+        yield path, str
         return
     reporter = reporter or Reporter()
     reporter.status(STAGE, f"unpacking {path.name}")
-    with tempfile.TemporaryDirectory(prefix="cvdgs-zip-") as folder, named_after(path, folder):
-        yield unpack(path, Path(folder), lambda share: reporter.progress(STAGE, share, "unpacking"))
+    with tempfile.TemporaryDirectory(prefix="cvdgs-zip-") as folder, named_after(path, folder) as rename:
+        yield unpack(path, Path(folder), lambda share: reporter.progress(STAGE, share, "unpacking")), rename
 
 
 @contextmanager
-def named_after(path: Path, temporary: str) -> Iterator[None]:
-    """Refusals of what lies in the folder `temporary`, which is gone when the user reads them, name `path` instead."""
+def named_after(path: Path, temporary: str) -> Iterator[Renaming]:
+    """Refusals of what lies in the folder `temporary`, which is gone when the user reads them, name `path` instead.
+
+    Gives what does the same to other texts.
+    """
+
+    def rename(text: str) -> str:
+        return text.replace(temporary, str(path))
+
     try:
-        yield
+        yield rename
     except InputError as error:
         if temporary not in error.where and temporary not in error.what:
             raise
-        what, where = (text.replace(temporary, str(path)) for text in (error.what, error.where))
-        raise InputError(what, where=where, remedy=error.remedy) from None
+        raise InputError(rename(error.what), where=rename(error.where), remedy=error.remedy) from None
+
+
+def renamed(warnings: Iterable[CaptureWarning], rename: Renaming) -> tuple[CaptureWarning, ...]:
+    """The same warnings about what the user gave."""
+    return tuple(replace(warning, message=rename(warning.message)) for warning in warnings)
 
 
 def find_material(path: Path) -> Material:
     """What is in a folder, or a video alone.
 
-    Photographs in the folder ``images`` of a capture are taken alone, so masks, depths or smaller copies beside it do
-    not take part; videos are found everywhere.
+    Photographs in the folder ``images`` of a capture, where it holds any, are taken alone, so masks, depths or smaller
+    copies beside it do not take part; videos are found everywhere.
 
     Raises:
         InputError: there is nothing, or a name is unusable or a link out of the folder.
@@ -115,8 +128,9 @@ def find_material(path: Path) -> Material:
             return Material(path.parent, (), (path.name,))
         raise InputError("is one file, and no video or zip", where=path, remedy="give the folder with the photographs")
     videos = list_images(path, VIDEO_EXTENSIONS)
-    inside = next((name for name in IMAGE_FOLDERS if (path / name).is_dir()), "")
-    names = [f"{inside}/{name}" if inside else name for name in list_images(path / inside)]
+    folders = [f"{name}/" for name in IMAGE_FOLDERS if (path / name).is_dir()]
+    listings = ([f"{folder}{name}" for name in list_images(path / folder)] for folder in (*folders, ""))
+    names = next(filter(None, listings), [])
     names = [name for name in names if not name.startswith(f"{MASKS_FOLDER}/")]
     pictures = [name for name in names if not _DEPTH_FOLDERS & set(PurePosixPath(name.lower()).parent.parts)]
     depths = len(names) - len(pictures) if pictures or videos else 0
@@ -156,7 +170,7 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter, si
     """
     kinds = {name: kind_of_file(material.folder / name) for name in material.photographs}
     if videos := [name for name, kind in kinds.items() if kind == "video"]:
-        raise video_with_wrong_name(material.folder / videos[0])
+        raise video_as_photograph(material.folder / videos[0])
     if not material.videos and not any(kind in _CONVERTED for kind in kinds.values()):
         folder, names = common_folder(material)
         originals = dict(zip(names, material.photographs, strict=True))

@@ -25,7 +25,17 @@ from .colmap import find_colmap, read_colmap
 from .foreign import find_foreign_cameras
 from .images import MIN_SIDE, read_header, read_pixels
 from .masks import find_masks, usable_views, warn_about_unused
-from .material import Material, describe, find_material, make_photographs, masks_of, named_after, unpacked, way_round
+from .material import (
+    Material,
+    describe,
+    find_material,
+    make_photographs,
+    masks_of,
+    named_after,
+    renamed,
+    unpacked,
+    way_round,
+)
 from .model import MIN_VIEWS, Capture, CaptureSummary, CaptureWarning, View
 from .scaling import downscale_with_alpha, fit_size
 from .sfm import estimate_cameras
@@ -54,8 +64,9 @@ def inspect_capture(folder: str | Path, *, cameras: str = AUTO, reporter: Report
         InputError: as `read_capture`, except for damage to pixels.
     """
     given = Path(folder)
-    with unpacked(given, reporter) as folder:
-        return replace(_inspect(folder, cameras, reporter), source=given)
+    with unpacked(given, reporter) as (folder, rename):
+        found = _inspect(folder, cameras, reporter)
+        return replace(found, source=given, warnings=renamed(found.warnings, rename))
 
 
 def _inspect(folder: Path, cameras: str, reporter: Reporter | None) -> CaptureSummary:
@@ -83,6 +94,7 @@ def read_capture(
     cameras: str = AUTO,
     reporter: Reporter | None = None,
     tag_side: float | None = None,
+    keep_order: bool = False,
 ) -> Capture:
     """Read a capture: photographs with a COLMAP model or a transforms.json, or photographs and videos alone.
 
@@ -95,6 +107,7 @@ def read_capture(
             anything else is the path of a COLMAP model's folder or a transforms.json.
         reporter: told of progress and of every warning.
         tag_side: of printed tags that the photographs show, in metres; the capture then has its `metres_per_unit`.
+        keep_order: leave the views in the order in which the camera file lists them.
 
     Raises:
         InputError: nothing usable is there, or something in it is damaged; or no tag gives a scale.
@@ -103,17 +116,20 @@ def read_capture(
     if max_size is not None and max_size < MIN_SIDE:
         raise InputError(f"{max_size} pixels are too few", where="--max-size", remedy=f"give at least {MIN_SIDE}")
     reporter.status(STAGE, f"reading the cameras of {folder.name}")
-    with unpacked(folder, reporter) as opened, _source_model(opened, cameras, reporter, max_size) as model:
-        plans = plan_views(model, max_size)
+    with (
+        unpacked(folder, reporter) as (opened, rename),
+        _source_model(opened, cameras, reporter, max_size) as model,
+    ):
+        plans = plan_views(model, max_size, keep_order=keep_order)
         reporter.status(STAGE, f"reading {len(plans)} photographs")
         views = usable_views(read_views(plans, reporter), model)
         metres = None if tag_side is None else metres_per_unit(_large_views(model, reporter), tag_side, folder)
     _drop_unusable_points(model)
     _warn_about_cameras(model)
     _warn_about_alpha(model, views)
-    for warning in model.warnings:
+    warnings = renamed(model.warnings, rename)
+    for warning in warnings:
         reporter.warning(warning.name, warning.message)
-    warnings = tuple(model.warnings)
     up = find_up([view.world_to_camera for view in views], model.points)
     capture = Capture(
         folder, model.format, tuple(views), model.points, model.point_colors, warnings, model.estimate, up, metres
@@ -146,7 +162,7 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter, max_size: int 
     with ExitStack() as stack:
         temporary = stack.enter_context(tempfile.TemporaryDirectory(prefix="cvdgs-sfm-"))
         workspace, extracted = Path(temporary, "estimation"), Path(temporary, "photographs")
-        stack.enter_context(named_after(folder, str(extracted)))
+        rename = stack.enter_context(named_after(folder, str(extracted)))
         workspace.mkdir()
         extracted.mkdir()
         photographs = make_photographs(material, extracted, reporter, max_size)
@@ -160,10 +176,7 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter, max_size: int 
         model.views = [replace(view, time=photographs.times.get(view.name)) for view in model.views]
         if photographs.folder != extracted:  # converted ones lie elsewhere
             _add_again(model, folder)
-        told = (
-            replace(warning, message=warning.message.replace(str(extracted), str(folder))) for warning in model.warnings
-        )
-        model.warnings = [*photographs.warnings, *told]
+        model.warnings = [*photographs.warnings, *renamed(model.warnings, rename)]
         yield model
 
 
@@ -339,7 +352,7 @@ def write_thumbnails(capture: Path, folder: Path, *, count: int, size: int, came
         OSError: the folder cannot be written.
     """
     paths = []
-    with unpacked(capture) as opened:
+    with unpacked(capture) as (opened, _):
         for number, (image, alpha) in enumerate(islice(_pictures(opened, cameras, count), count)):
             width, height = fit_size(image.shape[1], image.shape[0], size)
             image, alpha = downscale_with_alpha(image, alpha, width, height)

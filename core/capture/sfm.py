@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import queue
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..bootstrap import ROOT
 from ..errors import InputError
+from ..runtime.devices import AFTER_KILLED, WHY_KILLED
 from ..runtime.progress import format_seconds
 from ..runtime.protocol import Reporter
 from .colmap import add_model
@@ -42,6 +45,7 @@ _MORE = "more "  # before the name of a step that is done again with more effort
 # Of the time of an estimation on two cores, when what its steps begin with is enough.
 _SHARES = {"reading": 0.05, "features": 0.25, "matching": 0.5, "mapping": 0.2}
 _TELLING_SHARE = 0.1  # of it, from which the time left is told
+_FULL_DISK = 1 << 20  # bytes that are left of one that is full
 _TABLES = {"features": "keypoints", "matching": "two_view_geometries"}
 
 
@@ -67,7 +71,8 @@ def estimate_cameras(
         root: the capture folder, in which a `FRAMES_FILE` may also lie beside `folder`.
 
     Raises:
-        InputError: the photographs do not overlap enough.
+        InputError: the photographs do not overlap enough, or the machine lacks memory or space.
+        OSError: the disk is full.
         RuntimeError: pycolmap ended unexpectedly.
     """
     settings = settings or SfmSettings()
@@ -194,8 +199,7 @@ class _Watch:
                 self._look_at_database()
             else:
                 if message is None:
-                    code = self._process.wait()
-                    raise RuntimeError(f"pycolmap ended unexpectedly during {self._step or 'its start'} (exit {code})")
+                    raise self._fault(self._process.wait())
                 if isinstance(message, dict) and REFUSAL in message:
                     what, where, remedy = message[REFUSAL]
                     raise InputError(what, where=where, remedy=remedy)
@@ -203,6 +207,16 @@ class _Watch:
                     return Placed(**message)
                 self._receive(message)
             self._report()
+
+    def _fault(self, code: int) -> Exception:
+        """Why the process ended without a word, by its exit code (negative: by a signal)."""
+        during = self._step or "its start"
+        if code == -9:  # SIGKILL, a name that Windows does not have
+            return InputError(f"pycolmap was killed during {during}, {WHY_KILLED}", remedy=AFTER_KILLED)
+        # It aborts where its database cannot be written, and does not say why.
+        if shutil.disk_usage(self._workspace).free < _FULL_DISK:
+            return OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(self._workspace))
+        return RuntimeError(f"pycolmap ended unexpectedly during {during} (exit {code})")
 
     def _look_at_database(self) -> None:
         if self._step in _TABLES:

@@ -11,6 +11,7 @@ import os
 import shutil
 import signal
 import sys
+import traceback
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from typing import Any
 import pycolmap
 
 from ..errors import InputError
+from ..runtime.devices import explain_fault
 from ..runtime.process import follow_parent
 from .sfm_images import EVEN, MASKS, PLAIN, copy_name, copy_photographs, even_out, index_of
 from .sfm_job import DATABASE, REFUSAL, RESULT, Placed, SfmJob, SfmSettings
@@ -40,6 +42,12 @@ def main() -> None:
         _estimate(job)
     except InputError as refusal:  # a photograph whose pixels are damaged
         _tell({REFUSAL: [refusal.what, refusal.where, refusal.remedy]})
+    except Exception as error:
+        explanation = explain_fault(error)
+        if not explanation:
+            raise
+        traceback.print_exc()
+        _tell({REFUSAL: [explanation, "", ""]})
 
 
 def _end_alone(workspace: Path) -> None:

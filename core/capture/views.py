@@ -81,15 +81,23 @@ def find_again(capture: Path, photographs: Mapping[str, Path]) -> dict[str, Path
     return found
 
 
-def plan_views(model: SourceModel, max_size: int | None) -> list[ViewPlan]:
-    """Decide orientation, size and key of every view, in natural order of the names; reads image headers alone.
+def plan_views(model: SourceModel, max_size: int | None, *, keep_order: bool = False) -> list[ViewPlan]:
+    """Decide orientation, size and key of every view; reads image headers alone.
+
+    They are in natural order of the files that `write_capture` makes of them, so what it wrote has the same order. That
+    is nearly always the order of the names.
+
+    Args:
+        keep_order: leave them in the order of the model instead.
 
     Raises:
         InputError: an image's size is beyond the limits or does not fit its camera.
     """
-    sources = sorted(model.views, key=lambda view: natural_key(view.name))
+    sources = model.views if keep_order else sorted(model.views, key=lambda view: natural_key(view.name))
     keys = make_keys([view.name for view in sources])
     plans = [_plan_view(key, view, max_size) for key, view in zip(keys, sources, strict=True)]
+    if not keep_order:
+        plans.sort(key=lambda plan: natural_key(f"{plan.key}.png"))
     rotated = sum((plan.upright or plan.turned) and plan.header.orientation != 1 for plan in plans)
     if rotated:
         model.warn("exif-rotated", f"{model.file}: {rotated} photographs are rotated upright as their EXIF data says")

@@ -1,4 +1,4 @@
-"""8-bit PNG and JPEG files of the pipeline's own images, through OpenImageIO."""
+"""8-bit PNG and JPEG files of the pipeline's own images."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
+from PIL import Image
 
 _PNG_END = b"\0\0\0\0IEND\xae\x42\x60\x82"  # the last chunk: length, type, checksum
 _COMPRESSION = 4  # of zlib's 9; half the time of the default for 3 % more bytes
@@ -36,7 +37,10 @@ def write_png(path: Path, image: NDArray, alpha: NDArray[np.uint8] | None = None
     specification.attribute("oiio:ColorSpace", "sRGB")
     specification.attribute("oiio:UnassociatedAlpha", 1)
     specification.attribute("png:compressionLevel", _COMPRESSION)
-    _write("png", path, specification, pixels)
+    output = oiio.ImageOutput.create("png")
+    written = output.open(str(path), specification) and output.write_image(np.ascontiguousarray(pixels))
+    if not (output.close() and written):
+        raise OSError(errno.EIO, output.geterror() or "the image could not be written", str(path))
     # OpenImageIO reports nothing when the disk is full; the file then lacks its end.
     if not _ends_with(path, _PNG_END):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
@@ -52,17 +56,8 @@ def write_jpeg(path: Path, image: NDArray[np.uint8], quality: int, *, full_chrom
     Raises:
         OSError: it could not be written.
     """
-    specification = oiio.ImageSpec(image.shape[1], image.shape[0], 3, oiio.UINT8)
-    specification.attribute("Compression", f"jpeg:{quality}")
-    specification.attribute("jpeg:subsampling", "4:4:4" if full_chroma else "4:2:0")
-    _write("jpeg", path, specification, image)
-
-
-def _write(kind: str, path: Path, specification: oiio.ImageSpec, pixels: NDArray[np.uint8]) -> None:
-    output = oiio.ImageOutput.create(kind)
-    written = output.open(str(path), specification) and output.write_image(np.ascontiguousarray(pixels))
-    if not (output.close() and written):
-        raise OSError(errno.EIO, output.geterror() or "the image could not be written", str(path))
+    # OpenImageIO's libjpeg ends the whole process when the disk is full; what Pillow writes is the same otherwise.
+    Image.fromarray(image).save(path, "JPEG", quality=quality, subsampling="4:4:4" if full_chroma else "4:2:0")
 
 
 def _ends_with(path: Path, ending: bytes) -> bool:

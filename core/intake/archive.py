@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import lzma
+import os
 import shutil
 import stat
+import unicodedata
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -19,8 +21,11 @@ MAX_RATIO = 50
 _LEAST_FREE_BYTES = 1 << 30  # that stay free on the disk
 _BLOCK = 1 << 20
 _ENCRYPTED = 0x1
-_HIDDEN = (".", "__MACOSX")
+_HIDDEN = (".", "__MACOSX", "Icon\r")  # the last is the picture that a folder has in macOS
+_UNUSABLE = ("Cc", "Cs")  # Unicode's categories of control characters and of halves of characters
+_RESERVED = ':*?"<>|' if os.name == "nt" else ""
 _PACK_AGAIN = "pack the folder of photographs again, as a plain zip"
+_RENAME = "rename the file, and pack the folder again"
 
 
 def unpack(archive: Path, folder: Path, progress: Callable[[float], None] = lambda _: None) -> Path:
@@ -61,13 +66,15 @@ def _usable(opened: zipfile.ZipFile, archive: Path) -> list[zipfile.ZipInfo]:
     for info in infos:
         name = info.filename.replace("\\", "/")
         path = PurePosixPath(name)
-        if not name or path.is_absolute() or ".." in path.parts or ":" in name or not name.isprintable():
+        if not name or path.is_absolute() or ".." in path.parts or name[1:3] == ":/":
             raise _refusal(archive, f"the zip has a file with the path {name[:80]!r}")
         mode = info.external_attr >> 16
         if stat.S_IFMT(mode) not in (0, stat.S_IFREG, stat.S_IFDIR):
             raise _refusal(archive, f"the zip has a link or a device, {name[:80]!r}")
         if info.is_dir() or any(part.startswith(_HIDDEN) for part in path.parts):
             continue
+        if any(unicodedata.category(character) in _UNUSABLE or character in _RESERVED for character in name):
+            raise _refusal(archive, f"the zip has a file with the unusable name {name[:80]!r}", _RENAME)
         if info.flag_bits & _ENCRYPTED:
             raise _refusal(archive, "the zip is encrypted", "unpack it, and give the folder")
         if path.as_posix().lower() in places:

@@ -52,8 +52,10 @@ def kind_of_file(path: Path) -> str:
         return kind_of(file.read(_START_BYTES), path.name)
 
 
-def video_with_wrong_name(path: Path) -> InputError:
-    """The refusal of a video that is called like a photograph."""
+def video_as_photograph(path: Path) -> InputError:
+    """The refusal of a video where a photograph is needed, which is often called like one."""
+    if is_video(path):
+        return InputError("is a video, not a photograph", where=path, remedy="give photographs, or its frames as JPEG")
     return InputError("is a video with a photograph's name", where=path, remedy="name it .mp4, or remove it")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,8 @@ class EarlierRun:
         except (ValueError, KeyError, TypeError) as error:
             what = f"the report of the finished run is damaged{explained(error)}"
             raise InputError(what, where=out, remedy=_NEW_RUN) from None
-        capture = read_capture(folder / CAPTURE_FOLDER, max_size=None)
+        # Its order decides which views are held out, and earlier versions wrote another one than `read_capture` has.
+        capture = read_capture(folder / CAPTURE_FOLDER, max_size=None, keep_order=True)
         layers = frozenset(name for name in report["layers"] if is_file(folder / layer_gaussians_file(name)))
         return cls(out, report, settings, capture, read_ply(folder / GAUSSIANS_FILE), layers)
 
@@ -179,7 +181,7 @@ def _compare(
 ) -> None:
     """Views called in `moving` have masks of the run's own beside those that were given."""
     _require(len(given) == len(used), f"{len(given)} views, the finished run has {len(used)}", folder)
-    for new, old in zip(given, used, strict=True):
+    for new, old in zip(*(sorted(views, key=attrgetter("key")) for views in (given, used)), strict=True):
         _require(new.key == old.key, f"view '{new.key}' where the finished run has '{old.key}'", folder)
         sizes = [f"{view.camera.width}x{view.camera.height}" for view in (new, old)]
         _require(sizes[0] == sizes[1], f"view '{new.key}' is {sizes[0]}, in the finished run {sizes[1]}", folder)

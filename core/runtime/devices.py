@@ -56,6 +56,9 @@ _NO_MEMORY = re.compile(
 )
 _ON_GRAPHICS_CARD = re.compile(r"cuda", re.IGNORECASE)
 _CUDA_FAILED = re.compile(r"cuda ?error|cuda driver", re.IGNORECASE)
+WHY_KILLED = "most likely because the machine ran out of memory"
+AFTER_KILLED = "close other programs or give a smaller --max-size, then run again"
+"""Of a process that something else ended by force: the reason, and what to do."""
 _OURS = __name__.partition(".")[0] + "."  # what the names of our modules start with
 
 

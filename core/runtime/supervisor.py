@@ -13,6 +13,7 @@ from typing import TextIO
 
 from ..errors import Cancelled, InputError
 from ..runs.folder import RunFolder
+from .devices import AFTER_KILLED, WHY_KILLED
 from .process import Event, Job
 from .progress import RunProgress, format_seconds
 from .protocol import EXIT_CANCELLED, EXIT_DEFECT, EXIT_DONE, EXIT_INPUT
@@ -174,8 +175,7 @@ def _end_without_result(code: int, during: str) -> WorkerDefect:
         return WorkerDefect(f"the worker ended with exit code {code}{during}")
     name = _signal_name(-code)
     if name == "SIGKILL":
-        why = "most likely because the machine ran out of memory - close other programs or give a smaller --max-size"
-        return WorkerKilled(f"the worker was killed{during}, {why}, then run again")
+        return WorkerKilled(f"the worker was killed{during}, {WHY_KILLED} - {AFTER_KILLED}")
     if name in _FROM_OUTSIDE:
         return WorkerKilled(f"the worker was ended by another program ({name}){during} - run again")
     return WorkerDefect(f"the worker was ended by signal {-code} ({name}){during}")

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import os
 import subprocess
 import sys
 import zlib
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +23,7 @@ from cvdgs.core.capture.scaling import downscale_with_alpha, fit_size
 from cvdgs.core.capture.views import find_again
 from cvdgs.core.color.profiles import DISPLAY_P3
 from cvdgs.core.errors import InputError
-from cvdgs.core.files.images import write_png
+from cvdgs.core.files.images import write_jpeg, write_png
 
 from .make_captures import (
     frames,
@@ -162,12 +166,13 @@ def test_a_studios_colour_configuration_changes_nothing(tmp_path: Path, monkeypa
     assert result.stdout.strip() == "118"
 
 
-def test_full_disk_is_an_os_error() -> None:
+@pytest.mark.parametrize("write", [write_png, partial(write_jpeg, quality=90)])
+def test_full_disk_is_an_os_error(write: Callable[[Path, np.ndarray], None]) -> None:
     full = Path("/dev/full")
     if not full.exists():
         pytest.skip("needs a device that is always full")
-    with pytest.raises(OSError, match="full"):
-        write_png(full, PICTURE, None)
+    with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+        write(full, PICTURE)
 
 
 # --- orientation

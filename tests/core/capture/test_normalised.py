@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,22 @@ def test_written_capture_reads_back(capture: Capture) -> None:
             np.testing.assert_array_equal(view.smear, original.smear)
     np.testing.assert_array_equal(back.points, capture.points)
     np.testing.assert_array_equal(back.point_colors, capture.point_colors)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["IMG.jpg", "IMG (1).jpg", "IMG (2).jpg"],
+        ["cam/1.jpg", "camB/1.jpg", "cam2/1.jpg"],
+        ["10.jpg", "9.jpg", "a.b.jpg"],
+    ],
+)
+def test_views_have_the_same_order_when_they_are_read_back(tmp_path: Path, names: list[str]) -> None:
+    taken = [replace(shot, name=name) for shot, name in zip(shots(3), names, strict=True)]
+    first = read_capture(write_colmap(tmp_path / "given", taken), max_size=None)
+    write_capture(first, tmp_path / "written")
+    back = read_capture(tmp_path / "written", max_size=None)
+    assert [view.key for view in back.views] == [view.key for view in first.views]
 
 
 def test_undistorted_capture_is_a_fixed_point(tmp_path: Path) -> None:

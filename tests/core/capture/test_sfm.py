@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
+import signal
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from cvdgs.core.capture import sfm
 from cvdgs.core.capture.images import read_pixels
 from cvdgs.core.capture.reader import read_capture
-from cvdgs.core.capture.sfm import number_cameras
+from cvdgs.core.capture.sfm import estimate_cameras, number_cameras
 from cvdgs.core.capture.sfm_verdict import Frame
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import Cancelled, InputError
@@ -158,6 +165,38 @@ def test_a_photograph_that_is_cut_is_named_and_refused(tmp_path: Path) -> None:
     (tmp_path / "1.png").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(InputError, match=r"1\.png"):
         read_capture(tmp_path, max_size=None, cameras="estimate")
+
+
+def test_a_folder_that_cannot_be_written_to_is_a_fault_of_the_machine(tmp_path: Path) -> None:
+    save_noise(tmp_path, 2, 128)
+    with pytest.raises(InputError, match=r"gone.*: No such file or directory - free space or check the permissions"):
+        estimate_cameras(tmp_path, ["0.png", "1.png"], tmp_path / "gone", Reporter())
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+@pytest.mark.parametrize(
+    ("ended_by", "free", "error", "complaint"),
+    [
+        (signal.SIGKILL, 1 << 30, InputError, "killed during its start, most likely because .* memory .* run again"),
+        (signal.SIGABRT, 4096, OSError, os.strerror(errno.ENOSPC)),
+        (signal.SIGABRT, 1 << 30, RuntimeError, "ended unexpectedly during its start"),
+    ],
+)
+def test_an_estimation_that_the_machine_ended_is_told_from_a_defect(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    ended_by: signal.Signals,
+    free: int,
+    error: type[Exception],
+    complaint: str,
+) -> None:
+    save_noise(tmp_path, 2, 128)
+    program = f"import os; os.kill(os.getpid(), {int(ended_by)})"
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, encoding="utf-8")
+    monkeypatch.setattr(sfm, "_start", lambda job: process)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=free))
+    with pytest.raises(error, match=complaint):
+        estimate_cameras(tmp_path, ["0.png", "1.png"], tmp_path, Reporter())
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """One lens for views that were calibrated one by one."""
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from cvdgs.core.capture.colmap_files import ColmapModel, read_model
 from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.capture.shared_lens import may_share_lens, share_lens
+from cvdgs.core.errors import InputError
 from cvdgs.core.files.images import write_png
 
 VIEWS, POINTS = 24, 900
@@ -177,3 +179,13 @@ def test_a_capture_is_read_with_the_lens_and_told_so_but_not_looked_through_with
     assert f"all {VIEWS} views" in warning.message
     assert len({view.camera.fx for view in capture.views}) == 1
     assert "shared-lens" not in {warning.name for warning in inspect_capture(made.folder).warnings}
+
+
+def test_a_pose_that_is_none_is_refused_before_the_lens_is_fitted(tmp_path):
+    made = write_room(tmp_path, binary=False)
+    listed = made.folder / "sparse" / "0" / "images.txt"
+    damaged = re.sub(r"(?m)^(\d+)(?: \S+){4} (.* 0004\.png)$", r"\1 0 0 0 0 \2", listed.read_text())
+    listed.write_text(damaged)
+    (tmp_path / "images").mkdir()
+    with pytest.raises(InputError, match=r"the pose of 0004\.png holds NaN"):
+        read_capture(made.folder, max_size=100)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 import zipfile
 from collections.abc import Callable
@@ -30,7 +31,7 @@ def refused(path: Path, folder: Path) -> str:
 @pytest.mark.parametrize("inside", ["", "my room/"])
 def test_the_files_arrive_without_what_systems_add(tmp_path: Path, inside: str) -> None:
     files = {f"{inside}images/1.jpg": b"one", f"{inside}transforms.json": b"{}", f"{inside}.DS_Store": b"x"}
-    path = write_zip(tmp_path / "x.zip", files | {"__MACOSX/._1.jpg": b"x"})
+    path = write_zip(tmp_path / "x.zip", files | {"__MACOSX/._1.jpg": b"x", f"{inside}Icon\r": b"x"})
     (tmp_path / "out").mkdir()
     found = unpack(path, tmp_path / "out")
     names = {file.relative_to(found).as_posix() for file in found.rglob("*") if file.is_file()}
@@ -44,6 +45,26 @@ def test_paths_that_lead_out_are_refused_before_anything_is_written(tmp_path: Pa
     assert "path" in refused(path, tmp_path / "out")
     assert not list((tmp_path / "out").iterdir())
     assert not (tmp_path / "out.jpg").exists()
+
+
+@pytest.mark.parametrize("name", ["Screenshot 9.41.00\u202fAM.png", "\u3000部屋/1.jpg", "\ue000.jpg"])
+def test_names_of_any_script_are_unpacked(tmp_path: Path, name: str) -> None:
+    path = write_zip(tmp_path / "x.zip", {"images/1.jpg": b"one", name: b"two"})
+    (tmp_path / "out").mkdir()
+    assert (unpack(path, tmp_path / "out") / name).read_bytes() == b"two"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="reserved in Windows")
+def test_names_with_a_time_of_day_are_unpacked(tmp_path: Path) -> None:
+    path = write_zip(tmp_path / "x.zip", {"2024-01-01 12:30:00.png": b"one"})
+    (tmp_path / "out").mkdir()
+    assert (unpack(path, tmp_path / "out") / "2024-01-01 12:30:00.png").read_bytes() == b"one"
+
+
+def test_a_name_with_a_control_character_is_refused_with_what_to_do(tmp_path: Path) -> None:
+    path = write_zip(tmp_path / "x.zip", {"first.jpg": b"x", "a\tb.jpg": b"x"})
+    assert "'a\\tb.jpg' - rename the file" in refused(path, tmp_path / "out")
+    assert not list((tmp_path / "out").iterdir())
 
 
 def test_links_are_refused(tmp_path: Path) -> None:

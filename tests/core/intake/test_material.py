@@ -32,6 +32,15 @@ def test_plain_photographs_stay_where_they_are(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_an_empty_folder_for_images_hides_no_photographs(tmp_path: Path) -> None:
+    (tmp_path / "1.jpg").touch()
+    for name in ("images", "rgb"):
+        (tmp_path / name).mkdir()
+    assert find_material(tmp_path).photographs == ("1.jpg",)
+    (tmp_path / "rgb" / "2.jpg").touch()
+    assert find_material(tmp_path).photographs == ("rgb/2.jpg",)
+
+
 def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
     mixed, out = tmp_path / "in", tmp_path / "out"
     mixed.mkdir()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from cvdgs.core.intake.selection import choose
 from cvdgs.core.intake.video import extract, look_through, read_video_header
 from cvdgs.core.runtime.resources import peak_memory_mb
 
+from ..capture.make_captures import shots, write_transforms
 from .films import HEIGHT, RATE, WIDTH, wall, window, write_video
 from .test_archive import write_zip
 
@@ -261,6 +263,16 @@ def test_a_refusal_names_what_the_user_gave(tmp_path: Path) -> None:
             read_capture(path, max_size=None)
         assert str(error.value).startswith(str(path))
         assert "cvdgs-" not in str(error.value)
+
+
+def test_a_warning_names_what_the_user_gave(tmp_path: Path) -> None:
+    capture = write_transforms(tmp_path / "cap", shots(3))
+    (capture / "images" / "0003.png").unlink()
+    archive = Path(shutil.make_archive(str(tmp_path / "x"), "zip", tmp_path, "cap"))
+    for found in (inspect_capture(archive), read_capture(archive, max_size=None)):
+        (message,) = (warning.message for warning in found.warnings if warning.name == "missing-images")
+        assert message.startswith(f"{archive}/cap/transforms.json: 1 of 3 images are missing in {archive}/cap and")
+        assert not any("cvdgs-" in warning.message for warning in found.warnings)
 
 
 @pytest.mark.slow

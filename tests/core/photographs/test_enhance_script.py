@@ -270,6 +270,13 @@ def test_a_damaged_photograph_is_refused_or_skipped_when_asked(tmp_path: Path) -
         run(tmp_path / "other", folder, skip_unreadable=True)
 
 
+def test_a_video_in_place_of_a_photograph_is_refused_as_one(tmp_path: Path) -> None:
+    video = tmp_path / "walk.mp4"
+    video.write_bytes(b"\0\0\0\x18ftypmp42" + bytes(100))
+    with pytest.raises(InputError, match=r"walk\.mp4: is a video, not a photograph - .* or pass --skip-unreadable"):
+        run(tmp_path / "out", video)
+
+
 @pytest.mark.parametrize(
     ("options", "mentions"),
     [

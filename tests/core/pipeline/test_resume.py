@@ -151,6 +151,15 @@ def changed_capture(tmp_path, change) -> Path:
     return tmp_path / "photos"
 
 
+def test_a_run_keeps_its_own_order_of_views_and_the_capture_may_have_another(folder, tmp_path):
+    turned = changed_capture(tmp_path, lambda views: views[::-1])
+    (folder / "capture").rename(tmp_path / "photographs")
+    turned.rename(folder / "capture")
+    run = EarlierRun.read(folder, "out")
+    assert [view.key for view in run.capture.views] == ["04", "03", "02", "01", "00"]
+    run.check_photographs(tmp_path / "photographs", Reporter())
+
+
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
