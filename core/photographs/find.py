@@ -17,8 +17,9 @@ from ..capture.images import ImageHeader, read_header, read_pixels
 from ..errors import InputError
 from ..files.untrusted import is_file, is_folder, is_there
 from ..intake.raw import Development
+from ..runs.folder import refuse_foreign_files
 from ..runtime.protocol import Reporter
-from .front import earlier_files
+from .front import METRICS_NAME, SHEET_NAME, earlier_files
 
 STAGE = "read"
 _OTHER_FOLDER = "choose another folder with --out"
@@ -193,9 +194,8 @@ def _keep_foreign_files(photographs: Sequence[Photograph], out: Path) -> None:
                 where=photograph.path,
                 remedy=_OTHER_FOLDER,
             )
-        target = out / photograph.output
-        if target.exists() and _real(target) not in ours:
-            raise InputError("already exists and was not made by an earlier run", where=target, remedy=_OTHER_FOLDER)
+    targets = [out / name for name in (*(photograph.output for photograph in photographs), METRICS_NAME, SHEET_NAME)]
+    refuse_foreign_files(target for target in targets if _real(target) not in ours)
 
 
 def _describe(headers: Sequence[ImageHeader], reporter: Reporter) -> None:

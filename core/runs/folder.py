@@ -15,12 +15,13 @@ import contextlib
 import errno
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import IO
 
 from ..errors import InputError
 from . import layout
+from .report import is_run
 
 _STAGING = ".partial"
 _COMPLETE = ".complete"
@@ -32,8 +33,27 @@ _HELD = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
 
 
 def files_of_a_run(out: Path) -> list[Path]:
-    """What an earlier run of scripts/run.py may have left in `out`, whether it is there or not."""
-    return [out / name for name in layout.NAMES] + [path for p in layout.PATTERNS for path in out.glob(p)]
+    """What an earlier run of scripts/run.py may have left in `out`, whether it is there or not.
+
+    Raises:
+        InputError: something is there under such a name, but no run's report: it is the user's own.
+    """
+    files = [out / name for name in layout.NAMES] + [path for p in layout.PATTERNS for path in out.glob(p)]
+    if not is_run(out):
+        refuse_foreign_files(files)
+    return files
+
+
+def refuse_foreign_files(files: Iterable[Path]) -> None:
+    """For a folder without a sign of an earlier job: refuse to replace any of `files`.
+
+    Raises:
+        InputError: one is there.
+    """
+    found = next((path for path in files if os.path.lexists(path)), None)
+    if found is not None:
+        remedy = "choose another folder with --out, or move it away"
+        raise InputError("already exists and was not made by an earlier run", where=found, remedy=remedy)
 
 
 class RunFolder:
@@ -41,7 +61,8 @@ class RunFolder:
 
     Args:
         out: the folder; made when it is missing.
-        earlier_files: what an earlier run has left in a folder, and a new one replaces. Nothing else there is touched.
+        earlier_files: what an earlier run has left in a folder, and a new one replaces; raises InputError where it is
+            somebody else's. Nothing else there is touched.
         last: the staged file that marks the others as complete, and so is put in place after them.
 
     Attributes:
@@ -50,7 +71,7 @@ class RunFolder:
         mended: what was done about an earlier run that was killed while it put its results in place; "" if nothing.
 
     Raises (on construction):
-        InputError: the folder cannot be made or written, or another run is using it.
+        InputError: the folder cannot be made or written, another run is using it, or it holds what no run has made.
     """
 
     def __init__(
@@ -73,6 +94,7 @@ class RunFolder:
                 if path.is_symlink():  # no run makes one, and what it leads to is not ours to move or remove
                     path.unlink()
             self.mended = self._mend()
+            self._earlier_files(self.out)
             shutil.rmtree(self.staging, ignore_errors=True)
             self.staging.mkdir()
         except BaseException as error:
@@ -137,6 +159,7 @@ class RunFolder:
 
         Raises:
             OSError: that is not possible; all is as it was before.
+            InputError: likewise, because what would be replaced is not an earlier run's.
         """
         staged = self._in_order(self.staging)
         earlier = {path.name for path in (*self._earlier_files(self.out), *staged) if (self.out / path.name).exists()}

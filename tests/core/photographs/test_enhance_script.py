@@ -320,6 +320,15 @@ def test_the_users_own_files_are_never_replaced(tmp_path: Path) -> None:
     assert [path.name for path in earlier_files(tmp_path)] == ["a.png", "sheet.html", "metrics.csv"]
 
 
+@pytest.mark.parametrize("name", ["metrics.csv", "sheet.html"])
+def test_a_table_or_page_of_the_users_own_is_not_replaced(tmp_path: Path, name: str) -> None:
+    photograph = save(tmp_path / "a.png")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).write_text("picture,score\n")
+    with pytest.raises(InputError, match=rf"{name}: already exists and was not made by an earlier run"):
+        run(tmp_path / "out", photograph)
+
+
 def test_a_table_of_another_program_names_nothing_of_ours(tmp_path: Path) -> None:
     (tmp_path / "metrics.csv").write_text("picture,score\na.png,1\n")
     assert earlier_files(tmp_path) == []
