@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.files import list_images, make_keys, natural_key, quote_first
+from ..capture.files import list_images, make_keys, natural_key, quote_first, visible_files
 from ..capture.images import ImageHeader, read_header, read_pixels
 from ..errors import InputError
 from ..files.untrusted import is_file, is_folder, is_there
@@ -158,14 +158,8 @@ def _search(folder: Path, out: Path, reporter: Reporter) -> list[Path]:
 
 def _other_files(folder: Path, images: set[Path], out: Path) -> list[str]:
     """Names of the visible files below `folder`, outside `out`, that are not in `images`."""
-    names = []
-    for directory, subfolders, files in os.walk(folder):
-        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
-        paths = [Path(directory, file) for file in files if not file.startswith(".")]
-        names += [
-            path.relative_to(folder).as_posix() for path in paths if not (path in images or _is_inside(path, out))
-        ]
-    return sorted(names, key=natural_key)
+    others = [path for path in visible_files(folder) if not (path in images or _is_inside(path, out))]
+    return sorted((path.relative_to(folder).as_posix() for path in others), key=natural_key)
 
 
 def _is_inside(path: Path, folder: Path) -> bool:
