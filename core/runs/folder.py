@@ -44,6 +44,18 @@ def files_of_a_run(out: Path) -> list[Path]:
     return files
 
 
+def remove_layer(folder: Path, layer: str) -> None:
+    """Delete what the run in `folder` still has of a layer whose Gaussians were lost, before it is made again.
+
+    It may be made with other options, by which not every file is written anew: turntables, what another enhancer fitted.
+    """
+    for name in (layout.ENHANCED_FOLDER, layout.RENDERS_FOLDER, layout.TURNTABLE_FOLDER):
+        shutil.rmtree(folder / name / layer, ignore_errors=True)
+    still = f"{layout.STILLS_FOLDER}/{layer}.png"
+    for name in (layout.layer_cube_file(layer), layout.layer_network_file(layer), still):
+        (folder / name).unlink(missing_ok=True)
+
+
 def refuse_foreign_files(files: Iterable[Path]) -> None:
     """For a folder without a sign of an earlier job: refuse to replace any of `files`.
 
