@@ -47,7 +47,7 @@ def files_of_a_run(out: Path) -> list[Path]:
 def remove_layer(folder: Path, layer: str) -> None:
     """Delete what the run in `folder` still has of a layer whose Gaussians were lost, before it is made again.
 
-    It may be made with other options, by which not every file is written anew: turntables, what another enhancer fitted.
+    It may be made with other options, by which not every file is written anew: turntables, another enhancer's files.
     """
     for name in (layout.ENHANCED_FOLDER, layout.RENDERS_FOLDER, layout.TURNTABLE_FOLDER):
         shutil.rmtree(folder / name / layer, ignore_errors=True)
@@ -102,7 +102,7 @@ class RunFolder:
             self._created = [path for path in (self.out, *self.out.parents) if not path.exists()]
             self.out.mkdir(parents=True, exist_ok=True)
             self._lock = self._take_lock()
-            for path in (self.staging, self._complete, self._retired):
+            for path in (self.staging, self._complete, self._retired, self.out / layout.CHECKPOINT_FOLDER):
                 if path.is_symlink():  # no run makes one, and what it leads to is not ours to move or remove
                     path.unlink()
             self.mended = self._mend()
