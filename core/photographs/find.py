@@ -143,11 +143,12 @@ def survey(
 
 
 def _search(folder: Path, out: Path, reporter: Reporter) -> list[Path]:
-    """The images in `folder` and below, without those in `out`; warns of files that are none."""
+    """The images in `folder` and below, without those in `out` if it lies there; warns of files that are none."""
     if _real(folder) == _real(out):
         raise InputError("is the folder of photographs itself", where=out, remedy=_OTHER_FOLDER)
-    images = [path for path in (folder / name for name in list_images(folder)) if not _is_inside(path, out)]
-    others = _other_files(folder, set(images), out)
+    results = out if _is_inside(out, folder) else None
+    images = [path for path in (folder / name for name in list_images(folder)) if not _is_inside(path, results)]
+    others = _other_files(folder, set(images), results)
     if not images:
         held = f" ({quote_first(others)})" if others else ""
         raise InputError(f"this folder contains no images{held}", where=folder, remedy="name a folder of photographs")
@@ -156,14 +157,14 @@ def _search(folder: Path, out: Path, reporter: Reporter) -> list[Path]:
     return images
 
 
-def _other_files(folder: Path, images: set[Path], out: Path) -> list[str]:
-    """Names of the visible files below `folder`, outside `out`, that are not in `images`."""
-    others = [path for path in visible_files(folder) if not (path in images or _is_inside(path, out))]
+def _other_files(folder: Path, images: set[Path], results: Path | None) -> list[str]:
+    """Names of the visible files below `folder`, outside `results`, that are not in `images`."""
+    others = [path for path in visible_files(folder) if not (path in images or _is_inside(path, results))]
     return sorted((path.relative_to(folder).as_posix() for path in others), key=natural_key)
 
 
-def _is_inside(path: Path, folder: Path) -> bool:
-    return _real(path).is_relative_to(_real(folder))
+def _is_inside(path: Path, folder: Path | None) -> bool:
+    return folder is not None and _real(path).is_relative_to(_real(folder))
 
 
 def _real(path: Path) -> Path:

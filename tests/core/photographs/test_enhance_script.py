@@ -248,6 +248,13 @@ def test_results_inside_the_folder_of_photographs_are_not_read_again(tmp_path: P
         assert "not-images" not in recorder.warnings
 
 
+def test_results_may_lie_around_the_folder_of_photographs(tmp_path: Path) -> None:
+    save(tmp_path / "photos" / "a.png")
+    for _ in range(2):
+        run(tmp_path, tmp_path / "photos")
+        assert names(tmp_path) == ["a.png", "metrics.csv", "photos", "photos/a.png", "sheet.html"]
+
+
 def damaged(folder: Path) -> Path:
     """A folder with one good photograph and one that is cut in half."""
     save(folder / "good.png")
