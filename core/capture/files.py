@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
-from ..files.untrusted import is_file, is_there
+from ..files.untrusted import is_encodable, is_file, is_there
 from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS
 from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..runs.folder import files_of_a_run
@@ -126,7 +126,7 @@ def resolve_inside(folder: Path, name: str, *, where: str | Path, root: Path | N
     """
     portable = _portable(name)
     remedy = "use names relative to the capture folder and keep the images inside it"
-    if not portable.strip() or "\0" in portable or not _is_encodable(portable):
+    if not portable.strip() or "\0" in portable or not is_encodable(portable):
         raise InputError(f"the image name {name!r} is unusable", where=where, remedy=remedy)
     if _is_absolute(portable):
         raise InputError(f"the image name {name!r} is an absolute path", where=where, remedy=remedy)
@@ -153,15 +153,6 @@ def resolve_inside(folder: Path, name: str, *, where: str | Path, root: Path | N
 def shared_root(capture: Path, files: Iterable[Path]) -> Path:
     """The nearest folder that holds the capture, or what of it was given, and `files`; absolute, links unresolved."""
     return Path(os.path.commonpath([os.path.abspath(path) for path in (capture, *(file.parent for file in files))]))
-
-
-def _is_encodable(name: str) -> bool:
-    """Whether every program can be told `name`; Python's own spelling of names that are not UTF-8 is none."""
-    try:
-        name.encode("utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True
 
 
 def visible_files(folder: Path, on_error: Callable[[OSError], object] | None = None) -> Iterator[Path]:

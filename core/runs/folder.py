@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import IO
 
 from ..errors import InputError
+from ..files.untrusted import is_encodable
 from . import layout
 from .report import is_run
 
@@ -83,7 +84,8 @@ class RunFolder:
         mended: what was done about an earlier run that was killed while it put its results in place; "" if nothing.
 
     Raises (on construction):
-        InputError: the folder cannot be made or written, another run is using it, or it holds what no run has made.
+        InputError: the folder cannot be made or written, its path is not UTF-8, another run is using it, or it holds
+            what no run has made.
     """
 
     def __init__(
@@ -98,6 +100,9 @@ class RunFolder:
         self.staging = self.out / _STAGING
         self._complete, self._retired = self.out / _COMPLETE, self.out / _RETIRED
         self._lock: IO[str] | None = None
+        if not is_encodable(str(self.out)):  # what writes pictures would fail, after all the work
+            remedy = "rename the folder, or choose another one with --out"
+            raise InputError("its path is not UTF-8", where=out, remedy=remedy)
         try:
             self._created = [path for path in (self.out, *self.out.parents) if not path.exists()]
             self.out.mkdir(parents=True, exist_ok=True)

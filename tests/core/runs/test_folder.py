@@ -113,6 +113,14 @@ def test_a_folder_whose_name_is_too_long_is_refused_in_one_line(tmp_path):
         RunFolder(tmp_path / ("a" * 300))
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no name is anything but UTF-8")
+@pytest.mark.parametrize("inside", ["", "out"])
+def test_a_folder_whose_path_is_not_utf_8_is_refused_in_one_line(tmp_path, inside):
+    with pytest.raises(InputError, match=r"\\udcfcro.*: its path is not UTF-8 - rename the folder, or choose another"):
+        RunFolder(tmp_path / os.fsdecode(b"b\xfcro") / inside)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_another_job_says_what_it_replaces(tmp_path):
     (tmp_path / "report.json").write_text("of a run")
     (tmp_path / "old.png").write_text("ours")
