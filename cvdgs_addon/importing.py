@@ -15,7 +15,8 @@ import bpy
 
 from ..core.capture.folder import is_normalised
 from ..core.errors import InputError
-from ..core.runs.folder import RunFolder
+from ..core.files.untrusted import is_file
+from ..core.runs.folder import RunFolder, refuse_foreign_files
 from ..core.runs.layout import CAMERAS_FILE, CAPTURE_FOLDER, IMAGES_FOLDER, POINTS_FILE
 from ..core.runtime.process import Workers
 from ..core.runtime.supervisor import Listener, Log, all_or_nothing, finish
@@ -81,13 +82,25 @@ def _normalise(folder: str, cameras: str, workers: Workers, listen: Listener) ->
         raise InputError("no such file or folder", where=folder, remedy="choose a folder of photographs or a video")
     workers.require_python()  # before a folder is made
     out = folder_beside(folder, "Undistorted")
-    staged = RunFolder(out, lambda path: [path / name for name in _OWN_NAMES], last=CAMERAS_FILE)
+    staged = RunFolder(out, _earlier_files, last=CAMERAS_FILE)
     with all_or_nothing(staged, out, _LOG_NAME), open(staged.staging / _LOG_NAME, "w", encoding="utf-8") as file:
         log = Log(file, listen)
         request: dict[str, Any] = {"job": "normalise", "capture": folder, "cameras": cameras}
         request["folder"] = str(staged.staging)
         finish(workers.start(request, log.line), log.event)
     return Path(out)
+
+
+def _earlier_files(out: Path) -> list[Path]:
+    """What an earlier import may have left in `out`, where its log says that there was one.
+
+    Raises:
+        InputError: something is there that no import has made.
+    """
+    files = [out / name for name in _OWN_NAMES]
+    if not is_file(out / _LOG_NAME):
+        refuse_foreign_files(files)
+    return files
 
 
 def _take_over(scene_uid: int, request: ImportRequest, job: BackgroundJob) -> None:

@@ -13,6 +13,7 @@ says what), 130 cancelled, 1 a defect of ours. Needs the standard library only (
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
@@ -106,8 +107,8 @@ def run_batch(options: argparse.Namespace) -> int:
     batch = read_batch(batch_file)
     check_captures(batch, batch_file, _inspection_display(options))
     out = Path(options.out).absolute()
-    _refuse_inside(out, [item.source for item in batch.items])
     plan: Plan = make_plan(batch, out, machine.gpus)
+    _refuse_inside(plan, [item.source for item in batch.items])
     if options.dry_run:
         print_plan(plan, machine, json_events=options.json)
         return EXIT_DONE
@@ -141,11 +142,17 @@ def _inspection_display(options: argparse.Namespace) -> Listener:
     return start_display(INSPECTION, json_events=options.json)
 
 
-def _refuse_inside(out: Path, sources: list[Path]) -> None:
+def _refuse_inside(plan: Plan, sources: list[Path]) -> None:
     """Results inside of what they are made from would make that something else."""
-    for source in sources:
-        if out.is_relative_to(source):
-            raise InputError(f"is inside of {source}", where=f"--out {out}", remedy="choose another folder")
+    names = {os.path.realpath(source): source for source in sources}
+    written = {plan.out, *(plan.out / Path(output).parent for task in plan.tasks for output in task.outputs)}
+    for folder in sorted(written):
+        real = Path(os.path.realpath(folder))
+        source = next((names[str(place)] for place in (real, *real.parents) if str(place) in names), None)
+        if source is not None:
+            what = f"results would lie in {source}, which an item is made from"
+            remedy = "choose another folder, or call the item otherwise"
+            raise InputError(what, where=f"--out {plan.out}", remedy=remedy)
 
 
 def _require(condition: object, what: str) -> None:

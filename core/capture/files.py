@@ -6,14 +6,17 @@ import os
 import re
 import stat
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
-from ..files.untrusted import is_file, is_there
+from ..files.untrusted import is_encodable, is_file, is_there
 from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS
 from ..intake.panoramas import PANORAMA_EXTENSIONS
+from ..runs.folder import files_of_a_run
+from ..runs.layout import REPORT_FILE
+from ..runs.report import is_run
 
 # What is read and what telephones, cameras, scanners and renderers write.
 IMAGE_EXTENSIONS = (
@@ -123,7 +126,7 @@ def resolve_inside(folder: Path, name: str, *, where: str | Path, root: Path | N
     """
     portable = _portable(name)
     remedy = "use names relative to the capture folder and keep the images inside it"
-    if not portable.strip() or "\0" in portable or not _is_encodable(portable):
+    if not portable.strip() or "\0" in portable or not is_encodable(portable):
         raise InputError(f"the image name {name!r} is unusable", where=where, remedy=remedy)
     if _is_absolute(portable):
         raise InputError(f"the image name {name!r} is an absolute path", where=where, remedy=remedy)
@@ -152,17 +155,24 @@ def shared_root(capture: Path, files: Iterable[Path]) -> Path:
     return Path(os.path.commonpath([os.path.abspath(path) for path in (capture, *(file.parent for file in files))]))
 
 
-def _is_encodable(name: str) -> bool:
-    """Whether every program can be told `name`; Python's own spelling of names that are not UTF-8 is none."""
-    try:
-        name.encode("utf-8")
-    except UnicodeEncodeError:
-        return False
-    return True
+def visible_files(folder: Path, on_error: Callable[[OSError], object] | None = None) -> Iterator[Path]:
+    """What lies in `folder` and below it, without hidden files and folders, and without the files of a run.
+
+    A run may have been made into the folder of its photographs; what it has left there is no further photograph.
+
+    Args:
+        on_error: is given what the system says of a folder that cannot be read.
+    """
+    for directory, subfolders, files in os.walk(folder, onerror=on_error, followlinks=False):
+        made: set[str] = set()
+        if REPORT_FILE in files and is_run(Path(directory)):
+            made = {path.name for path in files_of_a_run(Path(directory))}
+        subfolders[:] = [name for name in subfolders if not name.startswith(".") and name not in made]
+        yield from (Path(directory, name) for name in files if not name.startswith(".") and name not in made)
 
 
 def list_images(folder: Path, extensions: Collection[str] = IMAGE_EXTENSIONS) -> list[str]:
-    """Names, relative to `folder` with ``/`` and in natural order, of the image files in it and below it.
+    """Names, relative to `folder` with ``/`` and in natural order, of the image files among its `visible_files`.
 
     Args:
         extensions: in lower case; those of other files, to list these instead.
@@ -176,14 +186,8 @@ def list_images(folder: Path, extensions: Collection[str] = IMAGE_EXTENSIONS) ->
             remedy = "check the path and its permissions"
             raise InputError(f"cannot be read ({error.strerror})", where=folder, remedy=remedy)
 
-    names = []
-    for directory, subfolders, files in os.walk(folder, onerror=refuse, followlinks=False):
-        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
-        for file in files:
-            path = Path(directory, file)
-            if path.suffix.lower() in extensions and not file.startswith(".") and is_file(path):
-                names.append(path.relative_to(folder).as_posix())
-    return sorted(names, key=natural_key)
+    paths = [path for path in visible_files(folder, refuse) if path.suffix.lower() in extensions and is_file(path)]
+    return sorted((path.relative_to(folder).as_posix() for path in paths), key=natural_key)
 
 
 def make_keys(names: Sequence[str]) -> list[str]:

@@ -44,6 +44,15 @@ def is_there(path: str | Path) -> bool:
     return os.path.exists(path)
 
 
+def is_encodable(name: str) -> bool:
+    """Whether every program can be told `name`; Python's own spelling of names that are not UTF-8 is none."""
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 @contextmanager
 def opened(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) -> Iterator[BinaryIO]:
     """The file `path`, open for reading; the caller reads what is there and need not fear that it never ends.

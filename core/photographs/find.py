@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.files import list_images, make_keys, natural_key, quote_first
+from ..capture.files import list_images, make_keys, natural_key, quote_first, visible_files
 from ..capture.images import ImageHeader, read_header, read_pixels
 from ..errors import InputError
 from ..files.untrusted import is_file, is_folder, is_there
 from ..intake.raw import Development
+from ..runs.folder import refuse_foreign_files
 from ..runtime.protocol import Reporter
-from .front import earlier_files
+from .front import METRICS_NAME, SHEET_NAME, earlier_files
 
 STAGE = "read"
 _OTHER_FOLDER = "choose another folder with --out"
@@ -142,11 +143,12 @@ def survey(
 
 
 def _search(folder: Path, out: Path, reporter: Reporter) -> list[Path]:
-    """The images in `folder` and below, without those in `out`; warns of files that are none."""
+    """The images in `folder` and below, without those in `out` if it lies there; warns of files that are none."""
     if _real(folder) == _real(out):
         raise InputError("is the folder of photographs itself", where=out, remedy=_OTHER_FOLDER)
-    images = [path for path in (folder / name for name in list_images(folder)) if not _is_inside(path, out)]
-    others = _other_files(folder, set(images), out)
+    results = out if _is_inside(out, folder) else None
+    images = [path for path in (folder / name for name in list_images(folder)) if not _is_inside(path, results)]
+    others = _other_files(folder, set(images), results)
     if not images:
         held = f" ({quote_first(others)})" if others else ""
         raise InputError(f"this folder contains no images{held}", where=folder, remedy="name a folder of photographs")
@@ -155,20 +157,14 @@ def _search(folder: Path, out: Path, reporter: Reporter) -> list[Path]:
     return images
 
 
-def _other_files(folder: Path, images: set[Path], out: Path) -> list[str]:
-    """Names of the visible files below `folder`, outside `out`, that are not in `images`."""
-    names = []
-    for directory, subfolders, files in os.walk(folder):
-        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
-        paths = [Path(directory, file) for file in files if not file.startswith(".")]
-        names += [
-            path.relative_to(folder).as_posix() for path in paths if not (path in images or _is_inside(path, out))
-        ]
-    return sorted(names, key=natural_key)
+def _other_files(folder: Path, images: set[Path], results: Path | None) -> list[str]:
+    """Names of the visible files below `folder`, outside `results`, that are not in `images`."""
+    others = [path for path in visible_files(folder) if not (path in images or _is_inside(path, results))]
+    return sorted((path.relative_to(folder).as_posix() for path in others), key=natural_key)
 
 
-def _is_inside(path: Path, folder: Path) -> bool:
-    return _real(path).is_relative_to(_real(folder))
+def _is_inside(path: Path, folder: Path | None) -> bool:
+    return folder is not None and _real(path).is_relative_to(_real(folder))
 
 
 def _real(path: Path) -> Path:
@@ -193,9 +189,8 @@ def _keep_foreign_files(photographs: Sequence[Photograph], out: Path) -> None:
                 where=photograph.path,
                 remedy=_OTHER_FOLDER,
             )
-        target = out / photograph.output
-        if target.exists() and _real(target) not in ours:
-            raise InputError("already exists and was not made by an earlier run", where=target, remedy=_OTHER_FOLDER)
+    targets = [out / name for name in (*(photograph.output for photograph in photographs), METRICS_NAME, SHEET_NAME)]
+    refuse_foreign_files(target for target in targets if _real(target) not in ours)
 
 
 def _describe(headers: Sequence[ImageHeader], reporter: Reporter) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 from contextlib import ExitStack
@@ -11,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from ..doctor.checks import require_blender
+from ..errors import InputError
 from ..rendering import turntables
-from ..runs.folder import RunFolder
-from ..runs.layout import BLEND_FILE, LOG_FILE, REPORT_PAGE
+from ..runs.folder import RunFolder, files_of_a_run
+from ..runs.layout import BLEND_FILE, CAPTURE_FOLDER, LOG_FILE, REPORT_PAGE
 from ..runs.report import latest_seconds, write_report
 from ..runtime.process import Event, Workers, blender_command
 from ..runtime.progress import Clock, RunProgress, format_seconds
@@ -83,6 +85,7 @@ def run(
         require_blender()  # before minutes of work that would be lost without it
     folder = RunFolder(settings.out)
     with all_or_nothing(folder, settings.out, LOG_FILE), ExitStack() as stack:
+        _refuse_to_replace_the_capture(settings)
         resumed = resumption(settings)
         settings = resumed.settings
         if settings.resume:
@@ -121,6 +124,18 @@ def run(
         finish(workers.start_page({"job": "report-page", "folder": str(folder.staging)}, log.line), log.event)
     shutil.rmtree(checkpoints, ignore_errors=True)
     return report
+
+
+def _refuse_to_replace_the_capture(settings: Settings) -> None:
+    """A run in the place of the one whose pictures it is made from would leave nothing of these.
+
+    The earlier run's own capture is no such picture: the next one keeps it likewise.
+    """
+    capture, out = (Path(os.path.realpath(path)) for path in (settings.capture, settings.out))
+    for path in files_of_a_run(out):
+        if path.name != CAPTURE_FOLDER and capture.is_relative_to(path):
+            what, remedy = "is among what the new run would replace", "choose another folder with --out"
+            raise InputError(what, where=settings.capture, remedy=remedy)
 
 
 def _summary(result: Event) -> str:

@@ -14,6 +14,7 @@ from ..enhance import Enhancer, make_enhancer
 from ..evaluate.advice import advise, note_exposure
 from ..evaluate.evaluation import Split
 from ..files.images import write_png
+from ..runs.folder import remove_layer
 from ..runs.layout import CAPTURE_FOLDER, PLACED_FILE
 from ..runs.report import SCHEMA, without_non_finite
 from ..runtime.progress import Clock
@@ -68,6 +69,8 @@ def run(
     with clock.measure("capture"):
         if earlier:
             earlier.check_photographs(Path(settings.capture), recorder)
+            for layer in settings.layers:
+                remove_layer(folder, layer.name)
             capture = earlier.capture
         else:
             size = settings.max_size or AUTO_MAX_SIZE[device]

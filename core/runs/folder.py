@@ -15,12 +15,14 @@ import contextlib
 import errno
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import IO
 
 from ..errors import InputError
+from ..files.untrusted import is_encodable
 from . import layout
+from .report import is_run
 
 _STAGING = ".partial"
 _COMPLETE = ".complete"
@@ -32,8 +34,39 @@ _HELD = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
 
 
 def files_of_a_run(out: Path) -> list[Path]:
-    """What an earlier run of scripts/run.py may have left in `out`, whether it is there or not."""
-    return [out / name for name in layout.NAMES] + [path for p in layout.PATTERNS for path in out.glob(p)]
+    """What an earlier run of scripts/run.py may have left in `out`, whether it is there or not.
+
+    Raises:
+        InputError: something is there under such a name, but no run's report: it is the user's own.
+    """
+    files = [out / name for name in layout.NAMES] + [path for p in layout.PATTERNS for path in out.glob(p)]
+    if not is_run(out):
+        refuse_foreign_files(files)
+    return files
+
+
+def remove_layer(folder: Path, layer: str) -> None:
+    """Delete what the run in `folder` still has of a layer whose Gaussians were lost, before it is made again.
+
+    It may be made with other options, by which not every file is written anew: turntables, another enhancer's files.
+    """
+    for name in (layout.ENHANCED_FOLDER, layout.RENDERS_FOLDER, layout.TURNTABLE_FOLDER):
+        shutil.rmtree(folder / name / layer, ignore_errors=True)
+    still = f"{layout.STILLS_FOLDER}/{layer}.png"
+    for name in (layout.layer_cube_file(layer), layout.layer_network_file(layer), still):
+        (folder / name).unlink(missing_ok=True)
+
+
+def refuse_foreign_files(files: Iterable[Path]) -> None:
+    """For a folder without a sign of an earlier job: refuse to replace any of `files`.
+
+    Raises:
+        InputError: one is there.
+    """
+    found = next((path for path in files if os.path.lexists(path)), None)
+    if found is not None:
+        remedy = "choose another folder with --out, or move it away"
+        raise InputError("already exists and was not made by an earlier run", where=found, remedy=remedy)
 
 
 class RunFolder:
@@ -41,7 +74,8 @@ class RunFolder:
 
     Args:
         out: the folder; made when it is missing.
-        earlier_files: what an earlier run has left in a folder, and a new one replaces. Nothing else there is touched.
+        earlier_files: what an earlier run has left in a folder, and a new one replaces; raises InputError where it is
+            somebody else's. Nothing else there is touched.
         last: the staged file that marks the others as complete, and so is put in place after them.
 
     Attributes:
@@ -50,7 +84,8 @@ class RunFolder:
         mended: what was done about an earlier run that was killed while it put its results in place; "" if nothing.
 
     Raises (on construction):
-        InputError: the folder cannot be made or written, or another run is using it.
+        InputError: the folder cannot be made or written, its path is not UTF-8, another run is using it, or it holds
+            what no run has made.
     """
 
     def __init__(
@@ -65,14 +100,18 @@ class RunFolder:
         self.staging = self.out / _STAGING
         self._complete, self._retired = self.out / _COMPLETE, self.out / _RETIRED
         self._lock: IO[str] | None = None
+        if not is_encodable(str(self.out)):  # what writes pictures would fail, after all the work
+            remedy = "rename the folder, or choose another one with --out"
+            raise InputError("its path is not UTF-8", where=out, remedy=remedy)
         try:
             self._created = [path for path in (self.out, *self.out.parents) if not path.exists()]
             self.out.mkdir(parents=True, exist_ok=True)
             self._lock = self._take_lock()
-            for path in (self.staging, self._complete, self._retired):
+            for path in (self.staging, self._complete, self._retired, self.out / layout.CHECKPOINT_FOLDER):
                 if path.is_symlink():  # no run makes one, and what it leads to is not ours to move or remove
                     path.unlink()
             self.mended = self._mend()
+            self._earlier_files(self.out)
             shutil.rmtree(self.staging, ignore_errors=True)
             self.staging.mkdir()
         except BaseException as error:
@@ -137,6 +176,7 @@ class RunFolder:
 
         Raises:
             OSError: that is not possible; all is as it was before.
+            InputError: likewise, because what would be replaced is not an earlier run's.
         """
         staged = self._in_order(self.staging)
         earlier = {path.name for path in (*self._earlier_files(self.out), *staged) if (self.out / path.name).exists()}

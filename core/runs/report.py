@@ -159,6 +159,11 @@ def check_finished_run(folder: Path) -> list[str]:
     return [layer for layer in layers if (folder / layer_gaussians_file(layer)).is_file()]
 
 
+def is_run(folder: Path) -> bool:
+    """Whether a run of any version has left its report in `folder`."""
+    return str(report_or_nothing(folder).get("schema", "")).startswith(SCHEMA.rstrip("0123456789"))
+
+
 def report_or_nothing(folder: Path) -> dict[str, Any]:
     """What the report of the run in `folder` says, for who can do without; empty where it cannot be read."""
     try:

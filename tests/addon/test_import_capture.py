@@ -198,6 +198,20 @@ def test_other_captures_are_prepared_by_a_worker_beside_them(addon, worker, fore
     assert "photos Undistorted" in background.image.filepath
 
 
+def test_a_folder_of_the_users_own_beside_the_capture_is_not_replaced(addon, worker, foreign):
+    worker(COPYING)
+    own = foreign.parent / "photos Undistorted" / "images" / "IMG_1.jpg"
+    own.parent.mkdir(parents=True)
+    own.write_text("mine")
+    with pytest.raises(InputError, match="was not made by an earlier run"):
+        importing.import_now(bpy.context.scene, importing.ImportRequest(str(foreign)))
+    assert own.read_text() == "mine"
+    own.unlink()
+    own.parent.rmdir()
+    for _ in range(2):
+        importing.import_now(bpy.context.scene, importing.ImportRequest(str(foreign)))
+
+
 def test_a_worker_prepares_in_the_background_and_can_be_cancelled(addon, worker, foreign):
     scene, request = bpy.context.scene, importing.ImportRequest(str(foreign))
     worker("emit('status', stage='capture', message='reading'); time.sleep(30)")

@@ -27,13 +27,15 @@ def emit(event, **fields): print(json.dumps({{'event': event, **fields}}), flush
 """
 
 
-def start_run(program: Path, body: str, *options: str, out: Path) -> subprocess.Popen[str]:
+def start_run(
+    program: Path, body: str, *options: str, out: Path, capture: str | Path = "photos"
+) -> subprocess.Popen[str]:
     """Start run.py with a worker that does what `body` says; its program is written to `program`."""
     program.write_text(_PROLOGUE + textwrap.dedent(body))
     program.chmod(0o755)
     script = str(ROOT / "scripts" / "run.py")
     return subprocess.Popen(
-        [sys.executable, script, "photos", "--out", str(out), "--no-blend", *options],
+        [sys.executable, script, str(capture), "--out", str(out), "--no-blend", *options],
         env={**os.environ, "CVDGS_PYTHON": str(program)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

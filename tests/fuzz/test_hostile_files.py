@@ -224,8 +224,8 @@ def test_a_lock_that_is_a_link_leaves_the_linked_file_alone(tmp_path: Path) -> N
     assert (tmp_path / "precious").read_text() == "mine"
 
 
-@pytest.mark.parametrize("name", [".partial", ".complete", ".replaced"])
-def test_a_staging_folder_that_is_a_link_is_not_followed(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize("name", [".partial", ".complete", ".replaced", ".checkpoint"])
+def test_a_folder_of_a_run_that_is_a_link_is_not_followed(tmp_path: Path, name: str) -> None:
     (tmp_path / "precious").mkdir()
     (tmp_path / "precious" / "file").write_text("mine")
     (tmp_path / "out").mkdir()
@@ -233,6 +233,7 @@ def test_a_staging_folder_that_is_a_link_is_not_followed(tmp_path: Path, name: s
     folder = RunFolder(tmp_path / "out")
     (folder.staging / "report.json").write_text("{}")
     folder.commit()
+    assert not (tmp_path / "out" / name).is_symlink()
     assert [path.name for path in (tmp_path / "precious").iterdir()] == ["file"]
     assert (tmp_path / "out" / "report.json").read_text() == "{}"
 

@@ -152,6 +152,33 @@ def test_a_task_that_fails_once_is_tried_again(collection):
     assert [name for name in warnings if name != "no-web-page"] == ["task-retried"]  # the stub's Gaussians are text
 
 
+@pytest.mark.parametrize("out", [".", "chair", "chair/show", "missing/../chair/show", "link/show"])
+def test_results_inside_of_a_capture_are_refused_however_the_folder_is_called(collection, out):
+    chair = collection.add_capture("chair")
+    (collection.folder / "link").symlink_to(chair)
+    collection.write_batch('[[items]]\ncapture = "chair"\n')
+    code, (*_, refusal) = collection.run("--out", str(collection.folder / out))
+    assert code == 2
+    assert f"results would lie in {chair}" in refusal["message"]
+    assert sorted(path.name for path in chair.iterdir()) == ["photo.png"]
+
+
+def test_results_inside_of_a_run_that_lacks_a_layer_are_refused(collection):
+    run = collection.add_finished_run("out/chair/run", "protan-1.0")
+    collection.write_batch('[[items]]\nname = "chair"\nrun = "out/chair/run"\n')
+    code, (*_, refusal) = collection.run()
+    assert code == 2
+    assert f"results would lie in {run}" in refusal["message"]
+
+
+def test_results_may_lie_beside_what_they_are_made_from(collection):
+    (collection.out / "chair").mkdir(parents=True)
+    collection.add_capture("out/chair/photos")
+    collection.write_batch(TURNTABLE + '[[items]]\nname = "chair"\ncapture = "out/chair/photos"\n')
+    assert collection.run()[0] == 0
+    assert set(ends(collection.run()[1]).values()) == {"kept"}
+
+
 def test_no_more_runs_at_once_than_there_are_cores(collection):
     for name in "abc":
         collection.add_capture(name, "meet 2")

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 from cvdgs.core.capture.images import read_header
@@ -13,6 +14,7 @@ from cvdgs.core.capture.material import FRAMES_FILE, find_material, make_photogr
 from cvdgs.core.capture.model import Capture, PinholeCamera, View
 from cvdgs.core.capture.normalised import write_capture
 from cvdgs.core.capture.reader import read_capture
+from cvdgs.core.runs.report import SCHEMA
 from cvdgs.core.runtime.protocol import Reporter
 
 from .dng import write_dng
@@ -77,6 +79,18 @@ def test_photographs_in_a_folder_called_like_a_video_do_not_meet_its_frames(tmp_
     assert {name.split("/")[0] for name in made.times} == {"walk-frames"}
     assert all(read_header(out / name).width == WIDTH for name in made.times)
     assert read_header(out / "Walk" / "000000.jpg").width == 96
+
+
+@pytest.mark.parametrize("out", ["", "out"])
+def test_results_of_a_run_among_its_photographs_are_no_photographs(tmp_path: Path, out: str) -> None:
+    made = ("capture/images/1.png", "renders/original/1.png", "turntable/original/1.png")
+    for path in (tmp_path / "1.jpg", tmp_path / "2.jpg", *(tmp_path / out / name for name in made)):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save(path, WALL[:64, :64])
+    assert len(find_material(tmp_path).photographs) > 2
+    (tmp_path / out / "report.json").write_text(json.dumps({"schema": SCHEMA}))
+    assert find_material(tmp_path).photographs == ("1.jpg", "2.jpg")
+    assert find_material(tmp_path / out / "capture").photographs == ("images/1.png",), "if it is asked for itself"
 
 
 def test_all_frames_of_a_video_have_its_mask_and_photographs_their_own(tmp_path: Path) -> None:

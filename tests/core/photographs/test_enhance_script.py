@@ -248,6 +248,13 @@ def test_results_inside_the_folder_of_photographs_are_not_read_again(tmp_path: P
         assert "not-images" not in recorder.warnings
 
 
+def test_results_may_lie_around_the_folder_of_photographs(tmp_path: Path) -> None:
+    save(tmp_path / "photos" / "a.png")
+    for _ in range(2):
+        run(tmp_path, tmp_path / "photos")
+        assert names(tmp_path) == ["a.png", "metrics.csv", "photos", "photos/a.png", "sheet.html"]
+
+
 def damaged(folder: Path) -> Path:
     """A folder with one good photograph and one that is cut in half."""
     save(folder / "good.png")
@@ -325,6 +332,15 @@ def test_the_users_own_files_are_never_replaced(tmp_path: Path) -> None:
         run(tmp_path, photograph)
     assert photograph.read_bytes() == before
     assert [path.name for path in earlier_files(tmp_path)] == ["a.png", "sheet.html", "metrics.csv"]
+
+
+@pytest.mark.parametrize("name", ["metrics.csv", "sheet.html"])
+def test_a_table_or_page_of_the_users_own_is_not_replaced(tmp_path: Path, name: str) -> None:
+    photograph = save(tmp_path / "a.png")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).write_text("picture,score\n")
+    with pytest.raises(InputError, match=rf"{name}: already exists and was not made by an earlier run"):
+        run(tmp_path / "out", photograph)
 
 
 def test_a_table_of_another_program_names_nothing_of_ours(tmp_path: Path) -> None:

@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from cvdgs.core.errors import InputError
+from cvdgs.core.pipeline import launch
+from cvdgs.core.runtime.process import Workers
 from cvdgs.core.settings import Settings
 
 from ...patience import SOON
@@ -19,8 +22,10 @@ from ..workers import REPORT, ROOT, start_run
 def run(tmp_path):
     """Starts run.py with a worker whose body is given; returns the started process."""
 
-    def start(body: str, *options: str, out: Path = tmp_path / "out", wait: bool = True):
-        process = start_run(tmp_path / "worker", body, *options, out=out)
+    def start(
+        body: str, *options: str, out: Path = tmp_path / "out", capture: str | Path = "photos", wait: bool = True
+    ):
+        process = start_run(tmp_path / "worker", body, *options, out=out, capture=capture)
         if wait:
             process.out, process.err = process.communicate(timeout=SOON)
         return process
@@ -50,13 +55,13 @@ def test_events_can_be_read_by_a_program(run):
 
 def test_unusable_input_is_one_line_and_exit_code_2(run, tmp_path):
     (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "report.json").write_text("earlier")
+    (tmp_path / "out" / "report.json").write_text(json.dumps(REPORT))
     result = run("emit('error', kind='input', message='photos: no cameras - pass --sfm'); sys.exit(2)")
     assert result.returncode == 2
     assert result.err.splitlines()[-1] == "run.py: photos: no cameras - pass --sfm"
     assert "Traceback" not in result.err
     assert [p.name for p in (tmp_path / "out").iterdir()] == ["report.json"]
-    assert (tmp_path / "out" / "report.json").read_text() == "earlier"
+    assert (tmp_path / "out" / "report.json").read_text() == json.dumps(REPORT)
 
 
 @pytest.mark.parametrize(
@@ -122,6 +127,21 @@ def test_a_resumed_run_that_fails_loses_nothing(run, earlier, body, code):
     after = {path: path.read_bytes() for path in earlier.rglob("*") if path.is_file()}
     after.pop(earlier / "failed.run.log", None)
     assert after == before
+
+
+@pytest.mark.parametrize("folder", ["enhanced/deutan-1.0", "renders"])
+def test_pictures_of_a_run_are_no_capture_for_one_in_its_place(earlier, monkeypatch, folder):
+    (earlier / folder).mkdir(parents=True)
+    monkeypatch.setattr(Workers, "start", lambda *_: pytest.fail("the work began"))
+    with pytest.raises(InputError, match="among what the new run would replace - choose another folder with --out"):
+        launch.run(Settings(str(earlier / folder), str(earlier), blend=False), lambda _: None, Workers(sys.executable))
+    assert (earlier / "scene.blend").exists()
+
+
+def test_a_run_may_be_made_anew_from_its_own_capture(run, earlier):
+    result = run("emit('result', report=REPORT)", capture=earlier / "capture")
+    assert result.returncode == 0, result.err
+    assert not (earlier / "scene.blend").exists()
 
 
 @pytest.mark.parametrize("stubborn", [False, True], ids=["cooperative", "deaf"])

@@ -108,6 +108,20 @@ def test_a_layer_is_added_without_touching_what_is_there(post, added):
         )
 
 
+def test_a_lost_layer_is_added_again_without_files_of_the_one_that_was_lost(post, tmp_path):
+    out = tmp_path / "out"
+    shutil.copytree(post, out)
+    (out / "splats.deutan-1.0.ply").unlink()
+    stale = [out / name for name in ("layer.deutan-1.0.safetensors", "turntable/deutan-1.0/0001.png",
+                                     "stills/deutan-1.0.png", "enhanced/deutan-1.0/lost.png")]  # fmt: skip
+    for path in stale:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("of the lost layer")
+    run(SHOWROOM, out, "--resume", "--cvd", "deutan", "--enhancer", "none")
+    assert not [path for path in (*stale, out / "layer.deutan-1.0.cube") if path.exists()]
+    assert report_of(out)["layers"]["deutan-1.0"]["enhancer"] == "none"
+
+
 def test_the_report_tells_of_the_addition(post, added):
     before, after = report_of(post), report_of(added)
     assert after["layers"]["deutan-1.0"] == before["layers"]["deutan-1.0"]

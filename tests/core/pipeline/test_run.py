@@ -14,6 +14,7 @@ from cvdgs.core.capture.reader import read_capture
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.enhance import enhance_bytes, make_enhancer
 from cvdgs.core.files.images import read_png
+from cvdgs.core.runs.report import SCHEMA
 from cvdgs.core.splats.io.ply import read_ply
 
 VIEWS = 40
@@ -166,10 +167,11 @@ def test_a_full_disk_is_one_line_and_exit_code_2_and_the_earlier_result_stays(tm
         pytest.skip("no permission to mount")
     try:
         (disk / "out").mkdir()
-        (disk / "out" / "report.json").write_text("earlier")
+        earlier = json.dumps({"schema": SCHEMA})
+        (disk / "out" / "report.json").write_text(earlier)
         result = run(SHOWROOM, disk / "out", "--max-size", "96", "--iterations", "5", expect=2)
         assert "space" in result.stderr.splitlines()[-1]
         assert [path.name for path in (disk / "out").iterdir()] == ["report.json"]
-        assert (disk / "out" / "report.json").read_text() == "earlier"
+        assert (disk / "out" / "report.json").read_text() == earlier
     finally:
         subprocess.run(["umount", "-l", str(disk)], check=False)

@@ -1,6 +1,7 @@
 """The output folder: an earlier result stays whole until the new one is complete."""
 
 import errno
+import json
 import os
 import signal
 import subprocess
@@ -12,6 +13,9 @@ import pytest
 from cvdgs.core.errors import InputError
 from cvdgs.core.runs import folder as run_folder
 from cvdgs.core.runs.folder import RunFolder
+from cvdgs.core.runs.report import SCHEMA
+
+OLD_REPORT = json.dumps({"schema": SCHEMA})
 
 
 def test_results_appear_only_when_committed(tmp_path):
@@ -24,12 +28,12 @@ def test_results_appear_only_when_committed(tmp_path):
 
 
 def test_an_aborted_run_leaves_the_earlier_result_untouched(tmp_path):
-    (tmp_path / "report.json").write_text("old")
+    (tmp_path / "report.json").write_text(OLD_REPORT)
     folder = RunFolder(tmp_path)
     (folder.staging / "report.json").write_text("new")
     folder.abort()
     assert [p.name for p in tmp_path.iterdir()] == ["report.json"]
-    assert (tmp_path / "report.json").read_text() == "old"
+    assert (tmp_path / "report.json").read_text() == OLD_REPORT
 
 
 def test_an_aborted_run_removes_the_folders_that_it_made(tmp_path):
@@ -38,6 +42,7 @@ def test_an_aborted_run_removes_the_folders_that_it_made(tmp_path):
 
 
 def test_a_new_result_replaces_all_of_the_old_one_and_nothing_else(tmp_path):
+    (tmp_path / "report.json").write_text(OLD_REPORT)
     (tmp_path / "splats.protan-1.0.ply").write_text("old layer")
     (tmp_path / "renders").mkdir()
     (tmp_path / "renders" / "old.png").write_text("old")
@@ -51,6 +56,24 @@ def test_a_new_result_replaces_all_of_the_old_one_and_nothing_else(tmp_path):
         "renders",
         "renders/new.png",
     ]
+
+
+@pytest.mark.parametrize("name", ["capture/IMG_1.jpg", "scene.blend", "layer.look.cube", "report.json"])
+def test_files_that_no_run_has_made_are_never_replaced(tmp_path, name):
+    write(tmp_path, {name: "the artist's own"})
+    with pytest.raises(InputError, match="was not made by an earlier run - choose another folder with --out"):
+        RunFolder(tmp_path)
+    assert files_in(tmp_path) == {name: "the artist's own"}
+
+
+def test_files_that_came_during_the_run_are_not_replaced_either(tmp_path):
+    folder = RunFolder(tmp_path)
+    write(folder.staging, NEW)
+    write(tmp_path, {"scene.blend": "the artist's own"})
+    with pytest.raises(InputError, match=r"scene\.blend"):
+        folder.commit()
+    folder.abort()
+    assert files_in(tmp_path) == {"scene.blend": "the artist's own"}
 
 
 def test_a_log_can_be_kept_from_a_failed_run(tmp_path):
@@ -90,6 +113,14 @@ def test_a_folder_whose_name_is_too_long_is_refused_in_one_line(tmp_path):
         RunFolder(tmp_path / ("a" * 300))
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no name is anything but UTF-8")
+@pytest.mark.parametrize("inside", ["", "out"])
+def test_a_folder_whose_path_is_not_utf_8_is_refused_in_one_line(tmp_path, inside):
+    with pytest.raises(InputError, match=r"\\udcfcro.*: its path is not UTF-8 - rename the folder, or choose another"):
+        RunFolder(tmp_path / os.fsdecode(b"b\xfcro") / inside)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_another_job_says_what_it_replaces(tmp_path):
     (tmp_path / "report.json").write_text("of a run")
     (tmp_path / "old.png").write_text("ours")
@@ -100,7 +131,7 @@ def test_another_job_says_what_it_replaces(tmp_path):
 
 
 def test_a_run_that_adds_starts_from_a_copy_of_the_earlier_one(tmp_path):
-    (tmp_path / "report.json").write_text("old")
+    (tmp_path / "report.json").write_text(OLD_REPORT)
     (tmp_path / "splats.protan-1.0.ply").write_text("layer")
     (tmp_path / "notes.txt").write_text("the artist's own")
     (tmp_path / "renders" / "original").mkdir(parents=True)
@@ -117,8 +148,8 @@ def test_a_run_that_adds_starts_from_a_copy_of_the_earlier_one(tmp_path):
     assert (tmp_path / "notes.txt").read_text() == "the artist's own"
 
 
-OLD = {"report.json": "old", "splats.protan-1.0.ply": "old layer", "renders/old.png": "old"}
-NEW = {"report.json": "new", "splats.ply": "new", "renders/new.png": "new"}
+OLD = {"report.json": OLD_REPORT, "splats.protan-1.0.ply": "old layer", "renders/old.png": "old"}
+NEW = {"report.json": json.dumps({"schema": SCHEMA, "gaussians": 1}), "splats.ply": "new", "renders/new.png": "new"}
 CHANGES_THE_DISK = ("os.rename", "os.rmdir", "os.remove", "os.mkdir")
 
 

@@ -25,7 +25,7 @@ from cvdgs.core.runtime.supervisor import WorkerKilled, finish
 from cvdgs.core.settings import Settings
 
 from ...patience import SOON
-from ..workers import ROOT, start_run
+from ..workers import REPORT, ROOT, start_run
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="processes are killed by a signal")
 PACKAGE = ("core", "cvdgs_addon", "operators", "ui", "scripts")
@@ -193,7 +193,7 @@ def test_two_runs_into_one_folder_are_kept_apart_and_the_first_one_succeeds(tmp_
 def test_the_next_run_says_what_it_did_about_one_that_was_killed_while_it_put_its_results_in_place(tmp_path):
     out = tmp_path / "out"
     (out / ".complete").mkdir(parents=True)
-    (out / ".complete" / "report.json").write_text("{}")
+    (out / ".complete" / "report.json").write_text(json.dumps(REPORT))
     process = start_run(tmp_path / "worker", "emit('result', report=REPORT)", "--json", out=out)
     said, _ = process.communicate(timeout=SOON)
     warnings = [json.loads(line) for line in said.splitlines() if '"warning"' in line]
