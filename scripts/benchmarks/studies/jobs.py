@@ -14,6 +14,7 @@ import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import count
 from multiprocessing.connection import Connection
@@ -183,6 +184,9 @@ def _from_json(name: str, value: Any) -> Any:
 def _run_in_process(job: Job, folder: Path, threads: int, keep: Callable[[SubjectSource, Recipe, Trial], None]) -> None:
     """Run a job in a new process and keep its trials; if a recipe kills the process, continue after it in another."""
     context, waiting = multiprocessing.get_context("spawn"), list(job.recipes)
+    finding = context.Process(target=_find_matches, args=(job.source, folder, threads), daemon=True)
+    finding.start()
+    finding.join()
     while waiting:
         receiver, sender = context.Pipe(duplex=False)
         rest = Job(job.source, tuple(waiting))
@@ -199,6 +203,13 @@ def _run_in_process(job: Job, folder: Path, threads: int, keep: Callable[[Subjec
             keep(job.source, waiting[0], Trial.failed(job.source.name, waiting[0], reason))
             waiting.pop(0)
         process.join()
+
+
+def _find_matches(source: SubjectSource, folder: Path, threads: int) -> None:
+    """Find and store a subject's matches in a process of its own: a reconstruction, whose memory is no trial's."""
+    torch.set_num_threads(threads)
+    with suppress(Exception):  # the trials meet it again, and keep it
+        cached_matches(folder / MATCHES_FOLDER, source.load().judged)
 
 
 def _try_all(job: Job, folder: Path, threads: int, sender: Connection) -> None:

@@ -13,7 +13,7 @@ from cvdgs.core.capture.normalised import write_capture
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.scripts.benchmarks.studies.captures import CaptureFolder
-from cvdgs.scripts.benchmarks.studies.jobs import TRIALS_FILE, Job, TrialStore, pictures_of, run_jobs
+from cvdgs.scripts.benchmarks.studies.jobs import MATCHES_FOLDER, TRIALS_FILE, Job, TrialStore, pictures_of, run_jobs
 from cvdgs.scripts.benchmarks.studies.recipe import Recipe, Trial
 
 from .test_trials import capture_of_a_wall
@@ -141,3 +141,26 @@ def test_what_was_tried_is_not_tried_again(tmp_path):
     second = run_jobs([Job(source, (bad, good))], tmp_path / "work", progress)
     assert all(same(*pair) for pair in zip(first, second, strict=True))
     assert progress.fractions == []
+
+
+@dataclass(frozen=True)
+class Watched(CaptureFolder):
+    """Notes which processes read it, and whether its matches are known by then."""
+
+    log: Path = Path()
+
+    def load(self):
+        known = any((self.log.parent / MATCHES_FOLDER).glob("*.npz"))
+        with open(self.log, "a", encoding="utf-8") as file:
+            file.write(f"{os.getpid()} {known}\n")
+        return super().load()
+
+
+@pytest.mark.slow
+def test_the_memory_of_a_trial_does_not_contain_the_search_for_matches(tmp_path):
+    write_capture(capture_of_a_wall(), tmp_path / "wall")
+    source = Watched("wall", tmp_path / "wall", 96, log=tmp_path / "log")
+    run_jobs([Job(source, (Recipe("any", enhancer="none", iterations=20, gaussians=400),))], tmp_path, Reporter())
+    (finding, _), (trying, known) = [line.split() for line in source.log.read_text().splitlines()]
+    assert finding != trying
+    assert known == "True"
