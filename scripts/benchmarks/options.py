@@ -155,18 +155,21 @@ def made_by(
     trials: pd.DataFrame | None = None,
     *,
     seeds: int | None = None,
+    views: str = "",
 ) -> list[str]:
     """The lines of a text that say how its figures were made; by which command says its provenance.
 
     Args:
         trials: columns of `Trial`, to say how long they took, in this call or an earlier one.
         seeds: number of seeds, if it is not that of the options.
+        views: which were used, if their size is not that of the options throughout.
     """
+    views = views or f"Views of at most {options.max_size} pixels"
     seeds = seeds or options.seeds
     count = f"{seeds} seeds" if seeds > 1 else "one seed"
     training = f", {options.iterations:,} steps, {count}"
     took = "" if trials is None else f" {trials_took(trials)}"
-    return [f"Views of at most {options.max_size} pixels{training}.{took}"]
+    return [f"{views}{training}.{took}"]
 
 
 def trials_took(trials: pd.DataFrame) -> str:

@@ -76,7 +76,8 @@ figure { margin: 0; } figcaption { font-size: .82rem; opacity: .85; } img { widt
 </head>
 <body>
 <h1>Where it fails</h1>
-<p>A held-out photograph, and each method's enhanced scene from the same camera, at the worst level of each axis.</p>
+<p>A held-out photograph, enhanced, and each method's enhanced scene from the same camera: of the untouched capture, and
+at the worst level of each axis.</p>
 {% for title, pictures in sections if pictures %}
 <h2>{{ title }}</h2>
 <div class="row">

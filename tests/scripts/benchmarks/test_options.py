@@ -10,6 +10,7 @@ import pytest
 from cvdgs.scripts.benchmarks.options import (
     QUICK,
     add_study_arguments,
+    made_by,
     shown_command,
     with_quick_defaults,
     work_folder,
@@ -35,6 +36,13 @@ def test_quick_changes_what_was_left_at_its_default_and_nothing_else():
 def test_what_is_not_a_result_goes_to_the_work_folder():
     assert work_folder(options("--out", "tables")) == Path("tables/work")
     assert work_folder(options("--out", "tables", "--work", "scratch")) == Path("scratch")
+
+
+def test_a_text_gives_the_size_of_all_views_unless_it_differs():
+    assert made_by(options()) == ["Views of at most 240 pixels, 800 steps, 3 seeds."]
+    assert made_by(options(), views="Views of 120, 240 pixels", seeds=1) == [
+        "Views of 120, 240 pixels, 800 steps, one seed."
+    ]
 
 
 @pytest.mark.parametrize(

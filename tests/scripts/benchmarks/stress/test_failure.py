@@ -139,7 +139,9 @@ def test_the_page_says_where_each_method_fails_first_and_what_the_warnings_are(t
     for level, warnings in (("0.25°", "nothing"), ("0.5°", "cameras-off"), ("1°", "cameras-off")):
         assert f"| cameras turned by | {level} | {warnings} |" in text
     assert (tmp_path / "stress.md").read_text(encoding="utf-8") == text
-    assert "cameras turned by: 1°" in (tmp_path / "stress.html").read_text(encoding="utf-8")
+    pictures = (tmp_path / "stress.html").read_text(encoding="utf-8")
+    assert "cameras turned by: 1°" in pictures
+    assert "A held-out photograph, enhanced, and each method's" in pictures
     assert {path.name for path in tmp_path.glob("stress*.svg")} == {"stress.svg", "stress-dark.svg"}
     with open(tmp_path / "stress.csv", encoding="utf-8") as file:
         assert len(list(csv.DictReader(file))) == 16

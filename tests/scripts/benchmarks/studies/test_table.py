@@ -161,6 +161,22 @@ def test_an_ablation_differs_from_the_default_in_one_thing_and_is_reported_by_it
     assert "/home" not in (tmp_path / "ablation.csv").read_text()
 
 
+@pytest.mark.parametrize(
+    ("captures", "seeds", "said"),
+    [
+        (["demo"], 1, "the others their differences to it. Figures"),
+        (["demo"], 2, "seed by seed; second tables have the standard deviations over seeds."),
+        (["demo", "room"], 2, "capture by capture, seed by seed; second tables have the standard deviations over"),
+    ],
+)
+def test_an_ablation_speaks_of_deviations_only_over_what_was_repeated(tmp_path, captures, seeds, said):
+    (job,) = ablation_jobs([DEMO], 100, seeds=seeds)
+    trials = [replace(trial(r, **figures_of(r)), capture=name) for r in job.recipes for name in captures]
+    lines = write_ablation(tmp_path, frame_of(Trial, trials), HEADING)
+    assert said in "\n".join(lines)
+    assert ("Standard deviations:" in lines) == (len(trials) > len(ablation_jobs([DEMO], 100, seeds=1)[0].recipes))
+
+
 def test_what_changes_the_geometry_alone_is_tried_with_one_enhancer():
     tried = [{variant.name for variant in setting.variants if variant.of_geometry} for setting in SETTINGS]
     assert [len(names) for names in tried] == [4, 0]
