@@ -168,18 +168,21 @@ def made_by(
     seeds = seeds or options.seeds
     count = f"{seeds} seeds" if seeds > 1 else "one seed"
     training = f", {options.iterations:,} steps, {count}"
-    took = "" if trials is None else f" {trials_took(trials)}"
+    took = "" if trials is None else f" {trials_took(trials, options.processes)}"
     return [f"{views}{training}.{took}"]
 
 
-def trials_took(trials: pd.DataFrame) -> str:
+def trials_took(trials: pd.DataFrame, processes: int) -> str:
     """The number of trials and their minutes, in a sentence.
 
     Args:
-        trials: columns of `Trial`.
+        trials: columns of `Trial`, each trial once.
+        processes: how many ran at a time.
     """
     minutes = trials.trial_seconds.sum() / SECONDS_PER_MINUTE
-    return f"{len(trials)} trials took {minutes:.0f} minutes, one after the other."
+    if processes == 1:
+        return f"{len(trials)} trials took {minutes:.0f} minutes, one after the other."
+    return f"{len(trials)} trials took {minutes:.0f} minutes together, up to {processes} at a time."
 
 
 def _option_and_value(word: str) -> list[str]:

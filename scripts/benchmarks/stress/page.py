@@ -95,18 +95,23 @@ at the worst level of each axis.</p>
 """)
 
 
-def write_stress(folder: Path, plan: StressPlan, results: Sequence[StressResult]) -> str:
+def write_stress(folder: Path, plan: StressPlan, results: Sequence[StressResult], *, processes: int = 1) -> str:
     """Write everything into `folder`; returns the text of stress.md.
+
+    Args:
+        processes: how many trials ran at a time.
 
     Raises:
         InputError: matplotlib is missing.
     """
-    items, trials = standings(results), frame_of(Trial, [result.trial for result in results])
+    items = standings(results)
+    # Axes share trials, those of the untouched scenes, and trials have their pictures to themselves.
+    trials = frame_of(Trial, list({result.pictures: result.trial for result in results}.values()))
     write_csv(folder / f"{NAME}.csv", items)
     write_stress_chart(folder, NAME, plan.axes, items)
     write_heat_map(folder, with_margins(items))
     (folder / f"{NAME}.html").write_text(_PAGE.render(sections=_sections(plan, results, items)), encoding="utf-8")
-    return write_text(folder / f"{NAME}.md", stress_lines(plan, items, trials_took(trials)))
+    return write_text(folder / f"{NAME}.md", stress_lines(plan, items, trials_took(trials, processes)))
 
 
 def stress_lines(plan: StressPlan, items: pd.DataFrame, took: str) -> list[str]:

@@ -96,7 +96,8 @@ def figures_of(recipe: Recipe) -> dict[str, float]:
 def test_the_table_has_every_row_for_each_capture_and_says_what_is_reached(tmp_path):
     (job,) = table_jobs([DEMO], 100, seeds=2)
     trials = [trial(recipe, **figures_of(recipe)) for recipe in job.recipes]
-    lines = write_table(tmp_path, frame_of(Trial, trials), ["demo"], HEADING)
+    lines = write_table(tmp_path, frame_of(Trial, trials), ["demo"], HEADING, processes=2)
+    assert "by the clock, with up to 2 trials at work on the same machine; **processor" in "\n".join(lines)
     for row in ROWS:
         for mode in row.modes:
             rwe = "0.200" if row.drift and mode == "layers" else RWE[mode]
@@ -122,6 +123,7 @@ def test_a_trial_that_failed_is_named_and_leaves_dashes(tmp_path):
     (job,) = table_jobs([DEMO], 100, seeds=1)
     failed = frame_of(Trial, [Trial.failed("demo", recipe, "it broke") for recipe in job.recipes])
     lines = write_table(tmp_path, failed, ["demo"], HEADING)
+    assert "by the clock; **processor" in "\n".join(lines)
     assert "- demo, scene-layers, seed 0: it broke" in lines
     for table in (0, 1):
         assert set(cells(lines, "scene network", "layers", table=table)[2:]) == {"–"}
