@@ -110,7 +110,7 @@ def add_trial_arguments(
     add("--seeds", type=int, default=seeds, metavar="N", help=f"random seeds ({seeds})")
     add("--processes", type=int, default=processes, metavar="N", help=f"parallel processes ({processes})")
     add("--work", type=Path, metavar="DIR", help="folder for scenes, pictures and finished trials (OUT/work)")
-    add("--again", action="store_true", help="discard the trials of earlier runs")
+    add("--again", action="store_true", help="repeat trials that an earlier run has made")
 
 
 def with_quick_defaults(options: argparse.Namespace) -> argparse.Namespace:

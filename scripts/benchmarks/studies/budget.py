@@ -152,7 +152,7 @@ def measure_budgets(
         # Trainings have only the enhancer in common, so they may as well be spread over the processes.
         chunks = [tuple(recipes[start::processes]) for start in range(processes)]
         jobs += [Job(source, chunk) for chunk in chunks if chunk]
-    trials = run_jobs(jobs, folder, reporter, processes=processes)
+    trials = run_jobs(jobs, folder, reporter, processes=processes, again=again)
     limits = [0] * len(decided) + [recipe.gaussians or 0 for job in jobs for recipe in job.recipes]
     runs = frame_of(Trial, [*decided, *trials]).assign(limit=limits)
     order = {source.name: number for number, source in enumerate(sources)}

@@ -28,6 +28,7 @@ import torch
 
 from .... import __version__
 from ....core.errors import Cancelled, InputError
+from ....core.files.untrusted import replacing
 from ....core.runtime.process import follow_parent
 from ....core.runtime.protocol import Reporter
 from ....core.runtime.resources import available_processors
@@ -74,7 +75,9 @@ def run_jobs(
         processes: number of parallel processes, which share the cores.
         again: repeat all of them.
     """
-    store = TrialStore(folder / TRIALS_FILE, again=again)
+    store = TrialStore(folder / TRIALS_FILE)
+    if again:
+        store.forget(jobs)
     missing = store.missing_of(jobs)
     threads = max(available_processors() // processes, 1)
     total, finished, lock = sum(len(job.recipes) for job in missing), count(1), threading.Lock()
@@ -110,17 +113,14 @@ class TrialStore:
 
     Args:
         path: of the file; need not exist.
-        again: discard its contents.
         product: what shapes the figures of every trial.
     """
 
-    def __init__(self, path: Path, *, again: bool = False, product: Facts = trained_product) -> None:
+    def __init__(self, path: Path, *, product: Facts = trained_product) -> None:
         self._path = path
         self._product = fingerprint(__version__, product)
         self._trials: dict[str, Trial] = {}
         path.parent.mkdir(parents=True, exist_ok=True)
-        if again:
-            path.unlink(missing_ok=True)
         if path.exists():
             self._trials = dict(_read(path))
             _end_with_a_line(path)
@@ -140,6 +140,13 @@ class TrialStore:
             found += [Job(job.source, recipes)] if recipes else []
         return found
 
+    def forget(self, jobs: Sequence[Job]) -> None:
+        """Discard the trials of jobs; other studies keep theirs."""
+        keys = {self._key(job.source, recipe) for job in jobs for recipe in job.recipes}
+        self._trials = {key: trial for key, trial in self._trials.items() if key not in keys}
+        with replacing(self._path) as unfinished:
+            unfinished.write_text("".join(map(_line, self._trials, self._trials.values())), encoding="utf-8")
+
     def trial(self, source: SubjectSource, recipe: Recipe) -> Trial:
         """The trial of a recipe, under its label and the subject's name."""
         found = self._trials[self._key(source, recipe)]
@@ -148,12 +155,10 @@ class TrialStore:
     def add(self, source: SubjectSource, recipe: Recipe, trial: Trial, *, lasting: bool = True) -> None:
         """Store a trial, for this session alone unless it is `lasting`."""
         key = self._key(source, recipe)
-        values = {name: _to_json(value) for name, value in asdict(trial).items()}
         self._trials[key] = trial
-        if not lasting:
-            return
-        with open(self._path, "a", encoding="utf-8") as file:
-            file.write(json.dumps({"key": key, **values}) + "\n")
+        if lasting:
+            with open(self._path, "a", encoding="utf-8") as file:
+                file.write(_line(key, trial))
 
     def _key(self, source: SubjectSource, recipe: Recipe) -> str:
         return fingerprint(source.key, lambda: (self._product, recipe.identity, _weights(recipe)))
@@ -166,6 +171,11 @@ def _weights(recipe: Recipe) -> str:
         return weights_of_product()
     file = Path(name)
     return digest_of(file) if file.suffix == WEIGHTS_SUFFIX and file.is_file() else ""
+
+
+def _line(key: str, trial: Trial) -> str:
+    values = {name: _to_json(value) for name, value in asdict(trial).items()}
+    return json.dumps({"key": key, **values}) + "\n"
 
 
 def _read(path: Path) -> Iterator[tuple[str, Trial]]:

@@ -99,10 +99,15 @@ def test_a_file_of_something_else_is_refused_in_one_line(tmp_path):
         TrialStore(path)
 
 
-def test_again_forgets_what_was_measured(tmp_path):
-    path = tmp_path / TRIALS_FILE
-    TrialStore(path).add(SOURCE, FIRST, MEASURED)
-    assert TrialStore(path, again=True).missing(Job(SOURCE, (FIRST,))) == (FIRST,)
+def test_only_the_trials_that_are_to_be_repeated_are_forgotten(tmp_path):
+    store, other = TrialStore(tmp_path / TRIALS_FILE), replace(SOURCE, name="other")
+    for source, recipe in ((SOURCE, FIRST), (SOURCE, SECOND), (other, FIRST)):
+        store.add(source, recipe, MEASURED)
+    store.forget([Job(SOURCE, (FIRST,))])
+    for known in (store, TrialStore(tmp_path / TRIALS_FILE)):
+        assert known.missing(Job(SOURCE, (FIRST, SECOND))) == (FIRST,)
+        assert known.missing(Job(other, (FIRST,))) == ()
+    assert same(known.trial(other, FIRST), replace(MEASURED, capture="other"))
 
 
 @dataclass(frozen=True)
