@@ -105,7 +105,12 @@ def run_jobs(
 
 def pictures_of(folder: Path, source: SubjectSource, recipe: Recipe) -> Path:
     """The folder with a trial's ``renders`` and ``enhanced``, under the folder of its comparison."""
-    return recipe_folder(folder / PICTURES_FOLDER / source.name, recipe)
+    return recipe_folder(_subject_folder(folder, source), recipe)
+
+
+def _subject_folder(folder: Path, source: SubjectSource) -> Path:
+    """For a subject's pictures: another one for each size of its photographs, which may be tried at the same time."""
+    return folder / PICTURES_FOLDER / f"{source.name}-{fingerprint(source.key, tuple)}"
 
 
 class TrialStore:
@@ -292,7 +297,7 @@ def _try_all(job: Job, folder: Path, threads: int, sender: Connection) -> None:
             if trials is None:
                 subject = job.source.load()
                 matches = cached_matches(folder / MATCHES_FOLDER, subject.judged)
-                place = folder / PICTURES_FOLDER / job.source.name
+                place = _subject_folder(folder, job.source)
                 trials = CaptureTrials(job.source.name, subject, matches, place, threads)
             trial = trials.try_recipe(recipe)
         except Exception as error:  # any failure under stress is a result

@@ -46,6 +46,11 @@ def test_a_trial_is_shared_by_studies_that_call_it_differently(tmp_path):
     assert pictures_of(tmp_path, SOURCE, again) == pictures_of(tmp_path, SOURCE, FIRST)
 
 
+def test_pictures_of_photographs_of_another_size_have_a_folder_of_their_own(tmp_path):
+    sizes = (SOURCE, replace(SOURCE, max_size=64), replace(SOURCE, fitted_size=64))
+    assert len({pictures_of(tmp_path, source, FIRST) for source in sizes}) == 3
+
+
 def test_of_several_jobs_that_ask_for_one_trial_the_first_makes_it(tmp_path):
     store = TrialStore(tmp_path / TRIALS_FILE)
     jobs = [Job(SOURCE, (FIRST,)), Job(SOURCE, (replace(FIRST, label="again"), SECOND)), Job(SOURCE, (SECOND,))]
