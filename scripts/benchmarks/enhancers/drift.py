@@ -150,7 +150,7 @@ def cached_matches(
 
 def _fingerprint(capture: Capture) -> str:
     """A hash of photographs and cameras, since captures may have the same name, and of what reconstructs them."""
-    digest = hashlib.sha256(fingerprint("", trained_product).encode())
+    digest = hashlib.sha256(fingerprint("", lambda: (*trained_product(), _GAUSSIANS)).encode())
     for view in capture.views:
         digest.update(np.ascontiguousarray(view.image).tobytes())
         digest.update(repr((view.camera, view.world_to_camera.tolist())).encode())

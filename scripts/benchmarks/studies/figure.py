@@ -26,6 +26,7 @@ from ..options import Part, add_study_arguments, chosen_sources, made_by, names,
 from ..provenance import fingerprint, trained_product
 from ..tables import write_text
 from .captures import DEMO
+from .jobs import weights_of
 from .novel_views import (
     COMPARED,
     NovelViews,
@@ -206,9 +207,9 @@ class _Page:
         figure.text(left / _WIDTH, 1.0 - top / self.height, words, va="top", **style)
 
 
-def _shaping(recipe: Recipe, views: int) -> tuple[Any, ...]:
+def shaping(recipe: Recipe, views: int) -> tuple[Any, ...]:
     """What shapes the pictures of a figure."""
-    return *trained_product(), recipe, views
+    return *trained_product(), weights_of(recipe), recipe, views
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -229,7 +230,7 @@ def _measure(options: argparse.Namespace) -> str:
         for enhancer in options.enhancers:
             recipe = Recipe("figure", enhancer=enhancer, iterations=options.iterations)
             name = f"{source.name}-{method_label(enhancer)}"
-            key = fingerprint(source.key, partial(_shaping, recipe, options.views))
+            key = fingerprint(source.key, partial(shaping, recipe, options.views))
             place = work_folder(options) / "figure" / f"{name}-{key}"
             reporter = ConsoleReporter(sys.stderr)
             make = partial(novel_views, source.name, subject, recipe, options.views, place, reporter)

@@ -1,8 +1,9 @@
 """Runs trials in separate processes and stores their figures, so that a long comparison can be resumed.
 
 With a process for each job, peak memory can be measured and a crash does not affect other jobs. A trial is known by its
-subject, by what its recipe does and by the product's constants and weights: studies that store in one folder share
-trials, whatever they call them, and none is used again after something that shapes its figures has changed.
+subject, by what its recipe does and by the product's settings and weights: studies that store in one folder share
+trials, whatever they call them, and none is used again after one of these has changed. Code is not among them: after a
+change of what trials do, or of how they are measured, they have to be repeated (``--again``).
 """
 
 from __future__ import annotations
@@ -166,10 +167,10 @@ class TrialStore:
                 file.write(_line(key, trial))
 
     def _key(self, source: SubjectSource, recipe: Recipe) -> str:
-        return fingerprint(source.key, lambda: (self._product, recipe.identity, _weights(recipe)))
+        return fingerprint(source.key, lambda: (self._product, recipe.identity, weights_of(recipe)))
 
 
-def _weights(recipe: Recipe) -> str:
+def weights_of(recipe: Recipe) -> str:
     """The digest of the weights that a recipe needs; "" for none."""
     name = recipe.enhancer.partition(FIT_MARK)[0]
     if name == NETWORK:
