@@ -51,12 +51,13 @@ class Part:
         """
         before = {page: _written(options.out / page) for page in self.pages}
         started = time.monotonic()
-        text = self.measure(options)
-        seconds = time.monotonic() - started
-        for page in self.pages:
-            if self.shaped_by is not None and _written(options.out / page) != before[page]:
-                stamp(options.out / page, command or shown_command(options), self.shaped_by, seconds)
-        return text
+        try:
+            return self.measure(options)
+        finally:  # also of a part that fails because of what its page says
+            seconds = time.monotonic() - started
+            for page in self.pages:
+                if self.shaped_by is not None and _written(options.out / page) != before[page]:
+                    stamp(options.out / page, command or shown_command(options), self.shaped_by, seconds)
 
 
 def _written(page: Path) -> int:
