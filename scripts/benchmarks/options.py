@@ -66,13 +66,32 @@ def _written(page: Path) -> int:
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Comma-separated words."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
+    """Comma-separated words, at least one."""
+    found = tuple(name.strip() for name in text.split(",") if name.strip())
+    if not found:
+        raise argparse.ArgumentTypeError(f"{text!r} names nothing")
+    return found
 
 
 def numbers(text: str) -> tuple[float, ...]:
-    """Comma-separated numbers."""
+    """Comma-separated numbers, at least one."""
     return tuple(float(number) for number in names(text))
+
+
+def positive(text: str) -> int:
+    """A whole number of at least 1."""
+    try:
+        found = int(text)
+    except ValueError:
+        found = 0
+    if found < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
+    return found
+
+
+def positives(text: str) -> tuple[int, ...]:
+    """Comma-separated whole numbers of at least 1, at least one."""
+    return tuple(map(positive, names(text)))
 
 
 def named_path(text: str) -> tuple[str, Path]:
@@ -106,10 +125,10 @@ def add_trial_arguments(
 ) -> None:
     """Add the options of all parts that train scenes; arguments as for `add_study_arguments`."""
     add, processes = parser.add_argument, processes or available_processors()
-    add("--max-size", type=int, default=max_size, metavar="PIXELS", help=f"longer side of the views ({max_size})")
-    add("--iterations", type=int, default=iterations, metavar="N", help=f"training steps ({iterations})")
-    add("--seeds", type=int, default=seeds, metavar="N", help=f"random seeds ({seeds})")
-    add("--processes", type=int, default=processes, metavar="N", help=f"parallel processes ({processes})")
+    add("--max-size", type=positive, default=max_size, metavar="PIXELS", help=f"longer side of the views ({max_size})")
+    add("--iterations", type=positive, default=iterations, metavar="N", help=f"training steps ({iterations})")
+    add("--seeds", type=positive, default=seeds, metavar="N", help=f"random seeds ({seeds})")
+    add("--processes", type=positive, default=processes, metavar="N", help=f"parallel processes ({processes})")
     add("--work", type=Path, metavar="DIR", help="folder for scenes, pictures and finished trials (OUT/work)")
     add("--again", action="store_true", help="repeat trials that an earlier run has made")
 

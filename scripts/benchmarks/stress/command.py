@@ -61,8 +61,6 @@ def _plan(options: argparse.Namespace) -> StressPlan:
         return StressPlan(base, _axes(QUICK_AXES), (HARMLESS, _QUICK_LEVEL), (0,), _QUICK_ITERATIONS)
     if not 2 <= options.levels <= LEVELS:
         raise InputError(f"{options.levels} is out of range", where="--levels", remedy=f"give 2 to {LEVELS}")
-    if options.seeds < 1:
-        raise InputError(f"{options.seeds} is too small", where="--seeds", remedy="give 1 or more")
     return StressPlan(
         CaptureFolder(DEMO, SHOWROOM, options.max_size),
         _axes(options.axes) if options.axes else AXES,

@@ -17,12 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.color.srgb import simulate_bytes
+from ....core.errors import InputError
 from ....core.runs.layout import ORIGINAL
 from ....core.runtime.cli import ConsoleReporter
 from ....core.settings import Layer
 from ..charts import Theme, picture, write_charts
 from ..enhancers.methods import PER_VIEW_LUT, SCENE, method_label
-from ..options import Part, add_study_arguments, chosen_sources, made_by, names, with_quick_defaults, work_folder
+from ..options import (
+    Part,
+    add_study_arguments,
+    chosen_sources,
+    made_by,
+    names,
+    positive,
+    with_quick_defaults,
+    work_folder,
+)
 from ..provenance import fingerprint, trained_product
 from ..tables import write_text
 from .captures import DEMO
@@ -216,12 +226,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS)
     what = f"names or weight files, one picture each ({','.join(TITLES)})"
     parser.add_argument("--enhancers", type=names, default=tuple(TITLES), metavar="A,B", help=what)
-    parser.add_argument("--views", type=int, default=VIEWS, metavar="N", help=f"cameras on the path ({VIEWS})")
+    parser.add_argument("--views", type=positive, default=VIEWS, metavar="N", help=f"cameras on the path ({VIEWS})")
 
 
 def _measure(options: argparse.Namespace) -> str:
     """Render the modes along a path; writes figure-CAPTURE-ENHANCER.png, the same in dark, and figure.md."""
     options = with_quick_defaults(options)
+    if options.views < 2:
+        raise InputError("one camera is no path", where="--views", remedy="give 2 or more")
     if options.quick:
         options.views = min(options.views, QUICK_VIEWS)
     lines = ["# The modes from novel views", "", *made_by(options, seeds=1), "", *_EXPLANATION, ""]

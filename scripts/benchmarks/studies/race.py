@@ -22,7 +22,7 @@ from ....core.settings import QUALITIES
 from ....core.splats import raster
 from ....core.splats.training.plan import TrainingPlan
 from ..charts import SeriesStyle, Theme, logarithmic, picture, plot_series, write_charts
-from ..options import Part, add_study_arguments, chosen_sources, with_quick_defaults, work_folder
+from ..options import Part, add_study_arguments, chosen_sources, positive, with_quick_defaults, work_folder
 from ..provenance import fingerprint, trained_product
 from ..tables import Column, frame_of, markdown_table, write_csv, write_text
 from ..timing.runs import train_once
@@ -255,7 +255,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=STANDARD, processes=1)
     add, steps = parser.add_argument, OPENSPLAT_ITERATIONS
     add("--opensplat", type=Path, metavar="FILE", help="OpenSplat's executable")
-    add("--peer-iterations", type=int, default=steps, metavar="N", help=f"steps of other programs ({steps})")
+    add("--peer-iterations", type=positive, default=steps, metavar="N", help=f"steps of other programs ({steps})")
 
 
 def _measure(options: argparse.Namespace) -> str:
