@@ -240,7 +240,7 @@ def _plain_and_wide(panel: Axes) -> None:
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     # One process: times and memory are those of trials that have the machine to themselves.
-    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS, processes=1)
+    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS, alone=True)
     add, shown = parser.add_argument, (",".join(map(str, some)) for some in (VIEWS, SIZES))
     add("--views", type=positives, default=VIEWS, metavar="N,M", help=f"numbers of views ({next(shown)})")
     add("--sizes", type=positives, default=SIZES, metavar="N,M", help=f"longer sides in pixels ({next(shown)})")

@@ -6,6 +6,7 @@ Command: ``benchmark.py figure``.
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -223,7 +224,9 @@ def shaping(recipe: Recipe, views: int) -> tuple[Any, ...]:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS)
+    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS, seeds=None, alone=True)
+    what = "no longer used; commands on older pages have it"
+    parser.add_argument("--processes", type=positive, metavar="N", help=what)
     what = f"names or weight files, one picture each ({','.join(TITLES)})"
     parser.add_argument("--enhancers", type=names, default=tuple(TITLES), metavar="A,B", help=what)
     parser.add_argument("--views", type=positive, default=VIEWS, metavar="N", help=f"cameras on the path ({VIEWS})")
@@ -236,7 +239,7 @@ def _measure(options: argparse.Namespace) -> str:
         raise InputError("one camera is no path", where="--views", remedy="give 2 or more")
     if options.quick:
         options.views = min(options.views, QUICK_VIEWS)
-    lines = ["# The modes from novel views", "", *made_by(options, seeds=1), "", *_EXPLANATION, ""]
+    lines = ["# The modes from novel views", "", *made_by(options), "", *_EXPLANATION, ""]
     for source in chosen_sources(options):
         subject = source.load()
         for enhancer in options.enhancers:
@@ -244,6 +247,8 @@ def _measure(options: argparse.Namespace) -> str:
             name = f"{source.name}-{method_label(enhancer)}"
             key = fingerprint(source.key, partial(shaping, recipe, options.views))
             place = work_folder(options) / "figure" / f"{name}-{key}"
+            if options.again:
+                shutil.rmtree(place, ignore_errors=True)
             reporter = ConsoleReporter(sys.stderr)
             make = partial(novel_views, source.name, subject, recipe, options.views, place, reporter)
             views = cached_novel_views(place, make)

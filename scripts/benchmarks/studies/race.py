@@ -252,7 +252,7 @@ def _finish_of(entry: dict[str, Any]) -> Finish:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=STANDARD, processes=1)
+    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=STANDARD, seeds=None, alone=True)
     add, steps = parser.add_argument, OPENSPLAT_ITERATIONS
     add("--opensplat", type=Path, metavar="FILE", help="OpenSplat's executable")
     add("--peer-iterations", type=positive, default=steps, metavar="N", help=f"steps of other programs ({steps})")
