@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
+from ....core.pipeline.device import describe_processor
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ....core.settings import QUALITIES
@@ -244,7 +245,8 @@ def _draw_curve(panel: Axes, finish: Finish, style: SeriesStyle) -> None:
 
 
 def _key(source: SubjectSource, *facts: Any) -> str:
-    return fingerprint(source.key, lambda: facts)
+    """Of a training on this machine: times of another one are not comparable with those that are made now."""
+    return fingerprint(source.key, lambda: (describe_processor(), *facts))
 
 
 def _finish_of(entry: dict[str, Any]) -> Finish:
