@@ -11,33 +11,10 @@ import bootstrap
 
 bootstrap.load(modules=("torch", "warp", "OpenImageIO", "pandas"))
 from cvdgs.core.runtime.cli import OneLineParser, exit_code
-from cvdgs.scripts.benchmarks import everything, stale
-from cvdgs.scripts.benchmarks.enhancers import comparison as enhancer
-from cvdgs.scripts.benchmarks.enhancers import drift
-from cvdgs.scripts.benchmarks.enhancers import frames as select
-from cvdgs.scripts.benchmarks.observers import command as observers
-from cvdgs.scripts.benchmarks.stress import command as stress
-from cvdgs.scripts.benchmarks.studies import ablation, budget, cost, figure, pareto, plain, race, table
-from cvdgs.scripts.benchmarks.timing import batch, files, step, throughput, trainer
-from cvdgs.scripts.benchmarks.timing import stills as display
+from cvdgs.scripts.benchmarks import stale
+from cvdgs.scripts.benchmarks.parts import MEASURING
 
-STUDIES = (everything, table, pareto, budget, ablation, figure, cost, stress)
-MEASUREMENTS = (
-    race,
-    plain,
-    step,
-    trainer,
-    display,
-    files,
-    enhancer,
-    drift,
-    select,
-    batch,
-    throughput,
-    observers,
-    stale,
-)
-PARTS = tuple(module.PART for module in (*STUDIES, *MEASUREMENTS))
+PARTS = (*MEASURING, stale.PART)
 
 
 def main(arguments: list[str]) -> int:

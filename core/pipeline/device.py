@@ -87,7 +87,12 @@ def describe_device(rasterizer: Rasterizer) -> str:
     """One line, e.g. ``cpu: AMD EPYC, 2 threads``."""
     if rasterizer.device.is_cuda:
         return f"cuda: {rasterizer.device.name}"
-    return f"cpu: {_processor_name()}, {available_processors()} threads"
+    return f"cpu: {describe_processor()}"
+
+
+def describe_processor() -> str:
+    """One line, e.g. ``AMD EPYC, 2 threads``."""
+    return f"{_processor_name()}, {available_processors()} threads"
 
 
 def _processor_name() -> str:

@@ -18,6 +18,7 @@ from ...core.settings import Layer
 from ...core.splats.training.decisions import GrowthRule
 from .enhancers.methods import NONE
 from .options import QUICK, Part
+from .provenance import trained_product
 from .stress import command as stress
 from .studies import ablation, budget, cost, figure, pareto, table
 from .studies.captures import DEMO, CaptureFolder
@@ -89,12 +90,12 @@ def claims_of(layers: Trial, post: Trial, fixed: Trial, normal: Trial) -> list[C
     ]
 
 
-def write_claims(folder: Path, claims: Sequence[Claim], heading: Sequence[str]) -> str:
+def write_claims(folder: Path, claims: Sequence[Claim]) -> str:
     """Write ``claims.csv`` and ``claims.md``; returns the text of the latter."""
     found = frame_of(Claim, claims)
     write_csv(folder / "claims.csv", found)
     shown = found.assign(verdict=["yes" if claim.holds else "**no**" for claim in claims])
-    lines = ["# What has to hold", "", *heading, "", *markdown_table(shown, _COLUMNS)]
+    lines = ["# What has to hold", "", *markdown_table(shown, _COLUMNS)]
     return write_text(folder / "claims.md", lines)
 
 
@@ -123,10 +124,17 @@ def _measure(options: argparse.Namespace) -> str:
     texts = [part.run(options_of(part, options, work), _command_of(part, options)) for part in STUDIES]
     source = CaptureFolder(DEMO, SHOWROOM, QUICK["max_size"])
     claims = measure_claims(source, QUICK["iterations"], work, ConsoleReporter(sys.stderr))
-    texts.append(write_claims(options.out, claims, ["By `python scripts/benchmark.py all`."]))
+    texts.append(write_claims(options.out, claims))
     if failed := [claim.statement for claim in claims if not claim.holds]:
         raise SystemExit(f"{texts[-1]}\nbenchmark.py: does not hold: {'; '.join(failed)}")
     return "\n".join(texts)
 
 
-PART = Part("all", "every study, and the claims that have to hold", _add_arguments, _measure)
+PART = Part(
+    "all",
+    "every study, and the claims that have to hold",
+    _add_arguments,
+    _measure,
+    pages=("claims.md",),
+    shaped_by=lambda: (*trained_product(), Recipe("any"), QUICK, DRIFT, _ROUNDING),
+)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pandas as pd
@@ -51,12 +52,13 @@ class Part:
         """
         before = {page: _written(options.out / page) for page in self.pages}
         started = time.monotonic()
-        text = self.measure(options)
-        seconds = time.monotonic() - started
-        for page in self.pages:
-            if self.shaped_by is not None and _written(options.out / page) != before[page]:
-                stamp(options.out / page, command or shown_command(options), self.shaped_by, seconds)
-        return text
+        try:
+            return self.measure(options)
+        finally:  # also of a part that fails because of what its page says
+            seconds = time.monotonic() - started
+            for page in self.pages:
+                if self.shaped_by is not None and _written(options.out / page) != before[page]:
+                    stamp(options.out / page, command or shown_command(options), self.shaped_by, seconds)
 
 
 def _written(page: Path) -> int:
@@ -65,13 +67,32 @@ def _written(page: Path) -> int:
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Comma-separated words."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())
+    """Comma-separated words, at least one."""
+    found = tuple(name.strip() for name in text.split(",") if name.strip())
+    if not found:
+        raise argparse.ArgumentTypeError(f"{text!r} names nothing")
+    return found
 
 
 def numbers(text: str) -> tuple[float, ...]:
-    """Comma-separated numbers."""
+    """Comma-separated numbers, at least one."""
     return tuple(float(number) for number in names(text))
+
+
+def positive(text: str) -> int:
+    """A whole number of at least 1."""
+    try:
+        found = int(text)
+    except ValueError:
+        found = 0
+    if found < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
+    return found
+
+
+def positives(text: str) -> tuple[int, ...]:
+    """Comma-separated whole numbers of at least 1, at least one."""
+    return tuple(map(positive, names(text)))
 
 
 def named_path(text: str) -> tuple[str, Path]:
@@ -88,37 +109,66 @@ def add_study_arguments(
     captures: Sequence[str] = SHOWROOMS,
     max_size: int,
     iterations: int,
-    seeds: int = 1,
+    seeds: int | None = 1,
     processes: int | None = None,
+    alone: bool = False,
 ) -> None:
-    """Add the options of studies on several captures, with the part's own defaults; `processes`: one per core."""
+    """Add the options of studies on several captures, for `with_quick_defaults`.
+
+    Args:
+        captures, max_size, iterations, seeds, processes: the part's own defaults; no `seeds` for a part that uses one
+            alone, and no `processes` for one for each core.
+        alone: whether the part lets nothing run at the same time.
+    """
     add = parser.add_argument
     what = f"{', '.join(SHOWROOMS)}, folders or NAME=FOLDER ({','.join(captures)})"
     add("--captures", type=names, default=tuple(captures), metavar="A,B", help=what)
-    add_trial_arguments(parser, max_size=max_size, iterations=iterations, seeds=seeds, processes=processes)
+    sizes = {"max_size": max_size, "iterations": iterations}
+    add_trial_arguments(parser, **sizes, seeds=seeds, processes=processes, alone=alone)
     add("--quick", action="store_true", help="the demo alone, small and short: a smoke test")
-    parser.set_defaults(usual={name: parser.get_default(name) for name in QUICK})
+    leave_open(parser, QUICK)
 
 
 def add_trial_arguments(
-    parser: argparse.ArgumentParser, *, max_size: int, iterations: int, seeds: int, processes: int | None = None
+    parser: argparse.ArgumentParser,
+    *,
+    max_size: int,
+    iterations: int,
+    seeds: int | None,
+    processes: int | None = None,
+    alone: bool = False,
 ) -> None:
     """Add the options of all parts that train scenes; arguments as for `add_study_arguments`."""
     add, processes = parser.add_argument, processes or available_processors()
-    add("--max-size", type=int, default=max_size, metavar="PIXELS", help=f"longer side of the views ({max_size})")
-    add("--iterations", type=int, default=iterations, metavar="N", help=f"training steps ({iterations})")
-    add("--seeds", type=int, default=seeds, metavar="N", help=f"random seeds ({seeds})")
-    add("--processes", type=int, default=processes, metavar="N", help=f"parallel processes ({processes})")
+    parser.set_defaults(seeds=1, processes=1)
+    add("--max-size", type=positive, default=max_size, metavar="PIXELS", help=f"longer side of the views ({max_size})")
+    add("--iterations", type=positive, default=iterations, metavar="N", help=f"training steps ({iterations})")
+    if seeds is not None:
+        add("--seeds", type=positive, metavar="N", help=f"random seeds ({seeds})")
+        parser.set_defaults(seeds=seeds)
+    if not alone:
+        add("--processes", type=positive, metavar="N", help=f"parallel processes ({processes})")
+        parser.set_defaults(processes=processes)
     add("--work", type=Path, metavar="DIR", help="folder for scenes, pictures and finished trials (OUT/work)")
-    add("--again", action="store_true", help="discard the trials of earlier runs")
+    add("--again", action="store_true", help="repeat trials that an earlier run has made")
+
+
+def leave_open(parser: argparse.ArgumentParser, options: Iterable[str]) -> None:
+    """Let `options` be None where they are not given, until `filled` gives them their defaults."""
+    usual = {name: parser.get_default(name) for name in options}
+    parser.set_defaults(usual=usual, **dict.fromkeys(usual))
+
+
+def filled(options: argparse.Namespace, others: Mapping[str, Any] = MappingProxyType({})) -> argparse.Namespace:
+    """The options, with their defaults for those that were left open; those of `others` come first."""
+    defaults = {**options.usual, **others}
+    given = {name: value for name, value in vars(options).items() if value is not None or name not in defaults}
+    return argparse.Namespace(**{**defaults, **given})
 
 
 def with_quick_defaults(options: argparse.Namespace) -> argparse.Namespace:
-    """The options, with the values of `QUICK` for those left at their defaults if ``--quick`` was given."""
-    chosen = vars(options).copy()
-    if options.quick:
-        chosen |= {name: value for name, value in QUICK.items() if chosen[name] == options.usual[name]}
-    return argparse.Namespace(**chosen)
+    """The options, with the values of `QUICK` for those that were not given if ``--quick`` was."""
+    return filled(options, QUICK if options.quick else {})
 
 
 def work_folder(options: argparse.Namespace) -> Path:
@@ -154,29 +204,32 @@ def made_by(
     options: argparse.Namespace,
     trials: pd.DataFrame | None = None,
     *,
-    seeds: int | None = None,
+    views: str = "",
 ) -> list[str]:
     """The lines of a text that say how its figures were made; by which command says its provenance.
 
     Args:
         trials: columns of `Trial`, to say how long they took, in this call or an earlier one.
-        seeds: number of seeds, if it is not that of the options.
+        views: which were used, if their size is not that of the options throughout.
     """
-    seeds = seeds or options.seeds
-    count = f"{seeds} seeds" if seeds > 1 else "one seed"
+    views = views or f"Views of at most {options.max_size} pixels"
+    count = f"{options.seeds} seeds" if options.seeds > 1 else "one seed"
     training = f", {options.iterations:,} steps, {count}"
-    took = "" if trials is None else f" {trials_took(trials)}"
-    return [f"Views of at most {options.max_size} pixels{training}.{took}"]
+    took = "" if trials is None else f" {trials_took(trials, options.processes)}"
+    return [f"{views}{training}.{took}"]
 
 
-def trials_took(trials: pd.DataFrame) -> str:
+def trials_took(trials: pd.DataFrame, processes: int) -> str:
     """The number of trials and their minutes, in a sentence.
 
     Args:
-        trials: columns of `Trial`.
+        trials: columns of `Trial`, each trial once.
+        processes: how many ran at a time.
     """
     minutes = trials.trial_seconds.sum() / SECONDS_PER_MINUTE
-    return f"{len(trials)} trials took {minutes:.0f} minutes, one after the other."
+    if processes == 1:
+        return f"{len(trials)} trials took {minutes:.0f} minutes, one after the other."
+    return f"{len(trials)} trials took {minutes:.0f} minutes together, up to {processes} at a time."
 
 
 def _option_and_value(word: str) -> list[str]:

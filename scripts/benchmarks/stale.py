@@ -9,22 +9,14 @@ import argparse
 from pathlib import Path
 
 from ...core.errors import InputError
-from .enhancers import comparison, drift
 from .options import Part
+from .parts import MEASURING
 from .provenance import BY_HAND, Facts, mark
-from .stress import command as stress
-from .studies import ablation, budget, cost, figure, pareto, race, table
-from .timing import throughput
-
-PARTS = tuple(
-    module.PART
-    for module in (table, pareto, budget, ablation, figure, cost, race, throughput, stress, comparison, drift)
-)
 
 
 def facts_of_parts() -> dict[str, Facts]:
     """What shapes the studies whose pages carry a recipe, by the names of their parts."""
-    return {part.name: part.shaped_by for part in PARTS if part.shaped_by is not None}
+    return {part.name: part.shaped_by for part in MEASURING if part.shaped_by is not None}
 
 
 def pages_of(folder: Path) -> list[Path]:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import shlex
+from pathlib import Path
 
 import pytest
 
 from cvdgs.core.bootstrap import ROOT
 from cvdgs.core.errors import InputError
-from cvdgs.scripts.benchmark import PARTS, build_parser
+from cvdgs.core.runtime.protocol import EXIT_INPUT
+from cvdgs.scripts.benchmark import PARTS, build_parser, main
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SPAN = re.compile(r"`([^`]*\bbenchmark\.py\b[^`]*)`|^ {4}(.*\bbenchmark\.py\b.*)$", re.MULTILINE)
@@ -50,3 +52,32 @@ def test_every_part_has_a_name_of_its_own_and_a_line_of_help() -> None:
 def test_what_cannot_be_understood_is_refused(arguments: list[str]) -> None:
     with pytest.raises(InputError):
         build_parser().parse_args(arguments)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "budget --captures demo --processes 0",
+        "table --quick --seeds 0",
+        "step --rounds 0",
+        "trainer --max-size -5",
+        "pareto --captures ,",
+        "stress --axes ,",
+        "stress --seeds 0",
+        "cost --sizes ''",
+        "cost --views 5,0",
+        "figure --views 1",
+        "enhancer --cvd achromat",
+        "enhancer --cvd unknown",
+        "stress --redraw docs/evidence/stress-real.csv",
+    ],
+)
+def test_what_cannot_be_measured_is_refused_in_a_line(
+    arguments: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(ROOT)
+    assert main([*shlex.split(arguments), "--out", str(tmp_path)]) == EXIT_INPUT
+    said = capsys.readouterr().err
+    assert said.startswith("benchmark.py: ")
+    assert said.count("\n") == 1
+    assert not list(tmp_path.iterdir())

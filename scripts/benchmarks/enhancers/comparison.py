@@ -30,7 +30,7 @@ from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ....core.settings import Layer
 from ...training.data.plates import SMALLEST_PLATE
-from ..options import Part, named_path, names, numbers
+from ..options import Part, named_path, names, numbers, positive
 from ..provenance import enhanced_product
 from .image_sets import PLATE_TYPES, ImageSet, TestImage, fresh_plates, fresh_textiles, read_photographs
 from .methods import (
@@ -300,10 +300,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--images", type=named_path, action="append", default=[], metavar="NAME=FOLDER", help=what)
     add("--cvd", type=names, dest="types", metavar="A,B", help=f"types ({','.join(usual.types)})")
     add("--severity", type=numbers, dest="severities", metavar="A,B", help="severities (0.4,0.7,1)")
-    add("--size", type=int, metavar="PIXELS", help=f"longer side of the images ({usual.size})")
+    add("--size", type=positive, metavar="PIXELS", help=f"longer side of the images ({usual.size})")
     add("--plates", type=int, metavar="N", help=f"plates for each type ({usual.plates})")
     add("--textiles", type=int, metavar="N", help=f"textiles in all ({usual.textiles})")
-    add("--processes", type=int, default=1, metavar="N", help="parallel processes (1)")
+    add("--processes", type=positive, default=1, metavar="N", help="parallel processes (1)")
     add("--quick", action="store_true", help="fewer and smaller images, protan and deutan 1.0, Machado only")
 
 

@@ -36,7 +36,7 @@ from ....core.splats.renderer import SceneRenderer
 from ....core.splats.targets import Background
 from ....core.splats.training.plan import TrainingPlan
 from ....core.splats.training.trainer import Trainer
-from ..options import Part, names
+from ..options import Part, names, positive
 from ..provenance import enhanced_product, fingerprint, trained_product
 from ..tables import Column, markdown_table, write_csv, write_text
 from .methods import check_labels, method_factory, method_label
@@ -150,7 +150,7 @@ def cached_matches(
 
 def _fingerprint(capture: Capture) -> str:
     """A hash of photographs and cameras, since captures may have the same name, and of what reconstructs them."""
-    digest = hashlib.sha256(fingerprint("", trained_product).encode())
+    digest = hashlib.sha256(fingerprint("", lambda: (*trained_product(), _GAUSSIANS)).encode())
     for view in capture.views:
         digest.update(np.ascontiguousarray(view.image).tobytes())
         digest.update(repr((view.camera, view.world_to_camera.tolist())).encode())
@@ -197,10 +197,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--enhancers", type=names, default=("none", "lut"), metavar="A,B", help="names or weight files (none,lut)")
     add("--cvd", type=names, default=("deutan",), metavar="A,B", help="types (deutan)")
     add("--severity", type=float, default=1.0, metavar="0..1", help="severity (1)")
-    add("--max-size", type=int, default=480, metavar="PIXELS", help="longer side of the views (480)")
+    add("--max-size", type=positive, default=480, metavar="PIXELS", help="longer side of the views (480)")
     add(
         "--steps",
-        type=int,
+        type=positive,
         default=RECONSTRUCTION_STEPS,
         metavar="N",
         help=f"steps of the reconstruction ({RECONSTRUCTION_STEPS})",

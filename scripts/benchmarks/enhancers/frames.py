@@ -27,7 +27,7 @@ from ....core.files.images import to_bytes
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ....core.settings import Layer
-from ..options import Part
+from ..options import Part, positive
 from ..tables import number, write_csv, write_text
 from .image_sets import read_images
 from .methods import method_factory
@@ -150,7 +150,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--enhancer", default="lut", help="name or weight file (lut)")
     add("--cvd", default="deutan", metavar="TYPE", help="type (deutan)")
     add("--severity", type=float, default=1.0, metavar="0..1", help="severity (1)")
-    add("--max-size", type=int, default=640, metavar="PIXELS", help="longer side of the frames (640)")
+    add("--max-size", type=positive, default=640, metavar="PIXELS", help="longer side of the frames (640)")
 
 
 def _measure(options: argparse.Namespace) -> str:

@@ -83,7 +83,14 @@ def read_images(folder: Path, size: int, limit: int | None = None) -> dict[str, 
 
 
 def fresh_plates(count: int, size: int, types: Sequence[str] = PLATE_TYPES) -> ImageSet:
-    """`count` new plates for each type of deficiency, `size` pixels a side."""
+    """`count` new plates for each type of deficiency, `size` pixels a side.
+
+    Raises:
+        InputError: there are no plates for a type.
+    """
+    if count and (unknown := sorted(set(types) - set(PLATE_TYPES))):
+        remedy = f"use {', '.join(PLATE_TYPES)}, or --plates 0"
+        raise InputError(f"there are no plates for type '{unknown[0]}'", where="--cvd", remedy=remedy)
     images = []
     for cvd in types:
         for number in range(count):

@@ -9,7 +9,7 @@ from pathlib import Path
 from ....core.errors import InputError
 from ....core.runtime.cli import ConsoleReporter
 from ..enhancers.methods import check_labels
-from ..options import Part, named_path, names, shown_command, work_folder
+from ..options import Part, named_path, names, positive, shown_command, work_folder
 from ..studies.captures import DEMO, SHOWROOMS, capture_sources
 from .answers import read_answers
 from .page import write_study_page
@@ -28,13 +28,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--analyse", type=Path, nargs="+", metavar="FILE", help="participants' files; OUT is the folder of their study")
     what = f"{', '.join(SHOWROOMS)}, folders or NAME=FOLDER, whose photographs are shown ({DEMO})"
     add("--captures", type=names, default=(DEMO,), metavar="A,B", help=what)
-    add("--stills", type=int, default=_STILLS, metavar="N", help=f"photographs of each capture ({_STILLS})")
+    add("--stills", type=positive, default=_STILLS, metavar="N", help=f"photographs of each capture ({_STILLS})")
     what = "finished run whose turntable is shown, made with --turntable; may be repeated"
     add("--run", type=named_path, action="append", default=[], dest="runs", metavar="NAME=DIR", help=what)
-    add("--frames", type=int, default=_FRAMES, metavar="N", help=f"of a turntable ({_FRAMES})")
+    add("--frames", type=positive, default=_FRAMES, metavar="N", help=f"of a turntable ({_FRAMES})")
     what = f"types to make pictures for; the arrangement test chooses among them ({','.join(TYPES[:2])})"
     add("--cvd", type=names, default=TYPES[:2], metavar="A,B", help=what)
-    add("--max-size", type=int, default=_SIZE, metavar="PIXELS", help=f"longer side of the pictures ({_SIZE})")
+    add("--max-size", type=positive, default=_SIZE, metavar="PIXELS", help=f"longer side of the pictures ({_SIZE})")
     add("--seed", type=int, default=0, metavar="N", help="of the codes that hide the methods (0)")
     add("--work", type=Path, metavar="DIR", help="folder for rendered showrooms (OUT/work)")
 

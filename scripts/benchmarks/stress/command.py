@@ -9,7 +9,8 @@ from pathlib import Path
 from ....core.demo import SHOWROOM
 from ....core.errors import InputError
 from ....core.runtime.cli import ConsoleReporter
-from ..options import Part, add_trial_arguments, names, work_folder
+from ....core.settings import flag
+from ..options import Part, add_trial_arguments, filled, leave_open, names, work_folder
 from ..provenance import trained_product
 from ..studies.captures import DEMO, CaptureFolder
 from ..studies.recipe import PLAIN, Recipe
@@ -22,6 +23,7 @@ from .real import FAR, LEAST_PSNR, real_captures, run_real, write_real
 from .real import NAME as REAL_NAME
 
 QUICK_AXES = ("views", "drift")
+_OF_CONDITIONS = ("axes", "levels", "seeds", "processes")  # options that captures of the real world have no use for
 _SIZE, _ITERATIONS, _SEEDS = 128, 300, 3
 _QUICK_SIZE, _QUICK_ITERATIONS, _QUICK_LEVEL = 80, 60, 3
 
@@ -36,6 +38,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--real", metavar="NAME=PATH,…", help="instead: what run.py makes of captures as people take them; NAME@N=PATH")
     add("--redraw", type=Path, nargs="+", metavar="CSV", help="only draw the picture of these stress.csv again")
     add("--quick", action="store_true", help="two axes, two levels, small and short: a smoke test")
+    leave_open(parser, _OF_CONDITIONS)
 
 
 def _measure(options: argparse.Namespace) -> str:
@@ -47,12 +50,16 @@ def _measure(options: argparse.Namespace) -> str:
         return "\n".join(path.name for path in write_heat_map(options.out, read_standings(options.redraw)))
     reporter = ConsoleReporter(sys.stderr)
     if options.real:
+        if given := [name for name in _OF_CONDITIONS if getattr(options, name) is not None]:
+            remedy = "leave it out: captures are tried once each, as they are"
+            raise InputError("it has no meaning with --real", where=flag(given[0]), remedy=remedy)
         asked = (real_captures(options.real), options.max_size, options.iterations)
         found = run_real(*asked, work_folder(options), reporter)
         return write_real(options.out, found, *asked[1:])
+    options = filled(options)
     plan = _plan(options)
     results = run_stress(plan, work_folder(options), reporter, processes=options.processes, again=options.again)
-    return write_stress(options.out, plan, results)
+    return write_stress(options.out, plan, results, processes=options.processes)
 
 
 def _plan(options: argparse.Namespace) -> StressPlan:
@@ -61,8 +68,6 @@ def _plan(options: argparse.Namespace) -> StressPlan:
         return StressPlan(base, _axes(QUICK_AXES), (HARMLESS, _QUICK_LEVEL), (0,), _QUICK_ITERATIONS)
     if not 2 <= options.levels <= LEVELS:
         raise InputError(f"{options.levels} is out of range", where="--levels", remedy=f"give 2 to {LEVELS}")
-    if options.seeds < 1:
-        raise InputError(f"{options.seeds} is too small", where="--seeds", remedy="give 1 or more")
     return StressPlan(
         CaptureFolder(DEMO, SHOWROOM, options.max_size),
         _axes(options.axes) if options.axes else AXES,

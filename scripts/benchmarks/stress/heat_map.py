@@ -46,7 +46,7 @@ def read_standings(paths: Sequence[Path]) -> pd.DataFrame:
     Those of a ``stress-real.csv`` have none and are compared with fixed lines; see `real.margins_of_real`.
 
     Raises:
-        InputError: there is no such file, or it is another one.
+        InputError: there is no such file, it is another one, or there are only rows of a ``stress-real.csv``.
     """
     tables = []
     for path in paths:
@@ -63,7 +63,11 @@ def read_standings(paths: Sequence[Path]) -> pd.DataFrame:
         real = table[table.axis == REAL]
         tables += [real.assign(margin=margins_of_real(real), news=real.warnings)] if len(real) else []
         tables += [with_margins(table[table.axis != REAL])] if len(real) < len(table) else []
-    return pd.concat(tables, ignore_index=True)
+    found = pd.concat(tables, ignore_index=True)
+    if (found.axis == REAL).all():
+        remedy = "give a stress.csv of made-up conditions as well"
+        raise InputError("there are only captures of the real world", where=paths[0], remedy=remedy)
+    return found
 
 
 def with_margins(items: pd.DataFrame) -> pd.DataFrame:

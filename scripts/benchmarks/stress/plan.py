@@ -110,7 +110,7 @@ def run_stress(
     ]
 
 
-def _attempts(plan: StressPlan, scenes: dict[tuple[str, int], Path], seed: int) -> Iterator[Attempt]:
+def _attempts(plan: StressPlan, scenes: dict[tuple[str, int], CaptureFolder], seed: int) -> Iterator[Attempt]:
     methods = [replace(method, seed=seed) for method in plan.methods]
     for method in methods:
         yield Attempt(method.label, None, HARMLESS, seed, plan.base, method)
@@ -121,22 +121,21 @@ def _attempts(plan: StressPlan, scenes: dict[tuple[str, int], Path], seed: int) 
             if axis.perturb or axis.perturb_subject:
                 source = PerturbedCapture(plan.base, axis, level, seed)
             elif axis.scene_option:
-                place = scenes[axis.name, level]
-                source = CaptureFolder(place.name, place, plan.base.max_size)
+                source = scenes[axis.name, level]
             for method in methods:
                 yield Attempt(method.label, axis, level, seed, source, axis.recipe(method, level))
 
 
-def _render_scenes(plan: StressPlan, folder: Path, reporter: Reporter) -> dict[tuple[str, int], Path]:
+def _render_scenes(plan: StressPlan, folder: Path, reporter: Reporter) -> dict[tuple[str, int], CaptureFolder]:
     width = plan.base.max_size
     usual = (*_SHOWROOM, "--width", str(width), "--height", str(width * 3 // 4))
-    scenes: dict[tuple[str, int], Path] = {}
-    wanted: dict[Path, tuple[str, ...]] = {}
+    names: dict[tuple[str, int], str] = {}
+    wanted: dict[str, tuple[str, ...]] = {}
     for axis in plan.axes:
         for level in plan.levels if axis.scene_option else ():
             varied = () if level == HARMLESS else (axis.scene_option, f"{axis.value(level):g}")
-            name = f"{axis.name}-{varied[1]}" if varied else "untouched"
-            scenes[axis.name, level] = place = folder / f"showroom-{name}-{width}"
-            wanted[place] = (*usual, *varied)
-    render_showrooms(wanted, reporter)
-    return scenes
+            what = f"{axis.name}-{varied[1]}" if varied else "untouched"
+            names[axis.name, level] = name = f"showroom-{what}-{width}"
+            wanted[name] = (*usual, *varied)
+    places = render_showrooms(wanted, folder, reporter)
+    return {key: CaptureFolder(name, places[name], width) for key, name in names.items()}

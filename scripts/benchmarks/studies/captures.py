@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Protocol
 
@@ -21,6 +22,7 @@ from ....core.errors import InputError
 from ....core.evaluate.evaluation import Split
 from ....core.runtime.protocol import Reporter, StageSpan
 from ....core.settings import Settings
+from ..provenance import digest_of, fingerprint
 
 STAGE = "scenes"
 DEMO = "demo"
@@ -103,9 +105,9 @@ class CaptureFolder:
     @property
     def key(self) -> str:
         files = sorted(path for path in self.folder.rglob("*") if path.is_file())
-        sizes = [(path.relative_to(self.folder).as_posix(), path.stat().st_size) for path in files]
+        contents = [(path.relative_to(self.folder).as_posix(), _content(path)) for path in files]
         fitted = self.max_size if self.fitted_size is None else min(self.fitted_size, self.max_size)
-        return repr((self.name, self.max_size, fitted, sizes))
+        return repr((self.name, self.max_size, fitted, contents))
 
     def load(self) -> Subject:
         judged = Subject.of(read_capture(self.folder, max_size=self.max_size))
@@ -113,6 +115,17 @@ class CaptureFolder:
             return judged
         given = Subject.of(read_capture(self.folder, max_size=self.fitted_size))
         return Subject(given.given, given.split, judged.judged, judged.judged_split)
+
+
+def _content(file: Path) -> str:
+    """The digest of a file, which is read once as long as it does not change."""
+    found = file.stat()
+    return _digest(file, found.st_size, found.st_mtime_ns)
+
+
+@cache
+def _digest(file: Path, size: int, written: int) -> str:  # the latter two tell whether it has changed
+    return digest_of(file)
 
 
 @dataclass(frozen=True)
@@ -164,9 +177,9 @@ def showrooms(folder: Path, reporter: Reporter, wanted: Sequence[str] = SHOWROOM
     Raises:
         InputError: one could not be rendered.
     """
-    found = {name: SHOWROOM if name == DEMO else folder / name for name in wanted}
-    render_showrooms({found[name]: (*RENDERED[name], *_SIZE) for name in wanted if name != DEMO}, reporter)
-    return found
+    arguments = {name: (*RENDERED[name], *_SIZE) for name in wanted if name != DEMO}
+    rendered = render_showrooms(arguments, folder, reporter)
+    return {name: SHOWROOM if name == DEMO else rendered[name] for name in wanted}
 
 
 def capture_sources(asked: Sequence[str], max_size: int, folder: Path, reporter: Reporter) -> list[CaptureFolder]:
@@ -187,21 +200,24 @@ def capture_sources(asked: Sequence[str], max_size: int, folder: Path, reporter:
     return [CaptureFolder(name, place or rendered[name], max_size) for name, place in places.items()]
 
 
-def render_showrooms(wanted: Mapping[Path, Sequence[str]], reporter: Reporter) -> None:
-    """Render those of the wanted showrooms that do not exist yet.
+def render_showrooms(wanted: Mapping[str, Sequence[str]], folder: Path, reporter: Reporter) -> dict[str, Path]:
+    """Render those of the wanted showrooms that do not exist yet; returns the folders of all.
 
     Args:
-        wanted: arguments of make_showroom.py, without ``--out``, by folder; the folder's name has to stand for them.
+        wanted: arguments of make_showroom.py, without ``--out``, by the showroom's name.
+        folder: of the showrooms' folders, each called by its name and a digest of its arguments.
 
     Raises:
         InputError: one could not be rendered, most likely for lack of the bpy wheel.
     """
-    missing = {folder: arguments for folder, arguments in wanted.items() if not (folder / _CAMERAS).is_file()}
-    for done, (folder, arguments) in enumerate(missing.items()):
-        message = f"rendering {folder.name}"
+    places = {name: folder / f"{name}-{fingerprint(' '.join(words), tuple)}" for name, words in wanted.items()}
+    missing = [name for name, place in places.items() if not (place / _CAMERAS).is_file()]
+    for done, name in enumerate(missing):
+        message = f"rendering {name}"
         reporter.status(STAGE, message)
         span = StageSpan(reporter, STAGE, done / len(missing), (done + 1) / len(missing), message)
-        _render(folder, arguments, span)
+        _render(places[name], wanted[name], span)
+    return places
 
 
 def _render(folder: Path, arguments: Sequence[str], reporter: Reporter) -> None:

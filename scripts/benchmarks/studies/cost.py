@@ -21,7 +21,7 @@ from ....core.intake.sampling import evenly_spread
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ..charts import Theme, logarithmic, picture, plot_series, write_charts
-from ..options import Part, add_study_arguments, chosen_sources, made_by, numbers, with_quick_defaults, work_folder
+from ..options import Part, add_study_arguments, chosen_sources, made_by, positives, with_quick_defaults, work_folder
 from ..provenance import trained_product
 from ..tables import Column, frame_of, markdown_table, means_and_deviations, tables_of_means, write_csv, write_text
 from .captures import DEMO, CaptureFolder, Subject
@@ -238,16 +238,12 @@ def _plain_and_wide(panel: Axes) -> None:
     panel.yaxis.set_major_formatter("{x:,g}")
 
 
-def _whole(text: str) -> tuple[int, ...]:
-    return tuple(int(number) for number in numbers(text))
-
-
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     # One process: times and memory are those of trials that have the machine to themselves.
-    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS, processes=1)
+    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS, alone=True)
     add, shown = parser.add_argument, (",".join(map(str, some)) for some in (VIEWS, SIZES))
-    add("--views", type=_whole, default=VIEWS, metavar="N,M", help=f"numbers of views ({next(shown)})")
-    add("--sizes", type=_whole, default=SIZES, metavar="N,M", help=f"longer sides in pixels ({next(shown)})")
+    add("--views", type=positives, default=VIEWS, metavar="N,M", help=f"numbers of views ({next(shown)})")
+    add("--sizes", type=positives, default=SIZES, metavar="N,M", help=f"longer sides in pixels ({next(shown)})")
 
 
 def _measure(options: argparse.Namespace) -> str:
@@ -257,7 +253,9 @@ def _measure(options: argparse.Namespace) -> str:
     recipe, reporter = Recipe(NAME, iterations=options.iterations), ConsoleReporter(sys.stderr)
     asked = (chosen_sources(options), recipe, views, sizes, options.seeds, work_folder(options), reporter)
     trials = measure_cost(*asked, again=options.again)
-    return write_cost(options.out, trials, made_by(options, trials))
+    grown = ", ".join(map(str, sorted(set(sizes))))
+    what = f"Views of at most {options.max_size} pixels where their number grows, {grown} pixels where their size does"
+    return write_cost(options.out, trials, made_by(options, trials, views=what))
 
 
 PART = Part(

@@ -6,6 +6,7 @@ Command: ``benchmark.py figure``.
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,15 +18,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core.color.srgb import simulate_bytes
+from ....core.errors import InputError
 from ....core.runs.layout import ORIGINAL
 from ....core.runtime.cli import ConsoleReporter
 from ....core.settings import Layer
 from ..charts import Theme, picture, write_charts
 from ..enhancers.methods import PER_VIEW_LUT, SCENE, method_label
-from ..options import Part, add_study_arguments, chosen_sources, made_by, names, with_quick_defaults, work_folder
+from ..options import (
+    Part,
+    add_study_arguments,
+    chosen_sources,
+    made_by,
+    names,
+    positive,
+    with_quick_defaults,
+    work_folder,
+)
 from ..provenance import fingerprint, trained_product
 from ..tables import write_text
 from .captures import DEMO
+from .jobs import weights_of
 from .novel_views import (
     COMPARED,
     NovelViews,
@@ -206,31 +218,37 @@ class _Page:
         figure.text(left / _WIDTH, 1.0 - top / self.height, words, va="top", **style)
 
 
-def _shaping(recipe: Recipe, views: int) -> tuple[Any, ...]:
+def shaping(recipe: Recipe, views: int) -> tuple[Any, ...]:
     """What shapes the pictures of a figure."""
-    return *trained_product(), recipe, views
+    return *trained_product(), weights_of(recipe), recipe, views
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS)
+    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS, seeds=None, alone=True)
+    what = "no longer used; commands on older pages have it"
+    parser.add_argument("--processes", type=positive, metavar="N", help=what)
     what = f"names or weight files, one picture each ({','.join(TITLES)})"
     parser.add_argument("--enhancers", type=names, default=tuple(TITLES), metavar="A,B", help=what)
-    parser.add_argument("--views", type=int, default=VIEWS, metavar="N", help=f"cameras on the path ({VIEWS})")
+    parser.add_argument("--views", type=positive, default=VIEWS, metavar="N", help=f"cameras on the path ({VIEWS})")
 
 
 def _measure(options: argparse.Namespace) -> str:
     """Render the modes along a path; writes figure-CAPTURE-ENHANCER.png, the same in dark, and figure.md."""
     options = with_quick_defaults(options)
+    if options.views < 2:
+        raise InputError("one camera is no path", where="--views", remedy="give 2 or more")
     if options.quick:
         options.views = min(options.views, QUICK_VIEWS)
-    lines = ["# The modes from novel views", "", *made_by(options, seeds=1), "", *_EXPLANATION, ""]
+    lines = ["# The modes from novel views", "", *made_by(options), "", *_EXPLANATION, ""]
     for source in chosen_sources(options):
         subject = source.load()
         for enhancer in options.enhancers:
             recipe = Recipe("figure", enhancer=enhancer, iterations=options.iterations)
             name = f"{source.name}-{method_label(enhancer)}"
-            key = fingerprint(source.key, partial(_shaping, recipe, options.views))
+            key = fingerprint(source.key, partial(shaping, recipe, options.views))
             place = work_folder(options) / "figure" / f"{name}-{key}"
+            if options.again:
+                shutil.rmtree(place, ignore_errors=True)
             reporter = ConsoleReporter(sys.stderr)
             make = partial(novel_views, source.name, subject, recipe, options.views, place, reporter)
             views = cached_novel_views(place, make)

@@ -1,8 +1,9 @@
 """Runs trials in separate processes and stores their figures, so that a long comparison can be resumed.
 
 With a process for each job, peak memory can be measured and a crash does not affect other jobs. A trial is known by its
-subject, by what its recipe does and by the product's constants and weights: studies that store in one folder share
-trials, whatever they call them, and none is used again after something that shapes its figures has changed.
+subject, by what its recipe does and by the product's settings and weights: studies that store in one folder share
+trials, whatever they call them, and none is used again after one of these has changed. Code is not among them: after a
+change of what trials do, or of how they are measured, they have to be repeated (``--again``).
 """
 
 from __future__ import annotations
@@ -10,22 +11,29 @@ from __future__ import annotations
 import json
 import math
 import multiprocessing
+import os
+import signal
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import count
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from .... import __version__
-from ....core.errors import InputError
+from ....core.errors import Cancelled, InputError
+from ....core.files.untrusted import replacing
+from ....core.runtime.process import follow_parent
 from ....core.runtime.protocol import Reporter
 from ....core.runtime.resources import available_processors
+from ....core.runtime.supervisor import was_killed
 from ....core.settings import WEIGHTS_SUFFIX
 from ....core.splats import raster
 from ..enhancers.drift import cached_matches
@@ -39,6 +47,8 @@ STAGE = "trials"
 TRIALS_FILE = "trials.jsonl"
 MATCHES_FOLDER = "matches"
 PICTURES_FOLDER = "pictures"
+
+_Keep = Callable[[SubjectSource, Recipe, Trial, bool], None]  # the last: whether for later sessions, too
 
 
 @dataclass(frozen=True)
@@ -59,12 +69,16 @@ def run_jobs(
 ) -> list[Trial]:
     """The trials of all jobs, in order; those that `folder` has from an earlier call are not repeated.
 
+    A trial that is interrupted, or whose process somebody else ends, is not stored.
+
     Args:
         folder: for the trials and their pictures (`pictures_of`).
         processes: number of parallel processes, which share the cores.
         again: repeat all of them.
     """
-    store = TrialStore(folder / TRIALS_FILE, again=again)
+    store = TrialStore(folder / TRIALS_FILE)
+    if again:
+        store.forget(jobs)
     missing = store.missing_of(jobs)
     threads = max(available_processors() // processes, 1)
     total, finished, lock = sum(len(job.recipes) for job in missing), count(1), threading.Lock()
@@ -72,22 +86,32 @@ def run_jobs(
         raster.load("cpu", reporter)
         reporter.progress(STAGE, 0.0, f"0 of {total} trials")
 
-    def keep(source: SubjectSource, recipe: Recipe, trial: Trial) -> None:
+    def keep(source: SubjectSource, recipe: Recipe, trial: Trial, lasting: bool) -> None:
         with lock:
-            store.add(source, recipe, trial)
+            store.add(source, recipe, trial, lasting=lasting)
             number = next(finished)
             reporter.progress(STAGE, number / total, f"{number} of {total} trials")
 
+    children = _Children()
     with ThreadPoolExecutor(processes) as pool:
-        running = [pool.submit(_run_in_process, job, folder, threads, keep) for job in missing]
-        for job_run in as_completed(running):
-            job_run.result()
+        try:
+            running = [pool.submit(_run_in_process, job, folder, threads, keep, children) for job in missing]
+            for job_run in as_completed(running):
+                job_run.result()
+        except BaseException:  # Ctrl-C, or trials that cannot be stored: the threads would go on to the last job
+            children.stop()
+            raise
     return [store.trial(job.source, recipe) for job in jobs for recipe in job.recipes]
 
 
 def pictures_of(folder: Path, source: SubjectSource, recipe: Recipe) -> Path:
     """The folder with a trial's ``renders`` and ``enhanced``, under the folder of its comparison."""
-    return recipe_folder(folder / PICTURES_FOLDER / source.name, recipe)
+    return recipe_folder(_subject_folder(folder, source), recipe)
+
+
+def _subject_folder(folder: Path, source: SubjectSource) -> Path:
+    """For a subject's pictures: another one for each size of its photographs, which may be tried at the same time."""
+    return folder / PICTURES_FOLDER / f"{source.name}-{fingerprint(source.key, tuple)}"
 
 
 class TrialStore:
@@ -95,17 +119,14 @@ class TrialStore:
 
     Args:
         path: of the file; need not exist.
-        again: discard its contents.
         product: what shapes the figures of every trial.
     """
 
-    def __init__(self, path: Path, *, again: bool = False, product: Facts = trained_product) -> None:
+    def __init__(self, path: Path, *, product: Facts = trained_product) -> None:
         self._path = path
         self._product = fingerprint(__version__, product)
         self._trials: dict[str, Trial] = {}
         path.parent.mkdir(parents=True, exist_ok=True)
-        if again:
-            path.unlink(missing_ok=True)
         if path.exists():
             self._trials = dict(_read(path))
             _end_with_a_line(path)
@@ -125,30 +146,42 @@ class TrialStore:
             found += [Job(job.source, recipes)] if recipes else []
         return found
 
+    def forget(self, jobs: Sequence[Job]) -> None:
+        """Discard the trials of jobs; other studies keep theirs."""
+        keys = {self._key(job.source, recipe) for job in jobs for recipe in job.recipes}
+        self._trials = {key: trial for key, trial in self._trials.items() if key not in keys}
+        with replacing(self._path) as unfinished:
+            unfinished.write_text("".join(map(_line, self._trials, self._trials.values())), encoding="utf-8")
+
     def trial(self, source: SubjectSource, recipe: Recipe) -> Trial:
         """The trial of a recipe, under its label and the subject's name."""
         found = self._trials[self._key(source, recipe)]
         return replace(found, capture=source.name, label=recipe.label)
 
-    def add(self, source: SubjectSource, recipe: Recipe, trial: Trial) -> None:
-        """Store a trial."""
+    def add(self, source: SubjectSource, recipe: Recipe, trial: Trial, *, lasting: bool = True) -> None:
+        """Store a trial, for this session alone unless it is `lasting`."""
         key = self._key(source, recipe)
-        values = {name: _to_json(value) for name, value in asdict(trial).items()}
         self._trials[key] = trial
-        with open(self._path, "a", encoding="utf-8") as file:
-            file.write(json.dumps({"key": key, **values}) + "\n")
+        if lasting:
+            with open(self._path, "a", encoding="utf-8") as file:
+                file.write(_line(key, trial))
 
     def _key(self, source: SubjectSource, recipe: Recipe) -> str:
-        return fingerprint(source.key, lambda: (self._product, recipe.identity, _weights(recipe)))
+        return fingerprint(source.key, lambda: (self._product, recipe.identity, weights_of(recipe)))
 
 
-def _weights(recipe: Recipe) -> str:
+def weights_of(recipe: Recipe) -> str:
     """The digest of the weights that a recipe needs; "" for none."""
     name = recipe.enhancer.partition(FIT_MARK)[0]
     if name == NETWORK:
         return weights_of_product()
     file = Path(name)
     return digest_of(file) if file.suffix == WEIGHTS_SUFFIX and file.is_file() else ""
+
+
+def _line(key: str, trial: Trial) -> str:
+    values = {name: _to_json(value) for name, value in asdict(trial).items()}
+    return json.dumps({"key": key, **values}) + "\n"
 
 
 def _read(path: Path) -> Iterator[tuple[str, Trial]]:
@@ -180,37 +213,92 @@ def _from_json(name: str, value: Any) -> Any:
     return float(value) if Trial.__annotations__[name] == "float" else value
 
 
-def _run_in_process(job: Job, folder: Path, threads: int, keep: Callable[[SubjectSource, Recipe, Trial], None]) -> None:
+class _Children:
+    """The processes of one comparison, which can be stopped from any thread."""
+
+    def __init__(self) -> None:
+        self._context = multiprocessing.get_context("spawn")
+        self._lock = threading.Lock()
+        self._started: list[SpawnProcess] = []
+        self._stopped = False
+
+    def pipe(self) -> tuple[Connection, Connection]:
+        """To receive from a process, and for it to send."""
+        return self._context.Pipe(duplex=False)
+
+    def start(self, target: Callable[..., None], *arguments: Any) -> SpawnProcess:
+        """A process that calls `target`.
+
+        Raises:
+            Cancelled: `stop` was called.
+        """
+        with self._lock:
+            self.check()
+            process = self._context.Process(target=target, args=arguments, daemon=True)
+            process.start()
+            self._started.append(process)
+            return process
+
+    def check(self) -> None:
+        """Raises `Cancelled` after `stop`."""
+        if self._stopped:
+            raise Cancelled
+
+    def stop(self) -> None:
+        """End all processes, and start no more."""
+        with self._lock:
+            self._stopped = True
+            for process in self._started:
+                process.terminate()
+
+
+def _run_in_process(job: Job, folder: Path, threads: int, keep: _Keep, children: _Children) -> None:
     """Run a job in a new process and keep its trials; if a recipe kills the process, continue after it in another."""
-    context, waiting = multiprocessing.get_context("spawn"), list(job.recipes)
+    children.start(_find_matches, job.source, folder, threads).join()
+    waiting = list(job.recipes)
     while waiting:
-        receiver, sender = context.Pipe(duplex=False)
-        rest = Job(job.source, tuple(waiting))
-        process = context.Process(target=_try_all, args=(rest, folder, threads, sender), daemon=True)
-        process.start()
+        receiver, sender = children.pipe()
+        process = children.start(_try_all, Job(job.source, tuple(waiting)), folder, threads, sender)
         sender.close()
         try:
             while waiting:
-                keep(job.source, waiting[0], receiver.recv())
+                keep(job.source, waiting[0], receiver.recv(), True)
                 waiting.pop(0)
         except EOFError:
             process.join()
-            reason = f"the process ended with exit code {process.exitcode}"
-            keep(job.source, waiting[0], Trial.failed(job.source.name, waiting[0], reason))
+            children.check()
+            code = process.exitcode or 0
+            failed = Trial.failed(job.source.name, waiting[0], f"the process ended with exit code {code}")
+            keep(job.source, waiting[0], failed, not was_killed(code))
             waiting.pop(0)
         process.join()
 
 
+def _begin(threads: int) -> None:
+    """What each process does first."""
+    # The terminal sends Ctrl-C to every process; the parent decides.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    follow_parent(lambda: os._exit(1))
+    torch.set_num_threads(threads)
+
+
+def _find_matches(source: SubjectSource, folder: Path, threads: int) -> None:
+    """Find and store a subject's matches in a process of its own: a reconstruction, whose memory is no trial's."""
+    _begin(threads)
+    with suppress(Exception):  # the trials meet it again, and keep it
+        cached_matches(folder / MATCHES_FOLDER, source.load().judged)
+
+
 def _try_all(job: Job, folder: Path, threads: int, sender: Connection) -> None:
     """In a process of its own: send one trial for each recipe."""
-    torch.set_num_threads(threads)
+    _begin(threads)
     trials: CaptureTrials | None = None
     for recipe in job.recipes:
         try:
             if trials is None:
                 subject = job.source.load()
                 matches = cached_matches(folder / MATCHES_FOLDER, subject.judged)
-                place = folder / PICTURES_FOLDER / job.source.name
+                place = _subject_folder(folder, job.source)
                 trials = CaptureTrials(job.source.name, subject, matches, place, threads)
             trial = trials.try_recipe(recipe)
         except Exception as error:  # any failure under stress is a result

@@ -18,7 +18,7 @@ from ....core.runtime.protocol import Reporter
 from ....core.splats import raster
 from ....core.splats.training.decisions import GrowthRule
 from ....core.splats.training.plan import TrainingPlan
-from ..options import Part, names, numbers
+from ..options import Part, names, positives
 from ..provenance import trained_product
 from ..tables import Column, frame_of, markdown_table, write_csv, write_text
 from ..timing.runs import train_once
@@ -98,8 +98,8 @@ def write_plain(folder: Path, found: Sequence[Comparison]) -> str:
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--captures", type=names, default=(DEMO,), metavar="A,B", help=f"{DEMO}, folders or NAME=FOLDER ({DEMO})")
-    add("--sizes", type=numbers, default=SIZES, metavar="A,B", help="longer sides of the views in pixels")
-    add("--lengths", type=numbers, default=LENGTHS, metavar="A,B", help="training steps")
+    add("--sizes", type=positives, default=SIZES, metavar="A,B", help="longer sides of the views in pixels")
+    add("--lengths", type=positives, default=LENGTHS, metavar="A,B", help="training steps")
 
 
 def _measure(options: argparse.Namespace) -> str:
@@ -107,10 +107,10 @@ def _measure(options: argparse.Namespace) -> str:
     reporter: Reporter = ConsoleReporter(sys.stderr)
     raster.load("cpu", reporter)  # compiles the kernels
     found: list[Comparison] = []
-    for size in map(int, options.sizes):
+    for size in options.sizes:
         for source in capture_sources(options.captures, size, options.out / "work", reporter):
             capture = source.load().given
-            for steps in map(int, options.lengths):
+            for steps in options.lengths:
                 one = compare(capture, size, steps)
                 found.append(replace(one, capture=source.name))
                 reporter.status(NAME, f"{source.name}, {size} pixels, {steps} steps: {one.gain:+.2f} dB")

@@ -16,13 +16,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
+from ....core.pipeline.device import describe_processor
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ....core.settings import QUALITIES
 from ....core.splats import raster
 from ....core.splats.training.plan import TrainingPlan
 from ..charts import SeriesStyle, Theme, logarithmic, picture, plot_series, write_charts
-from ..options import Part, add_study_arguments, chosen_sources, with_quick_defaults, work_folder
+from ..options import Part, add_study_arguments, chosen_sources, positive, with_quick_defaults, work_folder
 from ..provenance import fingerprint, trained_product
 from ..tables import Column, frame_of, markdown_table, write_csv, write_text
 from ..timing.runs import train_once
@@ -244,7 +245,8 @@ def _draw_curve(panel: Axes, finish: Finish, style: SeriesStyle) -> None:
 
 
 def _key(source: SubjectSource, *facts: Any) -> str:
-    return fingerprint(source.key, lambda: facts)
+    """Of a training on this machine: times of another one are not comparable with those that are made now."""
+    return fingerprint(source.key, lambda: (describe_processor(), *facts))
 
 
 def _finish_of(entry: dict[str, Any]) -> Finish:
@@ -252,10 +254,10 @@ def _finish_of(entry: dict[str, Any]) -> Finish:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=STANDARD, processes=1)
+    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=STANDARD, seeds=None, alone=True)
     add, steps = parser.add_argument, OPENSPLAT_ITERATIONS
     add("--opensplat", type=Path, metavar="FILE", help="OpenSplat's executable")
-    add("--peer-iterations", type=int, default=steps, metavar="N", help=f"steps of other programs ({steps})")
+    add("--peer-iterations", type=positive, default=steps, metavar="N", help=f"steps of other programs ({steps})")
 
 
 def _measure(options: argparse.Namespace) -> str:

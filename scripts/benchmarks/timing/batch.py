@@ -32,7 +32,7 @@ from ....core.rendering.requests import FramesArguments
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ....core.runtime.resources import Resources
-from ..options import Part
+from ..options import Part, positive
 from ..tables import Column, frame_of, markdown_table, write_csv, write_text
 
 STAGE = "batch"
@@ -310,8 +310,8 @@ def _figure(name: str, values: Sequence[float], unit: str, goal: str = "") -> Fi
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--run", type=Path, default=Path("out/demo"), help="a finished run (out/demo)")
-    add("--frames", type=int, default=16, metavar="N", help="frames of a turntable, in chunks of four (16)")
-    add("--rounds", type=int, default=3, metavar="N", help="repetitions; medians are reported (3)")
+    add("--frames", type=positive, default=16, metavar="N", help="frames of a turntable, in chunks of four (16)")
+    add("--rounds", type=positive, default=3, metavar="N", help="repetitions; medians are reported (3)")
 
 
 def _measure(options: argparse.Namespace) -> str:

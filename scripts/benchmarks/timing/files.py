@@ -27,7 +27,7 @@ from ....core.runtime.protocol import Reporter
 from ....core.runtime.supervisor import finish
 from ....core.splats.io.files import SUFFIXES, read_gaussians, write_gaussians
 from ....core.splats.raster.benchmark import random_gaussians
-from ..options import Part
+from ..options import Part, positive
 from ..tables import frame_of, markdown_table, write_csv, write_text
 from .blender_worker import PATH as BLENDER_TIMER
 
@@ -186,9 +186,9 @@ def _write_binary(folder: Path, positions: NDArray[np.float64], colors: NDArray[
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("--gaussians", type=int, default=1_000_000, metavar="N", help="Gaussians in a file (1000000)")
-    add("--points", type=int, default=1_000_000, metavar="N", help="points of a COLMAP model (1000000)")
-    add("--rounds", type=int, default=5, metavar="N", help="repetitions; medians are reported (5)")
+    add("--gaussians", type=positive, default=1_000_000, metavar="N", help="Gaussians in a file (1000000)")
+    add("--points", type=positive, default=1_000_000, metavar="N", help="points of a COLMAP model (1000000)")
+    add("--rounds", type=positive, default=5, metavar="N", help="repetitions; medians are reported (5)")
 
 
 def _measure(options: argparse.Namespace) -> str:

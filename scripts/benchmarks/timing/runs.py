@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from ....core.capture.model import Capture
+from ....core.errors import InputError
 from ....core.evaluate.evaluation import Split
 from ....core.runtime.protocol import Reporter
 from ....core.splats.raster import Rasterizer
@@ -62,12 +63,13 @@ def train_once(
     """Train on all views except every eighth, and measure on those.
 
     Raises:
-        ValueError: too few views to hold one out.
+        InputError: too few views to hold one out.
     """
     views = capture.views
     split = Split.every(len(views))
     if len(split.train) < 2:
-        raise ValueError(f"{len(views)} views are too few to hold some out")
+        what = f"{len(views)} views are too few to hold some out"
+        raise InputError(what, where=capture.source, remedy="give a capture of more views")
     started, processor = time.perf_counter(), time.process_time()
     trainer = Trainer(
         Rasterizer("cpu", threads),

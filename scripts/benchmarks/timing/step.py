@@ -29,7 +29,7 @@ from ....core.splats.strategy import Schedule
 from ....core.splats.targets import Background
 from ....core.splats.training.plan import TrainingPlan
 from ....core.splats.training.trainer import Trainer
-from ..options import Part
+from ..options import Part, positive
 from ..strategies import CloneSplitPrune
 from ..tables import write_csv, write_text
 
@@ -132,8 +132,8 @@ def _busy_neighbour() -> Iterator[None]:
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--capture", type=Path, default=SHOWROOM, help="capture to train on (the demo)")
-    parser.add_argument("--rounds", type=int, default=5, metavar="N", help="repetitions; the median is reported (5)")
-    parser.add_argument("--threads", type=int, default=2, metavar="N", help="threads of the rasteriser (2)")
+    parser.add_argument("--rounds", type=positive, default=5, metavar="N", help="repetitions; their median counts (5)")
+    parser.add_argument("--threads", type=positive, default=2, metavar="N", help="threads of the rasteriser (2)")
 
 
 def _measure(options: argparse.Namespace) -> str:

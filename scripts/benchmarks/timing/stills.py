@@ -27,7 +27,7 @@ from ....core.runtime.process import Event, Workers, blender_command
 from ....core.runtime.protocol import Reporter
 from ....core.runtime.supervisor import finish
 from ....core.settings import ENGINES
-from ..options import Part
+from ..options import Part, positive
 from ..tables import Column, markdown_table, write_text
 from .blender_worker import PATH as BLENDER_TIMER
 
@@ -125,9 +125,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--run", type=Path, default=Path("out/demo"), help="a finished run (out/demo)")
     add("--view", default="view_016", help="one of its held-out views (view_016)")
-    add("--gaussians", type=int, default=20_000, metavar="N", help="Gaussians in timed stills (20000)")
+    add("--gaussians", type=positive, default=20_000, metavar="N", help="Gaussians in timed stills (20000)")
     add("--engine", choices=ENGINES, default=ENGINES[0], help=f"engine of timed stills ({ENGINES[0]})")
-    add("--rounds", type=int, default=3, metavar="N", help="rounds of timing; medians are reported (3)")
+    add("--rounds", type=positive, default=3, metavar="N", help="rounds of timing; medians are reported (3)")
 
 
 def _measure(options: argparse.Namespace) -> str:

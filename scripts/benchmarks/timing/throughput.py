@@ -26,7 +26,7 @@ from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ....core.runtime.resources import available_processors
 from ..charts import Theme, logarithmic, picture, plot_series, write_charts
-from ..options import Part
+from ..options import Part, positive
 from ..provenance import trained_product
 from ..tables import Column, frame_of, markdown_table, number, write_csv, write_text
 from .batch import BatchBenchmark, run_on_dask
@@ -228,9 +228,9 @@ def _draw(figure: Figure, theme: Theme, found: Sequence[Throughput], laws: Seque
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--run", type=Path, default=Path("out/demo"), help="a finished run (out/demo)")
-    add("--frames", type=int, default=32, metavar="N", help="frames of the turntable, in chunks of four (32)")
-    add("--width", type=int, default=480, metavar="PIXELS", help="of a frame, three quarters as high (480)")
-    add("--rounds", type=int, default=3, metavar="N", help="repetitions; medians are reported (3)")
+    add("--frames", type=positive, default=32, metavar="N", help="frames of the turntable, in chunks of four (32)")
+    add("--width", type=positive, default=480, metavar="PIXELS", help="of a frame, three quarters as high (480)")
+    add("--rounds", type=positive, default=3, metavar="N", help="repetitions; medians are reported (3)")
 
 
 def _measure(options: argparse.Namespace) -> str:

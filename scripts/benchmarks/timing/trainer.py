@@ -22,7 +22,7 @@ from ....core.runtime.protocol import Reporter
 from ....core.splats import raster
 from ....core.splats.strategy import MultiViewConsistent, Strategy
 from ....core.splats.training.plan import TrainingPlan
-from ..options import Part, names
+from ..options import Part, names, positive
 from ..strategies import CloneSplitPrune
 from ..tables import Column, frame_of, markdown_table, number, write_csv, write_text
 from .runs import TrainedRun, at_quality, train_once
@@ -157,12 +157,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--of", type=names, default=TABLES, metavar="A,B", help=f"tables ({','.join(TABLES)})")
     add("--capture", type=Path, action="append", help="capture to train; repeatable (the demo)")
-    add("--max-size", type=int, default=SIZE, metavar="PIXELS", help=f"longer side of the views ({SIZE})")
-    add("--iterations", type=int, default=5000, metavar="N", help="steps of automatic runs, and a third of it (5000)")
-    add("--strategy-iterations", type=int, default=2000, metavar="N", help="steps for strategies and seeds (2000)")
-    add("--rounds", type=int, default=3, metavar="N", help="repetitions of the time to a quality (3)")
-    add("--seeds", type=int, default=5, metavar="N", help="random seeds (5)")
-    add("--threads", type=int, default=2, metavar="N", help="threads for the time to a quality (2)")
+    add("--max-size", type=positive, default=SIZE, metavar="PIXELS", help=f"longer side of the views ({SIZE})")
+    add("--iterations", type=positive, default=5000, metavar="N", help="steps of automatic runs, and a third (5000)")
+    add("--strategy-iterations", type=positive, default=2000, metavar="N", help="steps for strategies and seeds (2000)")
+    add("--rounds", type=positive, default=3, metavar="N", help="repetitions of the time to a quality (3)")
+    add("--seeds", type=positive, default=5, metavar="N", help="random seeds (5)")
+    add("--threads", type=positive, default=2, metavar="N", help="threads for the time to a quality (2)")
 
 
 def _measure(options: argparse.Namespace) -> str:

@@ -10,7 +10,10 @@ import pytest
 from cvdgs.core.bootstrap import ROOT
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.scripts.benchmarks import everything
 from cvdgs.scripts.benchmarks.everything import STUDIES, claims_of, measure_claims, options_of, write_claims
+from cvdgs.scripts.benchmarks.provenance import is_honest
+from cvdgs.scripts.benchmarks.stale import facts_of_parts
 from cvdgs.scripts.benchmarks.studies.captures import DEMO, CaptureFolder
 from cvdgs.scripts.benchmarks.studies.recipe import Recipe, Trial, described
 
@@ -40,7 +43,7 @@ def test_what_could_not_be_measured_does_not_hold():
 
 
 def test_the_page_marks_what_does_not_hold(tmp_path):
-    text = write_claims(tmp_path, claims(auto=4000), ["By `the command`."])
+    text = write_claims(tmp_path, claims(auto=4000))
     (broken,) = (line for line in text.splitlines() if "**no**" in line)
     assert "auto takes no more Gaussians" in broken
     assert (tmp_path / "claims.csv").is_file()
@@ -50,6 +53,15 @@ def test_the_shape_of_the_result_holds_in_a_run_of_seconds(tmp_path):
     claims = measure_claims(CaptureFolder(DEMO, SHOWROOM, SIZE), STEPS, tmp_path, Reporter())
     assert len(claims) == 3
     assert all(claim.holds for claim in claims), claims
+
+
+def test_claims_that_do_not_hold_are_written_with_where_they_come_from(monkeypatch, tmp_path):
+    monkeypatch.setattr(everything, "STUDIES", ())
+    monkeypatch.setattr(everything, "measure_claims", lambda *_: claims(auto=4000))
+    options = argparse.Namespace(part="all", out=tmp_path, work=None, quick=True)
+    with pytest.raises(SystemExit, match="does not hold"):
+        everything.PART.run(options, "python scripts/benchmark.py all --out DIR")
+    assert is_honest(tmp_path / "claims.md", facts_of_parts())
 
 
 @pytest.mark.parametrize("part", STUDIES, ids=lambda part: part.name)

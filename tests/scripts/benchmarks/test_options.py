@@ -5,12 +5,17 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
+from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.cli import OneLineParser
 from cvdgs.scripts.benchmarks.options import (
     QUICK,
     add_study_arguments,
+    made_by,
     shown_command,
+    trials_took,
     with_quick_defaults,
     work_folder,
 )
@@ -32,9 +37,36 @@ def test_quick_changes_what_was_left_at_its_default_and_nothing_else():
     assert (usual.captures, usual.max_size, usual.iterations, usual.seeds) == (SHOWROOMS, 240, 800, 3)
 
 
+def test_what_was_given_stays_though_it_is_the_usual_value():
+    assert with_quick_defaults(options("--quick", "--seeds", "3")).seeds == 3
+
+
+def test_a_part_offers_no_option_that_it_has_no_use_for():
+    parser = OneLineParser()
+    add_study_arguments(parser, max_size=240, iterations=800, seeds=None, alone=True)
+    alone = with_quick_defaults(parser.parse_args([]))
+    assert (alone.seeds, alone.processes) == (1, 1)
+    for option in ("--seeds", "--processes"):
+        with pytest.raises(InputError, match=option):
+            parser.parse_args([option, "2"])
+
+
 def test_what_is_not_a_result_goes_to_the_work_folder():
     assert work_folder(options("--out", "tables")) == Path("tables/work")
     assert work_folder(options("--out", "tables", "--work", "scratch")) == Path("scratch")
+
+
+def test_a_text_says_how_many_trials_ran_at_a_time():
+    trials = pd.DataFrame({"trial_seconds": [90.0, 150.0]})
+    assert trials_took(trials, 1) == "2 trials took 4 minutes, one after the other."
+    assert trials_took(trials, 3) == "2 trials took 4 minutes together, up to 3 at a time."
+    assert made_by(with_quick_defaults(options("--processes", "3")), trials)[0].endswith(trials_took(trials, 3))
+
+
+def test_a_text_gives_the_size_of_all_views_unless_it_differs():
+    several, one = (with_quick_defaults(options("--seeds", seeds)) for seeds in "31")
+    assert made_by(several) == ["Views of at most 240 pixels, 800 steps, 3 seeds."]
+    assert made_by(one, views="Views of 9 pixels") == ["Views of 9 pixels, 800 steps, one seed."]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import pytest
 
 from cvdgs.core.bootstrap import ROOT
 from cvdgs.core.pipeline.stages import Plans
-from cvdgs.scripts.benchmark import main
+from cvdgs.scripts.benchmark import PARTS, main
 from cvdgs.scripts.benchmarks import provenance
 from cvdgs.scripts.benchmarks.options import Part
 from cvdgs.scripts.benchmarks.provenance import (
@@ -59,6 +59,13 @@ def page(tmp_path: Path) -> Path:
 def test_no_page_is_older_than_its_recipe_without_saying_so(page: Path) -> None:
     remedy = f"measure it anew, or python scripts/benchmark.py provenance --out {page.parent.relative_to(ROOT)}"
     assert is_honest(page, facts_of_parts()), remedy
+
+
+@pytest.mark.parametrize("part", [part for part in PARTS if part.pages], ids=lambda part: part.name)
+def test_a_page_that_was_just_made_is_current(part: Part, page: Path) -> None:
+    assert part.shaped_by is not None
+    stamp(page, f"python scripts/benchmark.py {part.name} --out DIR", part.shaped_by)
+    assert is_honest(page, facts_of_parts())
 
 
 def test_there_are_pages() -> None:

@@ -30,7 +30,8 @@ def options(*arguments: str) -> argparse.Namespace:
         (("--axes", "views,weather"), "unknown axis 'weather'"),
         (("--levels", "1"), "1 is out of range"),
         (("--levels", "6"), "6 is out of range"),
-        (("--seeds", "0"), "0 is too small"),
+        (("--real", f"a={ROOT}", "--seeds", "3"), "--seeds: it has no meaning with --real"),
+        (("--real", f"a={ROOT}", "--axes", "views"), "--axes: it has no meaning with --real"),
     ],
 )
 def test_what_cannot_be_tried_is_refused_in_a_line(arguments: tuple[str, ...], said: str) -> None:

@@ -1,5 +1,6 @@
 """Captures are named on the command line, and loaded as recipes are given and judged by them."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,12 +11,14 @@ from cvdgs.core.capture.normalised import write_capture
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.scripts.benchmarks.studies import captures
 from cvdgs.scripts.benchmarks.studies.captures import (
     DEMO,
     SHOWROOMS,
     CaptureFolder,
     Centred,
     capture_sources,
+    render_showrooms,
     showrooms,
 )
 
@@ -56,15 +59,31 @@ def test_a_subject_s_key_tells_sizes_apart():
     assert len(keys) == 3
 
 
+def test_a_subject_s_key_changes_with_a_digit_of_a_file(tmp_path):
+    file, source = tmp_path / "transforms.json", CaptureFolder("any", tmp_path, 64)
+    file.write_text('{"fl_x": 500}')
+    first = source.key
+    assert source.key == first
+    file.write_text('{"fl_x": 501}')
+    assert source.key != first
+
+
 def sources(tmp_path: Path, *asked: str):
     return capture_sources(asked, 96, tmp_path / "scenes", Reporter())
 
 
-def rendered(folder: Path, name: str) -> Path:
-    """A showroom that an earlier call has rendered."""
-    (folder / name).mkdir(parents=True)
-    (folder / name / "transforms.json").write_text("{}")
-    return folder / name
+@pytest.fixture
+def rendered(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of what is rendered, which takes no time."""
+    made: list[str] = []
+
+    def render(folder: Path, arguments: Sequence[str], reporter: Reporter) -> None:
+        folder.mkdir(parents=True)
+        (folder / "transforms.json").write_text(" ".join(arguments))
+        made.append(folder.name)
+
+    monkeypatch.setattr(captures, "_render", render)
+    return made
 
 
 def test_the_demo_is_the_shipped_one(tmp_path):
@@ -72,9 +91,20 @@ def test_the_demo_is_the_shipped_one(tmp_path):
     assert (source.name, source.folder, source.max_size) == ("demo", SHOWROOM, 96)
 
 
-def test_a_showroom_that_is_there_is_not_rendered_again(tmp_path):
-    places = {name: rendered(tmp_path, name) for name in SHOWROOMS if name != DEMO}
-    assert showrooms(tmp_path, Reporter()) == {DEMO: SHOWROOM, **places}
+def test_a_showroom_that_is_there_is_not_rendered_again(tmp_path, rendered):
+    found = showrooms(tmp_path, Reporter())
+    assert list(found) == list(SHOWROOMS)
+    assert found[DEMO] == SHOWROOM
+    assert len(rendered) == len(SHOWROOMS) - 1
+    assert showrooms(tmp_path, Reporter()) == found
+    assert len(rendered) == len(SHOWROOMS) - 1
+
+
+def test_a_showroom_that_is_to_be_another_is_rendered_beside_it(tmp_path, rendered):
+    first, other = (render_showrooms({"room": ("--seed", seed)}, tmp_path, Reporter())["room"] for seed in "12")
+    assert len(rendered) == 2
+    assert (first / "transforms.json").read_text() == "--seed 1"
+    assert (other / "transforms.json").read_text() == "--seed 2"
 
 
 def test_folders_are_taken_by_their_names_or_by_given_ones(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from cvdgs.core.files.images import read_png
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.scripts.benchmarks.studies.captures import Subject
-from cvdgs.scripts.benchmarks.studies.figure import Choice, strip, write_figure
+from cvdgs.scripts.benchmarks.studies.figure import Choice, shaping, strip, write_figure
 from cvdgs.scripts.benchmarks.studies.novel_views import (
     COMPARED,
     ORIGINAL,
@@ -50,6 +50,14 @@ def test_a_path_leads_evenly_from_one_camera_to_the_other():
     np.testing.assert_allclose(steps, np.linalg.norm(second.center - first.center) / 5, rtol=1e-9)
     for view in camera_path(first, second, 4):
         np.testing.assert_allclose(view.world_to_camera[:3, :3] @ view.world_to_camera[:3, :3].T, np.eye(3), atol=1e-12)
+
+
+def test_pictures_of_a_network_are_made_anew_with_other_weights(tmp_path):
+    weights = tmp_path / "mine.safetensors"
+    weights.write_bytes(b"first")
+    first = shaping(Recipe("any", enhancer=str(weights)), 6)
+    weights.write_bytes(b"other")
+    assert shaping(Recipe("any", enhancer=str(weights)), 6) != first
 
 
 def test_the_step_where_post_flickers_is_found(made):

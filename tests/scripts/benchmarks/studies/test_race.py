@@ -11,6 +11,7 @@ from cvdgs.core.capture.normalised import write_capture
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.scripts.benchmark import main
+from cvdgs.scripts.benchmarks.studies import race as study
 from cvdgs.scripts.benchmarks.studies.captures import CaptureFolder
 from cvdgs.scripts.benchmarks.studies.peers import Point, opensplat_runs
 from cvdgs.scripts.benchmarks.studies.race import Finish, FinishStore, peer_finishes, race, write_peers
@@ -55,6 +56,19 @@ def test_a_peer_that_ran_in_an_earlier_call_is_not_run_again(tmp_path: Path, sta
     assert len((tmp_path / "arguments").read_text(encoding="utf-8").splitlines()) == len(RUNS)
     with pytest.raises(InputError, match="cannot be run"):
         peer_finishes(tmp_path / "gone", source, FinishStore(tmp_path / "other.jsonl"), Reporter(), RUNS)
+
+
+def test_times_of_another_machine_are_not_compared_with(
+    tmp_path: Path,
+    stand_in: Path,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+):
+    write_capture(capture_of_a_wall(), tmp_path / "wall")
+    asked = (stand_in, CaptureFolder("wall", tmp_path / "wall", 96), FinishStore(tmp_path / "peers.jsonl"), Reporter())
+    for machine in ("one, 2 threads", "one, 2 threads", "other, 8 threads"):
+        monkeypatch.setattr(study, "describe_processor", lambda machine=machine: machine)
+        peer_finishes(*asked, RUNS[:1])
+    assert len((tmp_path / "peers.jsonl").read_text(encoding="utf-8").splitlines()) == 2
 
 
 def test_a_race_that_was_broken_off_while_it_wrote_loses_that_training_alone(tmp_path: Path):
