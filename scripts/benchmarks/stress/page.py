@@ -155,9 +155,11 @@ def _how(plan: StressPlan) -> list[str]:
         f"{plan.base.name} at {plan.base.max_size} pixels, {plan.iterations} steps, at most {plan.gaussians:,} "
         f"Gaussians for every method, {_count_of(len(plan.seeds), 'seed')}. Each axis has the untouched capture, which "
         f"axes share, and {_count_of(broken, 'level')} of it made worse. What is wrong is wrong with what the method "
-        "is given; results are judged by the untouched photographs and cameras that were held out, and where the scene "
-        "itself differs (chroma, satin, sheer cloth, yarns) by those of that scene. Cloth that differs is rendered "
-        "anew, at this size and with few samples, and is compared with the untouched scene rendered likewise.",
+        "is given; results are judged by the untouched photographs that were held out, and where the scene itself "
+        "differs (chroma, satin, sheer cloth, yarns) by those of that scene. They are seen from their own cameras, "
+        "unless a run found its poses to be off and corrected them: then from poses that its finished scene was "
+        "aligned with by the held-out photographs that it was given. Cloth that differs is rendered anew, at this size "
+        "and with few samples, and is compared with the untouched scene rendered likewise.",
         "",
         *_METHODS,
         "",

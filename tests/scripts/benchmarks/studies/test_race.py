@@ -41,6 +41,7 @@ def test_a_run_that_never_reaches_the_peer_has_a_dash(tmp_path: Path):
     text = write_peers(tmp_path, [PEER, ours], equals, ["By `a command`."])
     (row,) = (line for line in text.splitlines() if "| ours |" in line and "OpenSplat" in line)
     assert [cell.strip() for cell in row.split("|")[-3:-1]] == ["–", "–"]
+    assert "aligned with its scene by their photographs; a peer's never are" in " ".join(text.split())
     assert "OpenSplat" in (tmp_path / "peers.svg").read_text(encoding="utf-8")
 
 
