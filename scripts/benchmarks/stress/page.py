@@ -15,7 +15,7 @@ from ....core.runs.layout import ENHANCED_FOLDER, RENDERS_FOLDER
 from ..charts import Theme, picture, plot_series, write_charts
 from ..embedding import jpeg_uri
 from ..options import trials_took
-from ..studies.recipe import Trial
+from ..studies.recipe import Trial, optimistic
 from ..tables import Column, frame_of, markdown_table, write_csv, write_text
 from .axes import HARMLESS, Axis
 from .failure import MOST_LOST, MOST_RWE, UNTOUCHED, curve, fails_by_the_line_of, standings
@@ -105,11 +105,12 @@ def write_stress(folder: Path, plan: StressPlan, results: Sequence[StressResult]
     write_stress_chart(folder, NAME, plan.axes, items)
     write_heat_map(folder, with_margins(items))
     (folder / f"{NAME}.html").write_text(_PAGE.render(sections=_sections(plan, results, items)), encoding="utf-8")
-    return write_text(folder / f"{NAME}.md", stress_lines(plan, items, trials_took(trials)))
+    lines = stress_lines(plan, items, trials_took(trials), optimistic(trials))
+    return write_text(folder / f"{NAME}.md", lines)
 
 
-def stress_lines(plan: StressPlan, items: pd.DataFrame, took: str) -> list[str]:
-    """The lines of stress.md; `took` says how long its trials did."""
+def stress_lines(plan: StressPlan, items: pd.DataFrame, took: str, caveat: Sequence[str] = ()) -> list[str]:
+    """The lines of stress.md; `took` says how long its trials did, `caveat` which of them are `optimistic`."""
     untouched = items[items.axis == UNTOUCHED]
     verdicts = untouched.errors.where(untouched.errors != "", untouched.failed.ne("").map({True: "yes", False: "no"}))
     return [
@@ -119,6 +120,7 @@ def stress_lines(plan: StressPlan, items: pd.DataFrame, took: str) -> list[str]:
         "",
         *_how(plan),
         "",
+        *caveat,
         "## The untouched capture",
         "",
         *markdown_table(untouched.assign(verdict=verdicts), _UNTOUCHED),

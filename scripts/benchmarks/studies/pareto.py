@@ -28,7 +28,7 @@ from ..tables import Column, frame_of, markdown_table, number, write_csv, write_
 from .captures import DEMO, CaptureFolder
 from .jobs import Job, run_jobs
 from .peers import opensplat_runs, train_opensplat
-from .recipe import Recipe, Trial, with_derived
+from .recipe import Recipe, Trial, optimistic, with_derived
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -224,7 +224,7 @@ def write_pareto(folder: Path, points: pd.DataFrame, *, base: str, size: int) ->
     write_csv(folder / f"{NAME}.csv", points.fillna({"gaussians": 0, "peak_memory_mb": 0})[list(_SAVED)])
     took = trials_took(points[points.series != PEER])
     lines = ["# Speed against accuracy", "", took, "", _DEFINITIONS.format(base=base, size=size), ""]
-    lines += _of_peers(points)
+    lines += [*optimistic(points), *_of_peers(points)]
     captures = points.groupby("capture", sort=False)
     for capture, mine in captures:
         name = NAME if len(captures) == 1 else f"{NAME}-{capture}"

@@ -25,6 +25,7 @@ from ..enhancers.scores import ENHANCED_FOR
 from ..provenance import enhanced_product, fingerprint
 from ..tables import Column, markdown_table, write_csv
 from .captures import CaptureFolder, Subject
+from .recipe import optimistic
 
 ENHANCERS = (SCENE, LUT)
 PAPERS_RULE = SelectionRule()
@@ -216,6 +217,7 @@ def write_frames(
         "",
         "## Their Table 1, and ours",
         "",
+        *optimistic(trials),
         *markdown_table(table_one(trials), [*_KEYS, *_TABLE_ONE]),
         "",
         *_WHAT_DIFFERS,

@@ -124,6 +124,7 @@ class Trial:
         skipped_steps: training steps skipped for numbers that were not finite.
         warnings: names of the product's warnings, separated by spaces; see `Recipe.advised`.
         decision: the reason for the number of Gaussians.
+        decided_on_held_out: as of `TrainingResult`.
         error: why there are no figures; empty if there are.
     """
 
@@ -167,6 +168,7 @@ class Trial:
     skipped_steps: int = 0
     warnings: str = ""
     decision: str = ""
+    decided_on_held_out: bool = False
     error: str = ""
 
     @classmethod
@@ -214,6 +216,24 @@ def with_derived(trials: pd.DataFrame) -> pd.DataFrame:
         gaussians=trials.gaussians.where(trials.gaussians > 0),
         peak_memory_mb=trials.peak_memory_mb.where(trials.peak_memory_mb > 0),
     )
+
+
+def optimistic(runs: pd.DataFrame) -> list[str]:
+    """The lines of a text about runs of a frame that the views decided about on which they were judged.
+
+    Args:
+        runs: ``capture`` and ``decided_on_held_out`` of each.
+    """
+    found = runs.groupby("capture", sort=False).decided_on_held_out.agg(decided="sum", all="size")
+    some = [f"{mine.Index} ({mine.decided} of {mine.all} runs)" for mine in found[found.decided > 0].itertuples()]
+    if not some:
+        return []
+    return [
+        "Where training views were too few to hold some back, the held-out views, which the figures are of, also "
+        "decided what a run began with, how far it grew, when it ended and which of its states was kept. Its figures "
+        f"are slightly optimistic: {'; '.join(some)}.",
+        "",
+    ]
 
 
 def failures(trials: pd.DataFrame) -> list[str]:

@@ -23,7 +23,7 @@ from ..tables import Column, frame_of, means_and_deviations, tables_of_means, wr
 from .captures import SHOWROOMS, SubjectSource
 from .jobs import Job, run_jobs
 from .protocol import ENHANCERS, PAPERS_RULE, filter_frames, scenes_of, sequences_of, summarise, write_frames
-from .recipe import DEUTAN, Recipe, Trial, failures, with_derived
+from .recipe import DEUTAN, Recipe, Trial, failures, optimistic, with_derived
 
 SIZE, ITERATIONS, SEEDS = 240, 800, 3
 BASELINE = "post"
@@ -204,7 +204,7 @@ def write_table(folder: Path, trials: pd.DataFrame, synthetic: Sequence[str], he
     """
     write_csv(folder / "table.csv", trials)
     trials = _titled(trials)
-    lines = ["# Modes and enhancers", "", *heading, "", *_DEFINITIONS, ""]
+    lines = ["# Modes and enhancers", "", *heading, "", *_DEFINITIONS, "", *optimistic(trials)]
     for capture, mine in trials.groupby("capture", sort=False):
         means, deviations = means_and_deviations(mine, ["title", "mode"], (*_QUALITY, *_COST))
         quality = pd.concat([_photographs(mine), means])
@@ -265,6 +265,7 @@ def write_severities(folder: Path, trials: pd.DataFrame, heading: Sequence[str])
         "as in the main table; *input* is what the observer keeps of the photograph's contrast without any "
         "enhancement, *enhanced* what the enhanced photographs have, *layer* what the reconstructed scene has.",
         "",
+        *optimistic(trials),
     ]
     trials = with_derived(trials)
     for capture, mine in trials.groupby("capture", sort=False):

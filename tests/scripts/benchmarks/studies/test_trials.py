@@ -14,7 +14,7 @@ from cvdgs.core.settings import Layer
 from cvdgs.scripts.benchmarks.baselines import PerViewLut
 from cvdgs.scripts.benchmarks.enhancers.drift import reconstruct_matches
 from cvdgs.scripts.benchmarks.studies.captures import Subject
-from cvdgs.scripts.benchmarks.studies.recipe import Recipe, Trial
+from cvdgs.scripts.benchmarks.studies.recipe import PLAIN, Recipe, Trial
 from cvdgs.scripts.benchmarks.studies.table import compare
 from cvdgs.scripts.benchmarks.studies.trials import CaptureTrials
 from cvdgs.scripts.benchmarks.tables import frame_of
@@ -69,6 +69,12 @@ def test_layers_and_post_share_a_geometry_and_joint_has_its_own(drifting):
     assert drifting["layers"].geometry_seconds == drifting["post"].geometry_seconds
     assert drifting["layers"].psnr == drifting["post"].psnr
     assert drifting["joint"].geometry_seconds != drifting["layers"].geometry_seconds
+
+
+def test_a_trial_says_whether_the_views_that_it_is_judged_on_decided_about_it(trials, drifting):
+    assert drifting["layers"].decided_on_held_out  # 6 training views are too few to hold one back
+    plain = Recipe("plain", enhancer="none", iterations=20, gaussians=500, plans=PLAIN)
+    assert not trials.try_recipe(plain).decided_on_held_out  # there is nothing to decide
 
 
 def test_severity_zero_changes_nothing(trials):
