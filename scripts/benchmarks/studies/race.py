@@ -79,13 +79,14 @@ points, and its scenes are rendered by our rasteriser for the held-out views, se
 rasteriser for processors takes every principal point to be in the middle of the photograph whatever the file says, so
 all programs get photographs that are cropped until it is there (of those at hand only fox's need it); then its own
 picture of its scene and ours agree to 44.8 dB (a view of fox at 240 pixels). A peer's time has the start of its program
-and the reading of the photographs in it, a few seconds; ours has not, and neither has the measuring. Where a run of
-ours found the poses to be off and corrected them, its last measurement is from poses of the held-out views that were
-aligned with its scene by their photographs; a peer's never are. *To the best of*: the highest PSNR that was measured of
-a peer, and when; ours took as long as until it had that for the first time; a dash: never. OpenSplat's own number of
-steps, 30,000, takes hours on a processor: it is given fewer, on which its schedules depend as they do for its users.
-Its *best settings* are those of four tried on fox: densification every 100 steps from the 100th to the last (by default
-its Adam takes a step only every 32 once densification has ended, half-way), the first half at half size."""
+and the reading of the photographs in it, a few seconds, and the saving of the scenes that are measured; ours has not,
+and neither has the measuring. Where a run of ours found the poses to be off and corrected them, its last measurement is
+from poses of the held-out views that were aligned with its scene by their photographs; a peer's never are. *To the best
+of*: the highest PSNR that was measured of a peer, and when; ours took as long as until it had that for the first time;
+a dash: never. OpenSplat's own number of steps, 30,000, takes hours on a processor: it is given fewer, on which its
+schedules depend as they do for its users. Its *best settings* are those of four tried on fox: densification every 100
+steps from the 100th to the last (by default its Adam takes a step only every 32 once densification has ended,
+half-way), the first half at half size."""
 
 
 @dataclass(frozen=True)
