@@ -48,7 +48,7 @@ def _measure(options: argparse.Namespace) -> str:
     reporter = ConsoleReporter(sys.stderr)
     if options.real:
         asked = (real_captures(options.real), options.max_size, options.iterations)
-        found = run_real(*asked, work_folder(options), reporter)
+        found = run_real(*asked, work_folder(options), reporter, again=options.again)
         return write_real(options.out, found, *asked[1:])
     plan = _plan(options)
     results = run_stress(plan, work_folder(options), reporter, processes=options.processes, again=options.again)
