@@ -98,10 +98,11 @@ class MatchedGain:
 
     Args:
         reference: the other enhancer; fitted along with this one.
+        seed: as of `ContrastGain`.
     """
 
-    def __init__(self, reference: Enhancer) -> None:
-        self._reference = reference
+    def __init__(self, reference: Enhancer, seed: int = 0) -> None:
+        self._reference, self._seed = reference, seed
         self._gain = ContrastGain(0.0)
 
     def fit(self, images: Images, reporter: Reporter | None = None, *, alphas: Alphas = None) -> None:
@@ -111,7 +112,7 @@ class MatchedGain:
         # Where nothing is covered, an enhancer may do anything: the gain is searched on what is covered, too.
         given = np.concatenate([_covered(image, alpha) for image, alpha in some])
         changed = np.concatenate([_covered(self._reference(image), alpha) for image, alpha in some])
-        self._gain = ContrastGain(mean_delta_e_76(given[:, None], changed[:, None]))
+        self._gain = ContrastGain(mean_delta_e_76(given[:, None], changed[:, None]), self._seed)
         self._gain.fit(images, alphas=alphas)
 
     def __call__(self, image: NDArray) -> NDArray[np.float32]:
@@ -129,8 +130,10 @@ class FidanerEnhancer(SceneEnhancer):
 
     name = "fidaner"
 
-    def __init__(self, cvd: str, severity: float, simulation: str = "machado", strength: float = 1.0) -> None:
-        super().__init__(cvd, severity, simulation, strength)
+    def __init__(
+        self, cvd: str, severity: float, simulation: str = "machado", strength: float = 1.0, seed: int = 0
+    ) -> None:
+        super().__init__(cvd, severity, simulation, strength, seed)
         if cvd not in _REDISTRIBUTION:
             raise InputError(
                 f"error redistribution is not defined for {cvd} vision",

@@ -53,7 +53,7 @@ class Recipe:
         layer: the observer.
         simulation: model of the CVD simulation.
         iterations, gaussians, sh_degree: of the geometry, as in `Settings`.
-        seed: of everything random.
+        seed: of everything random, but for the drift.
         drift: standard deviation in degrees of a rotation of hue that differs from image to image: a known amount of
             inconsistency between views.
         plans: of the fits.
@@ -88,7 +88,7 @@ class Recipe:
     @property
     def enhancement_key(self) -> str:
         """Equal for recipes with the same enhanced views."""
-        return repr((self.enhancer, self.layer, self.simulation, self.drift))
+        return repr((self.enhancer, self.layer, self.simulation, self.drift, self.seed))
 
     def settings(self, capture: str, folder: str) -> Settings:
         """The product's settings for the recipe."""
@@ -198,9 +198,9 @@ def recipe_enhancer(recipe: Recipe) -> Enhancer:
         InputError: an enhancer or an observer that does not exist.
     """
     observer = (recipe.layer.cvd, recipe.layer.severity, recipe.simulation)
-    enhancer = method_factory(SCENE if recipe.enhancer == GAIN else recipe.enhancer)(*observer)
+    enhancer = method_factory(SCENE if recipe.enhancer == GAIN else recipe.enhancer, recipe.seed)(*observer)
     if recipe.enhancer == GAIN:
-        enhancer = MatchedGain(enhancer)
+        enhancer = MatchedGain(enhancer, recipe.seed)
     return Drifting(enhancer, recipe.drift) if recipe.drift else enhancer
 
 

@@ -143,7 +143,7 @@ _SEVERITIES: tuple[Column, ...] = (
 
 
 def table_jobs(sources: Sequence[SubjectSource], iterations: int, seeds: int, rows: Sequence[Row] = ROWS) -> list[Job]:
-    """One job per capture, so that enhanced views are made once for all seeds."""
+    """One job per capture, so that enhanced views are made once for all modes."""
     recipes = tuple(
         Recipe(row.label(mode), mode, row.enhancer, iterations=iterations, seed=seed, drift=row.drift)
         for seed in range(seeds)
