@@ -22,16 +22,15 @@ import numpy as np
 from cvdgs.core.color.spaces import delta_e_2000, image_to_tensor
 from cvdgs.core.color.srgb import simulate_bytes
 from cvdgs.core.errors import InputError
-from cvdgs.core.files.images import read_png, write_png
+from cvdgs.core.files.images import read_png
 from cvdgs.core.runs.layout import ORIGINAL, RENDERS_FOLDER, VIEWER_PAGE
 from cvdgs.core.runs.report import read_report
 from cvdgs.core.runtime.cli import exit_code
 from cvdgs.core.settings import CVD_TYPES
-from cvdgs.scripts.benchmarks.browser import browser, open_viewer, picture_of
+from cvdgs.scripts.benchmarks.browser import browser, open_viewer, picture_of, write_screenshot
 
 _SEVERITIES = (1.0, 0.55)
 _SETTLING = 1000.0  # milliseconds after a change
-_STEP = 4  # levels of a screenshot that become one, for half of the bytes
 
 
 def measure(run: Path, picture: Path | None = None) -> list[str]:
@@ -76,7 +75,7 @@ def _draw(page: Any, picture: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         page.screenshot(path=Path(folder, "page.png"))
         pixels = read_png(Path(folder, "page.png"))[..., :3]
-    write_png(picture, np.minimum(_STEP * np.round(pixels / _STEP), 255).astype(np.uint8))
+    write_screenshot(picture, pixels)
     page.uncheck("#wipes")
 
 
