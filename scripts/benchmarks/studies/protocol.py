@@ -130,7 +130,8 @@ def filter_frames(
         views = read_capture(source.folder, max_size=source.max_size).views
         enhancer = method_factory(name)(observer.cvd, observer.severity, ENHANCED_FOR)
         frames = {view.key: view.image for view in views}
-        found[label] = measure_selection(frames, enhancer, observer, reporter=reporter)
+        shown = [view.shown for view in views]
+        found[label] = measure_selection(frames, enhancer, observer, reporter=reporter, shown=shown)
         path.parent.mkdir(parents=True, exist_ok=True)
         found[label].to_csv(path, index=False, na_rep="nan")
     return found
