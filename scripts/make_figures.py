@@ -48,7 +48,7 @@ def draw_training(curve: list[dict[str, Any]], figure: Figure, theme: Theme) -> 
 
 
 def draw_colors(
-    before: np.ndarray, after: np.ndarray, observer: tuple[str, float], figure: Figure, theme: Theme
+    before: np.ndarray, after: np.ndarray, observer: tuple[str, float, str], figure: Figure, theme: Theme
 ) -> None:
     """Where the colours of a view lie for the observer, before and after the enhancement: lightness over blue–yellow.
 
@@ -56,7 +56,7 @@ def draw_colors(
 
     Args:
         before, after: (N, 3) uint8 sRGB colours of the same places.
-        observer: type and severity.
+        observer: type, severity and model of the simulation.
     """
     axes = figure.subplots(1, 2, sharex=True, sharey=True)
     for panel, colors, title in zip(axes, (before, after), ("photograph", "enhanced photograph"), strict=True):
@@ -72,23 +72,25 @@ def make_figures(run: Path, out: Path) -> None:
     """Write both figures, each for light and dark pages.
 
     Raises:
-        InputError: `run` is not a finished run.
+        InputError: `run` is not a finished run, or held no views out.
     """
     try:
         report = json.loads((run / REPORT_FILE).read_text(encoding="utf-8"))
         layer, view = next(iter(report["layers"])), report["views_shown"][0]
-        observer = Layer.from_name(layer)
+        curve, simulation, observer = report["curve"], report["settings"]["simulation"], Layer.from_name(layer)
         before = read_png(run / CAPTURE_FOLDER / IMAGES_FOLDER / f"{view}.png").reshape(-1, 3)
         after = read_png(run / ENHANCED_FOLDER / layer / f"{view}.png").reshape(-1, 3)
     except (OSError, KeyError, ValueError, StopIteration) as error:
         raise InputError(f"is not a finished run ({error})", where=run, remedy="run 'make demo' first") from None
+    if any(entry["psnr"] is None for entry in curve):
+        raise InputError("the run held no views out to be measured on", where=run, remedy="make it with --holdout 8")
     chosen = np.random.default_rng(SEED).choice(len(before), COLORS, replace=False)
 
     def colors(figure: Figure, theme: Theme) -> None:
-        draw_colors(before[chosen], after[chosen], (observer.cvd, observer.severity), figure, theme)
+        draw_colors(before[chosen], after[chosen], (observer.cvd, observer.severity, simulation), figure, theme)
 
     write_charts(out, "colours", (8.0, 3.6), colors, formats=("svg",))
-    write_charts(out, "training", (8.0, 2.8), lambda *to: draw_training(report["curve"], *to), formats=("svg",))
+    write_charts(out, "training", (8.0, 2.8), lambda *to: draw_training(curve, *to), formats=("svg",))
 
 
 def main(arguments: list[str]) -> int:

@@ -19,26 +19,26 @@ import bootstrap
 bootstrap.load(modules=("torch", "OpenImageIO", "playwright"))
 import numpy as np
 
+from cvdgs.core.color.matrices import check_simulation
 from cvdgs.core.color.spaces import delta_e_2000, image_to_tensor
 from cvdgs.core.color.srgb import simulate_bytes
 from cvdgs.core.errors import InputError
-from cvdgs.core.files.images import read_png, write_png
-from cvdgs.core.runs.layout import ORIGINAL, RENDERS_FOLDER, VIEWER_PAGE
+from cvdgs.core.files.images import read_png
+from cvdgs.core.runs.layout import RENDERS_FOLDER, VIEWER_PAGE
 from cvdgs.core.runs.report import read_report
 from cvdgs.core.runtime.cli import exit_code
 from cvdgs.core.settings import CVD_TYPES
-from cvdgs.scripts.benchmarks.browser import browser, open_viewer, picture_of
+from cvdgs.scripts.benchmarks.browser import browser, open_viewer, picture_of, write_screenshot
 
 _SEVERITIES = (1.0, 0.55)
 _SETTLING = 1000.0  # milliseconds after a change
-_STEP = 4  # levels of a screenshot that become one, for half of the bytes
 
 
 def measure(run: Path, picture: Path | None = None) -> list[str]:
     """Lines on the viewer of the run in `run`; a screenshot goes to `picture`.
 
     Raises:
-        InputError: no finished run, no viewer, or no browser.
+        InputError: no finished run, no viewer, no rendering to compare with, or no browser.
     """
     report, path = read_report(run), run / VIEWER_PAGE
     if not path.is_file():
@@ -52,14 +52,14 @@ def measure(run: Path, picture: Path | None = None) -> list[str]:
         if picture is not None:
             _draw(page, picture)
         lines = [f"{path.stat().st_size / 1e6:.2f} MB, open after {seconds:.2f} s"]
-        cameras = [camera for camera in scene["cameras"] if _rendered(run, ORIGINAL, camera).is_file()]
+        cameras = rendered_cameras(run, scene)
         for number, layer in enumerate(scene["layers"]):
             pictures = [_pixels(page, camera, layer=number) for camera in cameras]
             rendered = [read_png(_rendered(run, layer, camera)) for camera in cameras]
             found = [_psnr(*pair) for pair in zip(pictures, rendered, strict=True)]
             lines.append(f"{layer}: {min(found):.1f} to {max(found):.1f} dB against the rasteriser, {len(found)} views")
         model = report["settings"]["simulation"]
-        for cvd in CVD_TYPES:
+        for cvd in described_by(model):
             for severity in _SEVERITIES:
                 seen = _pixels(page, cameras[0], layer=0, observer=cvd, severity=severity)
                 expected = simulate_bytes(_pixels(page, cameras[0], layer=0), cvd, severity, model)
@@ -69,6 +69,33 @@ def measure(run: Path, picture: Path | None = None) -> list[str]:
     return lines
 
 
+def rendered_cameras(run: Path, scene: dict[str, Any]) -> list[dict[str, Any]]:
+    """The cameras of a viewer's scene that the run has a rendering of every layer from.
+
+    Raises:
+        InputError: there is none.
+    """
+    layers = scene["layers"]
+    found = [one for one in scene["cameras"] if all(_rendered(run, layer, one).is_file() for layer in layers)]
+    if not found:
+        reason = "there are no renderings of the page's cameras"
+        raise InputError(reason, where=run / RENDERS_FOLDER, remedy="make the run again, with views held out")
+    return found
+
+
+def described_by(model: str) -> list[str]:
+    """The types of colour vision deficiency that a model of the simulation describes."""
+
+    def describes(cvd: str) -> bool:
+        try:
+            check_simulation(cvd, 1.0, model)
+        except InputError:
+            return False
+        return True
+
+    return [cvd for cvd in CVD_TYPES if describes(cvd)]
+
+
 def _draw(page: Any, picture: Path) -> None:
     """A screenshot with original and enhanced colours beside each other."""
     page.check("#wipes")
@@ -76,7 +103,7 @@ def _draw(page: Any, picture: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         page.screenshot(path=Path(folder, "page.png"))
         pixels = read_png(Path(folder, "page.png"))[..., :3]
-    write_png(picture, np.minimum(_STEP * np.round(pixels / _STEP), 255).astype(np.uint8))
+    write_screenshot(picture, pixels)
     page.uncheck("#wipes")
 
 

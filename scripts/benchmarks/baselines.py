@@ -75,11 +75,7 @@ class ContrastGain:
 
     def fit(self, images: Images, reporter: Reporter | None = None, *, alphas: Alphas = None) -> None:
         """Find the scene's mean colour and the gain, by bisection."""
-        covered = [
-            image.reshape(-1, 3) if alphas is None or alphas[view] is None else image[np.asarray(alphas[view]) > 0]
-            for view, image in enumerate(images)
-        ]
-        colors = np.concatenate(covered)
+        colors = np.concatenate([_covered(*view) for view in _with_alphas(images, alphas)])
         self._center = as_float(colors).mean(0, dtype=np.float64).astype(np.float32)
         sample = as_float(np.random.default_rng(self._seed).choice(colors, min(_SAMPLES, len(colors)), replace=False))[
             :, None
@@ -102,18 +98,21 @@ class MatchedGain:
 
     Args:
         reference: the other enhancer; fitted along with this one.
+        seed: as of `ContrastGain`.
     """
 
-    def __init__(self, reference: Enhancer) -> None:
-        self._reference = reference
+    def __init__(self, reference: Enhancer, seed: int = 0) -> None:
+        self._reference, self._seed = reference, seed
         self._gain = ContrastGain(0.0)
 
     def fit(self, images: Images, reporter: Reporter | None = None, *, alphas: Alphas = None) -> None:
         """Fit the reference and match its change."""
         self._reference.fit(images, reporter, alphas=alphas)
-        some = images[:: max(len(images) // _MATCHED_VIEWS, 1)]
-        changes = [mean_delta_e_76(image, self._reference(image)) for image in some]
-        self._gain = ContrastGain(float(np.mean(changes)))
+        some = _with_alphas(images, alphas)[:: max(len(images) // _MATCHED_VIEWS, 1)]
+        # Where nothing is covered, an enhancer may do anything: the gain is searched on what is covered, too.
+        given = np.concatenate([_covered(image, alpha) for image, alpha in some])
+        changed = np.concatenate([_covered(self._reference(image), alpha) for image, alpha in some])
+        self._gain = ContrastGain(mean_delta_e_76(given[:, None], changed[:, None]), self._seed)
         self._gain.fit(images, alphas=alphas)
 
     def __call__(self, image: NDArray) -> NDArray[np.float32]:
@@ -131,8 +130,10 @@ class FidanerEnhancer(SceneEnhancer):
 
     name = "fidaner"
 
-    def __init__(self, cvd: str, severity: float, simulation: str = "machado", strength: float = 1.0) -> None:
-        super().__init__(cvd, severity, simulation, strength)
+    def __init__(
+        self, cvd: str, severity: float, simulation: str = "machado", strength: float = 1.0, seed: int = 0
+    ) -> None:
+        super().__init__(cvd, severity, simulation, strength, seed)
         if cvd not in _REDISTRIBUTION:
             raise InputError(
                 f"error redistribution is not defined for {cvd} vision",
@@ -189,6 +190,16 @@ class Drifting:
         a, b = lab[1].clone(), lab[2].clone()
         lab[1], lab[2] = np.cos(angle) * a - np.sin(angle) * b, np.sin(angle) * a + np.cos(angle) * b
         return tensor_to_image(linear_to_srgb(lab_to_linear(lab).clamp(0.0, 1.0)))
+
+
+def _with_alphas(images: Images, alphas: Alphas) -> list[tuple[NDArray, NDArray | None]]:
+    """Each image with its alpha."""
+    return list(zip(images, alphas or [None] * len(images), strict=True))
+
+
+def _covered(image: NDArray, alpha: NDArray | None) -> NDArray:
+    """The (N, 3) colours of an image where its (H, W) alpha is above 0; of all pixels without one."""
+    return image.reshape(-1, 3) if alpha is None else image[alpha > 0]
 
 
 def _seeded_by(image: NDArray) -> np.random.Generator:

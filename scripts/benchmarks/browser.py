@@ -10,7 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cvdgs.core.errors import InputError
+from cvdgs.core.files.images import write_png
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -19,6 +23,7 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 # Pages are our own, and containers allow no sandbox.
 SOFTWARE_GRAPHICS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 WITHOUT_GRAPHICS = ("--no-sandbox", "--disable-3d-apis")
+_STEP = 4  # grey levels of a screenshot that become one
 OPENING_MAY_TAKE = 120_000.0  # milliseconds
 _PICTURE = """async ([camera, look]) => {
     cvdgs.observer = look.observer;
@@ -32,7 +37,7 @@ _PICTURE = """async ([camera, look]) => {
 
 
 def find_browser() -> str:
-    """The program to drive: $CVDGS_BROWSER, or the first of `NAMES` that is there.
+    """The program to drive, as `find_program`.
 
     Raises:
         InputError: playwright or a browser is missing.
@@ -41,10 +46,24 @@ def find_browser() -> str:
         import playwright.sync_api  # noqa: F401
     except ImportError:
         raise InputError("playwright is missing", remedy="run make venv") from None
+    return find_program()
+
+
+def find_program() -> str:
+    """A browser: $CVDGS_BROWSER, or the first of `NAMES` that is there; raises `InputError` without any."""
     for name in (os.environ.get("CVDGS_BROWSER", ""), *NAMES):
         if name and (path := shutil.which(name)):
             return path
     raise InputError("there is no Chromium or Chrome", remedy="install one, or name it in CVDGS_BROWSER")
+
+
+def write_screenshot(path: Path, pixels: NDArray[np.uint8]) -> None:
+    """Write (H, W, 3) pixels as PNG with a quarter of the grey levels, for half of the bytes.
+
+    Unlike with a palette, all hues stay.
+    """
+    levels = (pixels.astype(np.uint16) + _STEP // 2) // _STEP * _STEP
+    write_png(path, np.minimum(levels, 255).astype(np.uint8))
 
 
 @contextmanager

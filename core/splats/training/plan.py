@@ -176,6 +176,8 @@ class TrainingResult:
         smears: `View.smear` by view key, if motion blur was kept out of the scene; those of held-out views suit the
             finished scene.
         moving: by view key, what of a training view moves and was left out.
+        decided_on_held_out: whether the held-out views, on which the run is judged, made its decisions too, because
+            training views were too few to hold some back.
     """
 
     gaussians: Gaussians
@@ -187,3 +189,4 @@ class TrainingResult:
     moved_poses: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     smears: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     moving: dict[str, Region] = field(default_factory=dict)
+    decided_on_held_out: bool = False

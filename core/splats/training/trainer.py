@@ -179,7 +179,8 @@ class Trainer:
         )
         measured = self._curve.entries, self._curve.seconds, self._log.initial
         found = found_in_views(self._corrections, self._moving, self._keys, self._held_out, self._frame)
-        return TrainingResult(self.gaussians, *measured, decision, self.fit.skipped, *found)
+        by_held_out = self._split.validate_on_held_out
+        return TrainingResult(self.gaussians, *measured, decision, self.fit.skipped, *found, by_held_out)
 
     @property
     def _done(self) -> float:

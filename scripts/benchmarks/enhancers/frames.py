@@ -16,14 +16,15 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import torch
 from numpy.typing import NDArray
 
 from ....core.capture.colmap import IMAGE_FOLDERS
 from ....core.color.metrics import ccpr, psnr, ssim
 from ....core.color.simulation import simulate
 from ....core.color.spaces import image_to_tensor
-from ....core.enhance import Enhancer
-from ....core.files.images import to_bytes
+from ....core.enhance import Enhancer, enhance_bytes
+from ....core.enhance.pairs import Alphas
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.protocol import Reporter
 from ....core.settings import Layer
@@ -35,6 +36,7 @@ from .scores import ENHANCED_FOR
 
 STAGE = "selection"
 HARD, BETWEEN, EASY = "hard", "between", "easy"
+_COVERED = 127  # alpha above which a pixel counts, as in evaluations
 
 
 @dataclass(frozen=True)
@@ -92,8 +94,13 @@ def measure_selection(
     observer: Layer,
     rule: SelectionRule = SelectionRule(),
     reporter: Reporter | None = None,
+    *,
+    shown: Alphas = None,
 ) -> pd.DataFrame:
     """Select among frames, and compare each with its enhancement; the enhancer is fitted to all of them.
+
+    Args:
+        shown: of each frame, as `View.shown`; None where all pixels count.
 
     Returns:
         A row for each ``frame``: ``ccpr`` of the original; ``kind``, see `Selection`; ``sequence``, the number of its
@@ -101,12 +108,15 @@ def measure_selection(
     """
     reporter = reporter or Reporter()
     reporter.status(STAGE, "fitting the enhancer")
-    enhancer.fit(list(frames.values()))
+    shown = shown or [None] * len(frames)
+    enhancer.fit(list(frames.values()), alphas=shown)
     rows = []
-    for done, (name, pixels) in enumerate(frames.items()):
-        original, enhanced = image_to_tensor(pixels), image_to_tensor(to_bytes(enhancer(pixels)))
+    for done, ((name, pixels), alpha) in enumerate(zip(frames.items(), shown, strict=True)):
+        original, enhanced = image_to_tensor(pixels), image_to_tensor(enhance_bytes(enhancer, pixels, alpha))
         seen = simulate(original, observer.cvd, observer.severity, ENHANCED_FOR)
-        rows.append((name, ccpr(original, seen)[0], ssim(original, enhanced), psnr(original, enhanced)))
+        mask = None if alpha is None else torch.from_numpy(alpha > _COVERED)
+        likenesses = (compare(original, enhanced, mask=mask) for compare in (ssim, psnr))
+        rows.append((name, ccpr(original, seen, mask=mask)[0], *likenesses))
         reporter.progress(STAGE, (done + 1) / len(frames))
     found = pd.DataFrame(rows, columns=["frame", "ccpr", "ssim", "psnr"])
     selection = select_frames(found.ccpr.tolist(), rule)

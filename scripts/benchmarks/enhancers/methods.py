@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from ....core.enhance import (
     Enhancer,
     IdentityEnhancer,
     LutEnhancer,
+    SceneEnhancer,
     SceneNetworkEnhancer,
     make_enhancer,
 )
@@ -32,22 +34,23 @@ FIT_MARK = "@"
 MethodFactory = Callable[[str, float, str], Enhancer]
 """(cvd, severity, simulation) to an enhancer."""
 
-METHODS: Mapping[str, MethodFactory] = {method.name: method for method in (FidanerEnhancer, PerViewLut)}
+METHODS: Mapping[str, type[SceneEnhancer]] = {method.name: method for method in (FidanerEnhancer, PerViewLut)}
 """Enhancers of benchmarks alone, in addition to those of `make_enhancer`."""
 
 _TIMED_SIDE = 1000  # pixels: one megapixel
 _TIMED_REPETITIONS = 3
 
 
-def method_factory(name: str) -> MethodFactory:
-    """The factory for a name in `METHODS`, a name that `make_enhancer` takes, or a weight file.
+def method_factory(name: str, seed: int = 0) -> MethodFactory:
+    """The factory for a name in `METHODS`, a name that `make_enhancer` takes, or a weight file; `seed` is of its fits.
 
     ``cgan@0`` and ``FILE@0`` take the network's prediction as it is; any other number is that of the steps of the fit.
     """
     plain, at, number = name.rpartition(FIT_MARK)
     if at and number.isdecimal():
-        return lambda cvd, severity, simulation: make_enhancer(plain, cvd, severity, simulation, fit_steps=int(number))
-    return METHODS.get(name) or (lambda cvd, severity, simulation: make_enhancer(name, cvd, severity, simulation))
+        return partial(make_enhancer, plain, seed=seed, fit_steps=int(number))
+    method = METHODS.get(name)
+    return partial(make_enhancer, name, seed=seed) if method is None else partial(method, seed=seed)
 
 
 def method_label(name: str) -> str:

@@ -13,12 +13,14 @@ from .experts import AREA_BLUR, AREA_DISTANCE
 from .image_sets import ImageSet
 from .methods import LUT
 from .report import mean, protected_mean, select, with_classes
+from .scores import OTHER_MODELS
 
 JUDGES_PAGE, SEVERITIES_PAGE = "judges.md", "severities.md"
 
 _TIE = 0.001  # of a share, below which two are equal
 _CONTRASTS = ("ccpr", "ccpr_global", "ccfr", "ssim_simulated")  # compared picture by picture
 _ALL, _HARD = "all", "hard"
+_WORST_MODEL = "ccpr_worst"
 _KEYS: tuple[Column, ...] = (("severity", "severity", "g"), ("cvd", "type", ""), ("method", "method", ""))
 _JUDGED: tuple[Column, ...] = (
     ("name_confusions", "names lost", ".3f"),
@@ -28,7 +30,7 @@ _JUDGED: tuple[Column, ...] = (
     ("delta_e_2000", "ΔE00", ".2f"),
     ("ccpr_areas", "CCPR, areas", ".3f"),
     ("ccpr", "CCPR", ".3f"),
-    ("ccpr_worst", "worst model", ".3f"),
+    (_WORST_MODEL, "worst model", ".3f"),
 )
 _SEVERITIES: tuple[Column, ...] = (
     ("n", "n", "d"),
@@ -44,11 +46,11 @@ _JUDGES_LEGEND = (
     "Means over the pictures. Names lost: share of random pixel pairs with different basic colour names for normal "
     "vision that have one name as the observer sees the result; CAM gap: mean distance in CIECAM02-UCS between what "
     "the observer sees of the result and others of the original; CAM change, Δa*b*, ΔE00: between result and original "
-    f"for others; CCPR, areas: of pairs {AREA_DISTANCE} pixels apart on pictures blurred by {AREA_BLUR:g}; worst "
-    "model: the least CCPR under Machado, Viénot and Brettel. Less is better of the first five, more of the last "
-    "three. Gain is plain contrast gain with the mean ΔE76 of the method it is named after. CVD-MET (2022) uses "
-    "CIECAM02 as well; we had its abstract alone, and none of these figures is it."
+    f"for others; CCPR, areas: of pairs {AREA_DISTANCE} pixels apart on pictures blurred by {AREA_BLUR:g}. Less is "
+    "better of the first five, more of the others. Gain is plain contrast gain with the mean ΔE76 of the method it is "
+    "named after. CVD-MET (2022) uses CIECAM02 as well; we had its abstract alone, and none of these figures is it."
 )
+_WORST_LEGEND = "Worst model: the least CCPR under those of Machado, Viénot and Brettel that describe the type."
 _SEVERITIES_LEGEND = (
     "Means over the photographs; hard ones keep a CCPR below 0.9 without enhancement. Greys and skin: mean ΔE00 of "
     "such colours. The other columns as in the comparison."
@@ -71,11 +73,14 @@ def write_summaries(folder: Path, scores: pd.DataFrame, image_sets: Sequence[Ima
     scores = with_classes(scores)
     photographs = [image_set.name for image_set in image_sets if image_set.photographs]
     scores = scores.assign(group=scores.image_set.where(~scores.image_set.isin(photographs), "photographs"))
-    lines = ["# How experts judge the enhancers", "", description, "", _JUDGES_LEGEND, ""]
+    models = scores[[f"ccpr_{model}" for model in OTHER_MODELS]].notna().any(axis=None)
+    judged = [column for column in _JUDGED if models or column[0] != _WORST_MODEL]
+    legend = f"{_JUDGES_LEGEND} {_WORST_LEGEND}" if models else _JUDGES_LEGEND
+    lines = ["# How experts judge the enhancers", "", description, "", legend, ""]
     strongest = select(scores, severity=scores.severity.max())
     for group, rows in strongest.groupby("group", sort=False):
         lines += [f"## {group}, severity {strongest.severity.max():g}", ""]
-        lines += [*_table(rows, [*_KEYS[1:], ("n", "n", "d"), *_JUDGED], _judged), ""]
+        lines += [*_table(rows, [*_KEYS[1:], ("n", "n", "d"), *judged], _judged), ""]
     write_text(folder / JUDGES_PAGE, lines)
     pictures = select(scores, group="photographs")
     if not pictures.empty:

@@ -54,7 +54,7 @@ def _measure(options: argparse.Namespace) -> str:
             remedy = "leave it out: captures are tried once each, as they are"
             raise InputError("it has no meaning with --real", where=flag(given[0]), remedy=remedy)
         asked = (real_captures(options.real), options.max_size, options.iterations)
-        found = run_real(*asked, work_folder(options), reporter)
+        found = run_real(*asked, work_folder(options), reporter, again=options.again)
         return write_real(options.out, found, *asked[1:])
     options = filled(options)
     plan = _plan(options)

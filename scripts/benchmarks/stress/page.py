@@ -15,7 +15,7 @@ from ....core.runs.layout import ENHANCED_FOLDER, RENDERS_FOLDER
 from ..charts import Theme, picture, plot_series, write_charts
 from ..embedding import jpeg_uri
 from ..options import trials_took
-from ..studies.recipe import Trial
+from ..studies.recipe import Trial, optimistic
 from ..tables import Column, frame_of, markdown_table, write_csv, write_text
 from .axes import HARMLESS, Axis
 from .failure import MOST_LOST, MOST_RWE, UNTOUCHED, curve, fails_by_the_line_of, standings
@@ -111,11 +111,12 @@ def write_stress(folder: Path, plan: StressPlan, results: Sequence[StressResult]
     write_stress_chart(folder, NAME, plan.axes, items)
     write_heat_map(folder, with_margins(items))
     (folder / f"{NAME}.html").write_text(_PAGE.render(sections=_sections(plan, results, items)), encoding="utf-8")
-    return write_text(folder / f"{NAME}.md", stress_lines(plan, items, trials_took(trials, processes)))
+    lines = stress_lines(plan, items, trials_took(trials, processes), optimistic(trials))
+    return write_text(folder / f"{NAME}.md", lines)
 
 
-def stress_lines(plan: StressPlan, items: pd.DataFrame, took: str) -> list[str]:
-    """The lines of stress.md; `took` says how long its trials did."""
+def stress_lines(plan: StressPlan, items: pd.DataFrame, took: str, caveat: Sequence[str] = ()) -> list[str]:
+    """The lines of stress.md; `took` says how long its trials did, `caveat` which of them are `optimistic`."""
     untouched = items[items.axis == UNTOUCHED]
     verdicts = untouched.errors.where(untouched.errors != "", untouched.failed.ne("").map({True: "yes", False: "no"}))
     return [
@@ -125,6 +126,7 @@ def stress_lines(plan: StressPlan, items: pd.DataFrame, took: str) -> list[str]:
         "",
         *_how(plan),
         "",
+        *caveat,
         "## The untouched capture",
         "",
         *markdown_table(untouched.assign(verdict=verdicts), _UNTOUCHED),
@@ -161,9 +163,11 @@ def _how(plan: StressPlan) -> list[str]:
         f"{plan.base.name} at {plan.base.max_size} pixels, {plan.iterations} steps, at most {plan.gaussians:,} "
         f"Gaussians for every method, {_count_of(len(plan.seeds), 'seed')}. Each axis has the untouched capture, which "
         f"axes share, and {_count_of(broken, 'level')} of it made worse. What is wrong is wrong with what the method "
-        "is given; results are judged by the untouched photographs and cameras that were held out, and where the scene "
-        "itself differs (chroma, satin, sheer cloth, yarns) by those of that scene. Cloth that differs is rendered "
-        "anew, at this size and with few samples, and is compared with the untouched scene rendered likewise.",
+        "is given; results are judged by the untouched photographs that were held out, and where the scene itself "
+        "differs (chroma, satin, sheer cloth, yarns) by those of that scene. They are seen from their own cameras, "
+        "unless a run found its poses to be off and corrected them: then from poses that its finished scene was "
+        "aligned with by the held-out photographs that it was given. Cloth that differs is rendered anew, at this size "
+        "and with few samples, and is compared with the untouched scene rendered likewise.",
         "",
         *_METHODS,
         "",

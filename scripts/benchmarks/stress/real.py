@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,8 @@ from ....core.runs.report import REPORT_FILE
 from ....core.runtime.protocol import Reporter
 from ....core.settings import Settings
 from ..options import names
-from ..provenance import fingerprint, trained_product
+from ..provenance import digest_of, fingerprint, trained_product
+from ..studies.captures import CaptureFolder
 from ..studies.recipe import DEUTAN, NOT_MEASURED
 from ..tables import Column, markdown_table, write_csv, write_text
 from .failure import MOST_RWE
@@ -63,6 +66,11 @@ class RealCapture:
     folder: Path
     holdout: int = Settings.holdout
 
+    def key(self, max_size: int) -> str:
+        """Changes with what is given to a run, and with the longer side of the views in pixels."""
+        read = CaptureFolder(self.name, self.folder, max_size).key if self.folder.is_dir() else digest_of(self.folder)
+        return repr((read, max_size, self.holdout))
+
 
 def real_captures(text: str) -> tuple[RealCapture, ...]:
     """The captures of a command line: comma-separated NAME=PATH or NAME@N=PATH, N for `RealCapture.holdout`.
@@ -82,9 +90,18 @@ def real_captures(text: str) -> tuple[RealCapture, ...]:
 
 
 def run_real(
-    captures: Sequence[RealCapture], max_size: int, iterations: int, folder: Path, reporter: Reporter
+    captures: Sequence[RealCapture],
+    max_size: int,
+    iterations: int,
+    folder: Path,
+    reporter: Reporter,
+    *,
+    again: bool = False,
 ) -> pd.DataFrame:
-    """One run of the product for each capture; those that `folder` has from an earlier call are not repeated.
+    """One run of the product for each capture; finished ones that `folder` has from an earlier call are not repeated.
+
+    Args:
+        again: repeat all of them.
 
     Returns:
         The columns of `failure.standings` that a single run has, and ``views``, ``gaussians``, ``seconds``; the name of
@@ -93,8 +110,10 @@ def run_real(
     rows = []
     for level, capture in enumerate(captures):
         reporter.progress(NAME, level / len(captures), capture.name)
-        facts = (capture, max_size, iterations, *trained_product())
-        place = folder / REAL / f"{capture.name}-{fingerprint(capture.name, lambda facts=facts: facts)}"  # type: ignore[misc]
+        key = fingerprint(capture.key(max_size), partial(_shaping, iterations))
+        place = folder / REAL / f"{capture.name}-{key}"
+        if again and place.exists():
+            shutil.rmtree(place)
         rows.append({"level": level, **_row(capture, _report(capture, place, max_size, iterations))})
     reporter.progress(NAME, 1.0)
     return pd.DataFrame(rows)
@@ -122,9 +141,9 @@ def write_real(folder: Path, items: pd.DataFrame, max_size: int, iterations: int
         f"What `run.py` makes of captures as people take them, at {max_size} pixels with {iterations:,} steps; cameras "
         "are estimated where there are none. A capture has failed where the held-out views have a PSNR below "
         f"{LEAST_PSNR:g} dB, from where on a run says itself that details can hardly be recognised, an RWE above "
-        f"{MOST_RWE:g}, or the scene a CCPR below that of the photographs; or where it was refused, which is right "
-        "where photographs do not suffice. They are in [one picture](stress.md#one-picture) with the conditions that "
-        "were made worse on purpose.",
+        f"{MOST_RWE:g}, or the scene a CCPR below that of the photographs; or where it was refused, for the reason "
+        "below the table: that is right where photographs do not suffice. They are in "
+        "[one picture](stress.md#one-picture) with the conditions that were made worse on purpose.",
         "",
         *markdown_table(items.assign(failed=items.failed.replace("", "no")), _COLUMNS),
     ]
@@ -133,21 +152,23 @@ def write_real(folder: Path, items: pd.DataFrame, max_size: int, iterations: int
     return write_text(folder / f"{NAME}.md", lines)
 
 
+def _shaping(iterations: int) -> tuple[Any, ...]:
+    """What shapes a run of a capture."""
+    return iterations, *trained_product()
+
+
 def _report(capture: RealCapture, place: Path, max_size: int, iterations: int) -> dict[str, Any] | str:
-    """The report of a run, or the line with which it was refused; both are kept in `place`."""
-    refusal = place.with_name(f"{place.name}.txt")
-    if not (place / REPORT_FILE).is_file() and not refusal.is_file():
+    """The report of a run, kept in `place`, or the line with which it was refused: that may be for a missing tool."""
+    if not (place / REPORT_FILE).is_file():
         place.parent.mkdir(parents=True, exist_ok=True)
         words = [sys.executable, str(_SCRIPT), str(capture.folder), "--out", str(place), "--no-blend"]
         words += ["--max-size", str(max_size), "--iterations", str(iterations), "--holdout", str(capture.holdout)]
         ended = subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
         last = next((line for line in reversed(ended.stderr.splitlines()) if line.strip()), "")
         if ended.returncode == _UNUSABLE:
-            refusal.write_text(last.removeprefix("run.py: ").strip(), encoding="utf-8")
-        elif ended.returncode:
+            return last.removeprefix("run.py: ").strip().replace(str(capture.folder), capture.name)
+        if ended.returncode:
             raise InputError(f"the run broke ({last})", where=capture.folder, remedy=f"try it alone: {' '.join(words)}")
-    if refusal.is_file():
-        return refusal.read_text(encoding="utf-8").replace(str(capture.folder), capture.name)
     report: dict[str, Any] = json.loads((place / REPORT_FILE).read_text(encoding="utf-8"))
     return report
 

@@ -28,7 +28,7 @@ from ..strategies import CloneSplitPrune
 from ..tables import Column, frame_of, means_and_deviations, number, tables_of_means, write_csv, write_text
 from .captures import SubjectSource
 from .jobs import Job, run_jobs
-from .recipe import Recipe, Trial, failures, with_derived
+from .recipe import Recipe, Trial, failures, optimistic, with_derived
 from .table import DRIFT
 
 SIZE, ITERATIONS, SEEDS = 240, 800, 3
@@ -179,7 +179,7 @@ def write_ablation(
     """Write ``ablation.csv``, a line for each trial; returns the lines of the text."""
     write_csv(folder / "ablation.csv", trials)
     trials = with_derived(trials)
-    lines = ["# Ablations", "", *heading, "", _definitions(trials), ""]
+    lines = ["# Ablations", "", *heading, "", _definitions(trials), "", *optimistic(trials)]
     for setting in SETTINGS:
         titles = {setting.label(variant): variant.title for variant in (DEFAULT, *setting.variants)}
         lines += [f"## {setting.title}", "", *_tables(trials, titles), ""]

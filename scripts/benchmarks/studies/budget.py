@@ -34,7 +34,7 @@ from ..tables import (
 from ..timing.runs import at_quality
 from .captures import CaptureFolder
 from .jobs import Job, run_jobs
-from .recipe import Recipe, Trial
+from .recipe import Recipe, Trial, optimistic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -198,11 +198,12 @@ def write_budget(folder: Path, runs: pd.DataFrame, heading: Sequence[str]) -> st
         runs: as `measure_budgets` returns them.
         heading: lines that say how the figures were made.
     """
-    names = [name for name, _, _ in _RUN_COLUMNS]
+    names, caveat = [name for name, _, _ in _RUN_COLUMNS], optimistic(runs)
     runs = runs[[*names, "decision", "error"]]
     write_csv(folder / f"{NAME}.csv", runs)
     verdicts = judge(runs)
-    lines = ["# How many Gaussians a scene needs", "", *heading, "", _DEFINITIONS.format(range=_range(runs)), ""]
+    definitions = _DEFINITIONS.format(range=_range(runs))
+    lines = ["# How many Gaussians a scene needs", "", *heading, "", definitions, "", *caveat]
     if not verdicts.empty:
         figures = _VERDICT_COLUMNS[1:]
         means, deviations = means_and_deviations(verdicts, ["capture"], figures)

@@ -26,7 +26,7 @@ from ..provenance import trained_product
 from ..tables import Column, frame_of, markdown_table, means_and_deviations, tables_of_means, write_csv, write_text
 from .captures import DEMO, CaptureFolder, Subject
 from .jobs import Job, run_jobs
-from .recipe import Recipe, Trial, failures, with_derived
+from .recipe import Recipe, Trial, failures, optimistic, with_derived
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -184,7 +184,9 @@ def write_cost(folder: Path, trials: pd.DataFrame, heading: Sequence[str]) -> st
         "Seconds, memory and Gaussians over the photographs and their pixels; the tables have the same figures"
     )
     definitions = _DEFINITIONS.format(confidence=100.0 * CONFIDENCE)
-    lines = ["# Cost as work grows", "", *heading, "", definitions, "", picture(NAME, alternative), ""]
+    of_work = [f"{trial.capture}, {trial.amount:,} {OVER[trial.over]}" for trial in trials.itertuples()]
+    lines = ["# Cost as work grows", "", *heading, "", definitions, "", *optimistic(trials.assign(capture=of_work))]
+    lines += [picture(NAME, alternative), ""]
     lines += ["## Exponents", "", *markdown_table(found, _EXPONENTS), ""]
     for (capture, over), mine in trials.groupby(["capture", "over"], sort=False):
         means, deviations = means_and_deviations(mine, ["amount"], (*_FIGURES, _QUALITY))

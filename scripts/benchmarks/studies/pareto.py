@@ -28,7 +28,7 @@ from ..tables import Column, frame_of, markdown_table, number, write_csv, write_
 from .captures import DEMO, CaptureFolder
 from .jobs import Job, run_jobs
 from .peers import opensplat_runs, train_opensplat
-from .recipe import Recipe, Trial, with_derived
+from .recipe import Recipe, Trial, optimistic, with_derived
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -226,7 +226,7 @@ def write_pareto(folder: Path, points: pd.DataFrame, *, base: str, size: int, pr
     took = trials_took(points[points.series != PEER], processes)
     runs = "one run after the other" if processes == 1 else f"runs, up to {processes} of them at a time"
     lines = ["# Speed against accuracy", "", took, "", _DEFINITIONS.format(base=base, size=size, runs=runs), ""]
-    lines += _of_peers(points)
+    lines += [*optimistic(points), *_of_peers(points)]
     captures = points.groupby("capture", sort=False)
     for capture, mine in captures:
         name = NAME if len(captures) == 1 else f"{NAME}-{capture}"

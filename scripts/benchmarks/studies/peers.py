@@ -31,6 +31,7 @@ OPENSPLAT_ITERATIONS = 1000
 _KEEP_COORDINATES = "--keep-crs"  # until 1.1; later versions keep them unless they are told to --center
 _VERSION = re.compile(r"\d+\.\d+(\.\d+)?")
 _STEP = re.compile(r"Step (\d+):")
+_SAID_EVERY = 10  # steps
 
 
 @dataclass(frozen=True)
@@ -168,11 +169,10 @@ def _run(peer: OpenSplat, capture: str, folder: Path, scene: Path, run: OpenSpla
     # Steps are known by the clock alone; a training uses its processors evenly.
     busy = processor / seconds
     saved = {step: scene.with_name(f"{scene.stem}_{step}{scene.suffix}") for step in _measured_steps(run)}
-    curve = [
-        Point(busy * times[step], _held_out_psnr(read_ply(path), subject))
-        for step, path in saved.items()
-        if step in times and path.is_file()
-    ]
+    if missing := [step for step, path in saved.items() if step not in times or not path.is_file()]:
+        reason = f"it did not say and save step {missing[0]:,} of {run.iterations:,}"
+        raise InputError(reason, where=peer.program, remedy="use OpenSplat 1.1 or later")
+    curve = [Point(busy * times[step], _held_out_psnr(read_ply(path), subject)) for step, path in saved.items()]
     return PeerTraining(trial, (*curve, Point(processor, trial.psnr)))
 
 
@@ -184,8 +184,8 @@ def _held_out_psnr(gaussians: Gaussians, subject: Subject) -> float:
 
 
 def _interval(run: OpenSplatRun) -> int:
-    """Steps between two scenes that are judged on the way."""
-    return math.ceil(run.iterations / (run.measured + 1))
+    """Steps between two scenes that are judged on the way; it says when it was at multiples of `_SAID_EVERY` alone."""
+    return _SAID_EVERY * math.ceil(run.iterations / (run.measured + 1) / _SAID_EVERY)
 
 
 def _measured_steps(run: OpenSplatRun) -> range:

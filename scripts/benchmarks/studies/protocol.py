@@ -25,6 +25,7 @@ from ..enhancers.scores import ENHANCED_FOR
 from ..provenance import enhanced_product, fingerprint
 from ..tables import Column, markdown_table, write_csv
 from .captures import CaptureFolder, Subject
+from .recipe import optimistic
 
 ENHANCERS = (SCENE, LUT)
 PAPERS_RULE = SelectionRule()
@@ -129,7 +130,8 @@ def filter_frames(
         views = read_capture(source.folder, max_size=source.max_size).views
         enhancer = method_factory(name)(observer.cvd, observer.severity, ENHANCED_FOR)
         frames = {view.key: view.image for view in views}
-        found[label] = measure_selection(frames, enhancer, observer, reporter=reporter)
+        shown = [view.shown for view in views]
+        found[label] = measure_selection(frames, enhancer, observer, reporter=reporter, shown=shown)
         path.parent.mkdir(parents=True, exist_ok=True)
         found[label].to_csv(path, index=False, na_rep="nan")
     return found
@@ -216,6 +218,7 @@ def write_frames(
         "",
         "## Their Table 1, and ours",
         "",
+        *optimistic(trials),
         *markdown_table(table_one(trials), [*_KEYS, *_TABLE_ONE]),
         "",
         *_WHAT_DIFFERS,

@@ -53,7 +53,7 @@ class Recipe:
         layer: the observer.
         simulation: model of the CVD simulation.
         iterations, gaussians, sh_degree: of the geometry, as in `Settings`.
-        seed: of everything random.
+        seed: of everything random, but for the drift.
         drift: standard deviation in degrees of a rotation of hue that differs from image to image: a known amount of
             inconsistency between views.
         plans: of the fits.
@@ -88,7 +88,7 @@ class Recipe:
     @property
     def enhancement_key(self) -> str:
         """Equal for recipes with the same enhanced views."""
-        return repr((self.enhancer, self.layer, self.simulation, self.drift))
+        return repr((self.enhancer, self.layer, self.simulation, self.drift, self.seed))
 
     def settings(self, capture: str, folder: str) -> Settings:
         """The product's settings for the recipe."""
@@ -124,6 +124,7 @@ class Trial:
         skipped_steps: training steps skipped for numbers that were not finite.
         warnings: names of the product's warnings, separated by spaces; see `Recipe.advised`.
         decision: the reason for the number of Gaussians.
+        decided_on_held_out: as of `TrainingResult`.
         error: why there are no figures; empty if there are.
     """
 
@@ -167,6 +168,7 @@ class Trial:
     skipped_steps: int = 0
     warnings: str = ""
     decision: str = ""
+    decided_on_held_out: bool = False
     error: str = ""
 
     @classmethod
@@ -196,9 +198,9 @@ def recipe_enhancer(recipe: Recipe) -> Enhancer:
         InputError: an enhancer or an observer that does not exist.
     """
     observer = (recipe.layer.cvd, recipe.layer.severity, recipe.simulation)
-    enhancer = method_factory(SCENE if recipe.enhancer == GAIN else recipe.enhancer)(*observer)
+    enhancer = method_factory(SCENE if recipe.enhancer == GAIN else recipe.enhancer, recipe.seed)(*observer)
     if recipe.enhancer == GAIN:
-        enhancer = MatchedGain(enhancer)
+        enhancer = MatchedGain(enhancer, recipe.seed)
     return Drifting(enhancer, recipe.drift) if recipe.drift else enhancer
 
 
@@ -214,6 +216,24 @@ def with_derived(trials: pd.DataFrame) -> pd.DataFrame:
         gaussians=trials.gaussians.where(trials.gaussians > 0),
         peak_memory_mb=trials.peak_memory_mb.where(trials.peak_memory_mb > 0),
     )
+
+
+def optimistic(runs: pd.DataFrame) -> list[str]:
+    """The lines of a text about runs of a frame that the views decided about on which they were judged.
+
+    Args:
+        runs: ``capture`` and ``decided_on_held_out`` of each.
+    """
+    found = runs.groupby("capture", sort=False).decided_on_held_out.agg(decided="sum", all="size")
+    some = [f"{mine.Index} ({mine.decided} of {mine.all} runs)" for mine in found[found.decided > 0].itertuples()]
+    if not some:
+        return []
+    return [
+        "Where training views were too few to hold some back, the held-out views, which the figures are of, also "
+        "decided what a run began with, how far it grew, when it ended and which of its states was kept. Its figures "
+        f"are slightly optimistic: {'; '.join(some)}.",
+        "",
+    ]
 
 
 def failures(trials: pd.DataFrame) -> list[str]:

@@ -23,7 +23,7 @@ from ..tables import Column, frame_of, means_and_deviations, tables_of_means, wr
 from .captures import SHOWROOMS, SubjectSource
 from .jobs import Job, run_jobs
 from .protocol import ENHANCERS, PAPERS_RULE, filter_frames, scenes_of, sequences_of, summarise, write_frames
-from .recipe import DEUTAN, Recipe, Trial, failures, with_derived
+from .recipe import DEUTAN, Recipe, Trial, failures, optimistic, with_derived
 
 SIZE, ITERATIONS, SEEDS = 240, 800, 3
 BASELINE = "post"
@@ -142,7 +142,7 @@ _SEVERITIES: tuple[Column, ...] = (
 
 
 def table_jobs(sources: Sequence[SubjectSource], iterations: int, seeds: int, rows: Sequence[Row] = ROWS) -> list[Job]:
-    """One job per capture, so that enhanced views are made once for all seeds."""
+    """One job per capture, so that enhanced views are made once for all modes."""
     recipes = tuple(
         Recipe(row.label(mode), mode, row.enhancer, iterations=iterations, seed=seed, drift=row.drift)
         for seed in range(seeds)
@@ -208,7 +208,7 @@ def write_table(
     trials = _titled(trials)
     beside = f", with up to {processes} trials at work on the same machine" if processes > 1 else ""
     definitions = [line.format(beside=beside) for line in _DEFINITIONS]
-    lines = ["# Modes and enhancers", "", *heading, "", *definitions, ""]
+    lines = ["# Modes and enhancers", "", *heading, "", *definitions, "", *optimistic(trials)]
     for capture, mine in trials.groupby("capture", sort=False):
         means, deviations = means_and_deviations(mine, ["title", "mode"], (*_QUALITY, *_COST))
         quality = pd.concat([_photographs(mine), means])
@@ -269,6 +269,7 @@ def write_severities(folder: Path, trials: pd.DataFrame, heading: Sequence[str])
         "as in the main table; *input* is what the observer keeps of the photograph's contrast without any "
         "enhancement, *enhanced* what the enhanced photographs have, *layer* what the reconstructed scene has.",
         "",
+        *optimistic(trials),
     ]
     trials = with_derived(trials)
     for capture, mine in trials.groupby("capture", sort=False):

@@ -166,6 +166,7 @@ class CaptureTrials:
             skipped_steps=geometry.result.skipped,
             warnings=" ".join(warnings),
             decision=str(geometry.result.decision.get("gaussians", "")),
+            decided_on_held_out=geometry.result.decided_on_held_out,
         )
 
     def _stages(self, recipe: Recipe, folder: Path, reporter: Reporter) -> Stages:

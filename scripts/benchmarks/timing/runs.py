@@ -33,6 +33,7 @@ class TrainedRun:
             shared machine; both without measuring, which is taken to use as many threads as training.
         decision: the reason for the number of Gaussians.
         curve: (seconds, PSNR) during training.
+        decided_on_held_out: as of `TrainingResult`.
     """
 
     capture: str
@@ -46,6 +47,7 @@ class TrainedRun:
     processor_seconds: float
     decision: str
     curve: tuple[tuple[float, float], ...]
+    decided_on_held_out: bool = False
 
     def seconds_to(self, psnr: float) -> float:
         """The first time at which a held-out PSNR of at least `psnr` was measured; NaN if it never was."""
@@ -96,6 +98,7 @@ def train_once(
         processor_seconds=busy * result.seconds,
         decision=str(result.decision["gaussians"]),
         curve=curve,
+        decided_on_held_out=result.decided_on_held_out,
     )
 
 

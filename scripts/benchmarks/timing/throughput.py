@@ -91,7 +91,7 @@ class Scalability:
 
     Attributes:
         engine: that it is fitted to.
-        serial: σ, the share of the work that workers wait for each other with.
+        serial: σ, the share of the work that workers wait for each other with; NaN where that is unknown.
         crosstalk: κ, what each pair of workers costs.
     """
 
@@ -106,14 +106,18 @@ class Scalability:
 
     @property
     def most(self) -> float:
-        """The largest speedup; infinite where nothing is shared."""
+        """The largest speedup; infinite where nothing is shared, NaN where the law is unknown."""
+        if math.isnan(self.serial):
+            return math.nan
         if not math.isnan(self.best):
             return self.speedup(max(self.best, 1.0))
         return 1.0 / self.serial if self.serial > 0.0 else math.inf
 
     @property
     def worth(self) -> float:
-        """The last number of workers of which each adds `LEAST_GAIN`; infinite where nothing is shared."""
+        """The last number of workers of which each adds `LEAST_GAIN`; infinite and NaN as `most`."""
+        if math.isnan(self.serial):
+            return math.nan
         if self.serial <= 0.0 and self.crosstalk <= 0.0:
             return math.inf
         workers = 1
@@ -130,7 +134,7 @@ class Scalability:
 def fit_scalability(engine: str, speedups: Mapping[int, float]) -> Scalability:
     """The law that fits speedups by numbers of workers best, both parameters at least 0.
 
-    N / speedup - 1 = σ (N - 1) + κ N (N - 1) is linear in them. Two numbers of workers determine σ alone.
+    N / speedup - 1 = σ (N - 1) + κ N (N - 1) is linear in them. Two numbers of workers determine σ alone, one nothing.
 
     Args:
         speedups: relative to one worker, which may be among them.

@@ -24,6 +24,7 @@ from ....core.splats.strategy import MultiViewConsistent, Strategy
 from ....core.splats.training.plan import TrainingPlan
 from ..options import Part, names, positive
 from ..strategies import CloneSplitPrune
+from ..studies.recipe import optimistic
 from ..tables import Column, frame_of, markdown_table, number, write_csv, write_text
 from .runs import TrainedRun, at_quality, train_once
 
@@ -125,7 +126,7 @@ def write_runs(folder: Path, name: str, heading: str, runs: Sequence[TrainedRun]
     curves = [(run.capture, run.label, run.gaussians, *point) for run in runs for point in run.curve]
     columns = ["capture", "label", "gaussians", "seconds", "psnr"]
     write_csv(folder / f"{name}_curves.csv", pd.DataFrame(curves, columns=columns))
-    lines = [f"# {heading}", "", *markdown_table(found, _COLUMNS), ""]
+    lines = [f"# {heading}", "", *markdown_table(found, _COLUMNS), "", *optimistic(found)]
     if name == "strategies":
         lines += _at_equal_quality(found)
     else:

@@ -11,7 +11,7 @@ from cvdgs.core.color.metrics import ccpr, naturalness
 from cvdgs.core.color.simulation import simulate
 from cvdgs.core.color.spaces import image_to_tensor, tensor_to_image
 from cvdgs.core.errors import InputError
-from cvdgs.scripts.benchmarks.baselines import ContrastGain, FidanerEnhancer
+from cvdgs.scripts.benchmarks.baselines import ContrastGain, FidanerEnhancer, MatchedGain, mean_delta_e_76
 
 from ...core.enhance import textiles
 
@@ -48,6 +48,22 @@ def test_uncovered_pixels_do_not_shift_the_centre() -> None:
     masked.fit([spoiled], alphas=[alpha])
     assert masked.gain == pytest.approx(plain.gain, rel=1e-6)
     np.testing.assert_array_equal(masked(image), plain(image))
+
+
+def test_a_gain_changes_what_is_covered_as_much_as_the_enhancer_that_it_is_matched_to() -> None:
+    image, alpha = photograph_like(), np.zeros((96, 128), np.uint8)
+    alpha[20:60] = 255
+    cut_out = np.where(alpha[..., None] > 0, image, 255).astype(np.uint8)
+
+    class Gain(ContrastGain):
+        def fit(self, *_: object, **__: object) -> None:
+            self.gain = 1.5
+
+    reference, control = Gain(0.0), MatchedGain(Gain(0.0))
+    reference.fit()
+    control.fit([cut_out], alphas=[alpha])
+    changes = [mean_delta_e_76(image[20:60], enhance(image)[20:60]) for enhance in (reference, control)]
+    assert changes[1] == pytest.approx(changes[0], rel=0.01)
 
 
 def test_a_gain_leaves_colours_on_a_confusion_line_confused() -> None:

@@ -75,6 +75,18 @@ def test_a_folder_is_measured_in_natural_order_and_written(tmp_path):
         assert [row["frame"] for row in csv.DictReader(file)] == list(frames)
 
 
+def test_what_is_not_covered_makes_no_frame_hard():
+    image = np.full((32, 32, 3), 90, np.uint8)
+    image[:, :16:4] = 200
+    image[:, 17:] = (181, 109, 109)
+    image[:, 17::4] = (109, 139, 109)
+    shown = np.zeros((32, 32), np.uint8)
+    shown[:, :16] = 255
+    asked = ({"a": image}, IdentityEnhancer(), Layer("deutan", 1.0))
+    assert measure_selection(*asked).ccpr.item() < 0.8
+    assert measure_selection(*asked, shown=[shown]).ccpr.item() == 1.0
+
+
 def test_a_folder_without_photographs_is_refused(tmp_path):
     with pytest.raises(InputError, match="no photographs"):
         read_frames(tmp_path, 640)

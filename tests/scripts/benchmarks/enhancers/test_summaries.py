@@ -59,6 +59,14 @@ def test_experts_judge_each_group_at_the_strongest_severity(scores, image_sets, 
     assert table_after(text, "## cloth, severity 1")[0]["n"] == "1"
 
 
+def test_the_worst_model_is_a_column_only_where_there_are_several(scores, image_sets, tmp_path):
+    write_summaries(tmp_path, scores, image_sets, "Three pictures.")
+    assert "that describe the type" in (tmp_path / "judges.md").read_text(encoding="utf-8")
+    alone = scores.assign(ccpr_vienot=math.nan, ccpr_brettel=math.nan)  # as with --quick
+    write_summaries(tmp_path, alone, image_sets, "Three pictures.")
+    assert "orst model" not in (tmp_path / "judges.md").read_text(encoding="utf-8")
+
+
 def test_every_severity_has_its_lines_and_the_lut_is_compared_with_others(scores, image_sets, tmp_path):
     write_summaries(tmp_path, scores, image_sets, "Three pictures.")
     text = (tmp_path / "severities.md").read_text(encoding="utf-8")

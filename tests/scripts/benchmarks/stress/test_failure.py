@@ -141,6 +141,7 @@ def test_the_page_says_where_each_method_fails_first_and_what_the_warnings_are(t
     assert "these have failed on 1, and on 1 of these (poses) `layers` stands" in text
     for level, warnings in (("0.25°", "nothing"), ("0.5°", "cameras-off"), ("1°", "cameras-off")):
         assert f"| cameras turned by | {level} | {warnings} |" in text
+    assert "their own cameras, unless a run found its poses to be off" in text
     assert (tmp_path / "stress.md").read_text(encoding="utf-8") == text
     pictures = (tmp_path / "stress.html").read_text(encoding="utf-8")
     assert "cameras turned by: 1°" in pictures

@@ -79,17 +79,27 @@ def test_each_line_fails_a_capture_and_a_refusal_is_quoted_without_its_folder(ru
     assert "- none: none: too few views" in text
 
 
-def test_a_run_that_was_made_or_refused_before_is_not_made_again(runs: Path) -> None:
-    (runs / "none").mkdir()
-    asked = [capture(runs, "good"), RealCapture("none", runs / "none")]
-    first = run_real(asked, 240, 100, runs / "work", Reporter())
-    again = run_real(asked, 240, 100, runs / "work", Reporter())
-    pd.testing.assert_frame_equal(first, again)
-    calls = (runs / "calls").read_text(encoding="utf-8").splitlines()
-    assert len(calls) == 2
-    assert "--holdout 7" in calls[0]
-    run_real(asked, 240, 200, runs / "work", Reporter())
-    assert len((runs / "calls").read_text(encoding="utf-8").splitlines()) == 4
+def test_a_run_that_was_made_before_is_made_again_for_other_settings_or_photographs_or_if_asked(runs: Path) -> None:
+    def calls_of(iterations: int = 100, **how: bool) -> list[str]:
+        run_real(asked, 240, iterations, runs / "work", Reporter(), **how)
+        return (runs / "calls").read_text(encoding="utf-8").splitlines()
+
+    asked = [capture(runs, "good")]
+    (call,) = calls_of()
+    assert "--holdout 7" in call
+    assert len(calls_of()) == 1
+    assert len(calls_of(200)) == 2
+    assert len(calls_of(again=True)) == 3
+    (asked[0].folder / "more.jpg").write_bytes(b"a photograph")
+    assert len(calls_of()) == 4
+
+
+def test_what_was_refused_is_tried_again_since_a_tool_may_have_been_missing(runs: Path) -> None:
+    (runs / "late").mkdir()
+    asked = [RealCapture("late", runs / "late"), capture(runs, "good")]
+    assert list(run_real(asked, 240, 100, runs / "work", Reporter()).failed) == ["refused", ""]
+    assert list(run_real(asked, 240, 100, runs / "work", Reporter()).failed) == ["refused", ""]
+    assert len((runs / "calls").read_text(encoding="utf-8").splitlines()) == 3
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ def run(gaussians: int, psnr: float, *, limit: int = 0, capture: str = "room", s
         "processor_seconds": 18.0,
         "peak_memory_mb": 600,
     }
-    said = {"decision": "growth paid", "error": ""}
+    said = {"decision": "growth paid", "decided_on_held_out": False, "error": ""}
     return {"capture": capture, "limit": limit, "gaussians": gaussians, "psnr": psnr, **known, **said}
 
 
@@ -85,6 +85,13 @@ def test_the_page_has_the_means_of_seeds_that_are_each_judged_by_their_own_runs(
     row, deviations = (line for line in text.splitlines() if line.startswith("| room |") and line.count("|") == 10)
     assert [cell.strip() for cell in row.split("|")[4:8]] == ["3000", "0.80", "29.50", "0.50"]
     assert deviations.split("|")[7].strip() == "0.71"
+
+
+def test_the_page_names_the_captures_whose_held_out_views_decided_about_their_runs(tmp_path):
+    few = runs_with_auto(4000, 30.0, "hall").assign(decided_on_held_out=[True] * 5 + [False])
+    text = write_budget(tmp_path, pd.concat([runs_with_auto(4000, 30.0), few]), [])
+    assert "slightly optimistic: hall (5 of 6 runs)." in text
+    assert "optimistic" not in write_budget(tmp_path, runs_with_auto(4000, 30.0), [])
 
 
 def runs_of(curve, sizes):

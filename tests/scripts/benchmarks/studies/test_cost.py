@@ -72,8 +72,9 @@ def trials() -> pd.DataFrame:
     for over, amounts, exponent in (("views", (10, 20, 40), 1.0), ("pixels", (14400, 57600, 230400), 0.5)):
         for amount in amounts:
             seconds = float(amount) ** exponent
-            costs = {"geometry_seconds": seconds, "enhance_seconds": seconds, "layer_seconds": seconds}
-            made.append((over, amount, replace(trial, **costs, processor_seconds=seconds, trial_seconds=seconds)))
+            timed = ("geometry", "enhance", "layer", "processor", "trial")
+            costs = {f"{name}_seconds": seconds for name in timed}
+            made.append((over, amount, replace(trial, **costs, decided_on_held_out=amount == 10)))
     made.append(("views", 80, Trial.failed("room", Recipe("cost"), "it broke")))
     frame = frame_of(Trial, [trial for _, _, trial in made])
     return with_derived(frame.assign(over=[over for over, _, _ in made], amount=[amount for _, amount, _ in made]))
@@ -91,4 +92,5 @@ def test_the_page_has_tables_a_chart_and_what_failed(tmp_path: Path):
     assert "| room | photographs | geometry | 1.00 | 1.00 | 1.00 | 3 |" in text
     assert "## room: pixels of a photograph" in text
     assert "it broke" in text
+    assert "slightly optimistic: room, 10 photographs (1 of 1 runs)." in text
     assert "photographs" in (tmp_path / "cost.svg").read_text(encoding="utf-8")

@@ -40,14 +40,16 @@ def program(folder: Path, script: str) -> Path:
 
 
 def stand_in_of(folder: Path, version: str, options: str) -> Path:
-    """A program of that version with these further options, which hands back half a scene after a while, then one."""
+    """A program of that version with these options, which saves half a scene as often as it is told, then one."""
     true = wall(300)
     write_ply(folder / "true.ply", true)
     write_ply(folder / "half.ply", true.take(np.arange(300) < 150))
     about = f'case "$1" in --help) echo "{options}"; exit;; --version) echo "{version}"; exit;; esac'
     note = f'echo "$@" >> "{folder}/arguments"; cp "$1/transforms.json" "{folder}"'
-    half = f'for n in 20 40 60; do echo "Step $n: 0.1"; cp "{folder}/half.ply" "${{3%.ply}}_$n.ply"; done'
-    return program(folder, f'{about}; {note}; {half}; cp "{folder}/true.ply" "$3"')
+    every = 'all="$*"; every="${all#*--save-every }"; every="${every%% *}"'
+    half = f'[ $((n % every)) -gt 0 ] || cp "{folder}/half.ply" "${{3%.ply}}_$n.ply"'
+    steps = f'{every}; n=0; while [ $((n += 10)) -le "$5" ]; do echo "Step $n: 0.1"; {half}; done'
+    return program(folder, f'{about}; {note}; {steps}; cp "{folder}/true.ply" "$3"')
 
 
 @pytest.fixture
@@ -68,6 +70,18 @@ def test_scenes_on_the_way_are_judged_too_and_in_the_order_of_time(subject, stan
     assert len(times) == 3
     assert times == sorted(times)
     assert found.curve[0].psnr < found.curve[-1].psnr == found.trial.psnr
+
+
+def test_scenes_are_measured_at_steps_that_the_program_says_whatever_the_length_of_the_run(subject, stand_in):
+    (found,) = train_opensplat(stand_in, "wall", subject, Reporter(), [OpenSplatRun("odd", 333)])
+    assert len(found.curve) == 5
+
+
+def test_a_scene_that_was_not_saved_on_the_way_is_an_error(subject, tmp_path):
+    write_ply(tmp_path / "true.ply", wall(300))
+    silent = program(tmp_path, f'[ "$1" = --help ] || [ "$1" = --version ] || cp "{tmp_path}/true.ply" "$3"')
+    with pytest.raises(InputError, match="did not say and save step 20 of 60"):
+        train_opensplat(silent, "wall", subject, Reporter(), [SHORT])
 
 
 def test_held_out_views_are_kept_from_it(subject, stand_in):

@@ -1,5 +1,7 @@
 """Plain settings against the product's: both have room for as many Gaussians, and the table counts losses."""
 
+from dataclasses import replace
+
 import pandas as pd
 
 from cvdgs.core.capture.reader import read_capture
@@ -19,5 +21,8 @@ def test_both_are_trained_within_the_same_room():
 
 def test_the_page_counts_where_plain_settings_are_better(tmp_path):
     rows = [Comparison("demo", 160, steps, 30.0, 30.0 + gain, gain, 5, 6) for steps, gain in ((1, 1.0), (2, -0.2))]
-    assert "in 1 of 2 cases" in write_plain(tmp_path, rows)
-    assert list(pd.read_csv(tmp_path / "plain.csv").gain) == [1.0, -0.2]
+    rows.append(replace(rows[0], capture="kermit", decided_on_held_out=True))
+    text = write_plain(tmp_path, rows)
+    assert "in 1 of 3 cases" in text
+    assert "slightly optimistic: kermit (1 of 1 runs)." in text
+    assert list(pd.read_csv(tmp_path / "plain.csv").gain) == [1.0, -0.2, 1.0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -36,12 +37,14 @@ def test_the_time_is_that_of_the_first_measurement_that_reaches_the_best_of_the_
 
 
 def test_a_run_that_never_reaches_the_peer_has_a_dash(tmp_path: Path):
-    ours = finish("ours", (2.0, 24.0), (20.0, 24.9))
+    ours = replace(finish("ours", (2.0, 24.0), (20.0, 24.9)), decided_on_held_out=True)
     equals = race(PEER, [ours])
     assert math.isnan(equals[0].our_seconds)
     text = write_peers(tmp_path, [PEER, ours], equals, ["By `a command`."])
     (row,) = (line for line in text.splitlines() if "| ours |" in line and "OpenSplat" in line)
     assert [cell.strip() for cell in row.split("|")[-3:-1]] == ["–", "–"]
+    assert "aligned with its scene by their photographs; a peer's never are" in " ".join(text.split())
+    assert "slightly optimistic: room (1 of 2 runs)." in text
     assert "OpenSplat" in (tmp_path / "peers.svg").read_text(encoding="utf-8")
 
 

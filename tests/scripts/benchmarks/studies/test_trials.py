@@ -14,7 +14,7 @@ from cvdgs.core.settings import Layer
 from cvdgs.scripts.benchmarks.baselines import PerViewLut
 from cvdgs.scripts.benchmarks.enhancers.drift import reconstruct_matches
 from cvdgs.scripts.benchmarks.studies.captures import Subject
-from cvdgs.scripts.benchmarks.studies.recipe import Recipe, Trial
+from cvdgs.scripts.benchmarks.studies.recipe import PLAIN, Recipe, Trial, recipe_enhancer
 from cvdgs.scripts.benchmarks.studies.table import compare
 from cvdgs.scripts.benchmarks.studies.trials import CaptureTrials
 from cvdgs.scripts.benchmarks.tables import frame_of
@@ -71,6 +71,12 @@ def test_layers_and_post_share_a_geometry_and_joint_has_its_own(drifting):
     assert drifting["joint"].geometry_seconds != drifting["layers"].geometry_seconds
 
 
+def test_a_trial_says_whether_the_views_that_it_is_judged_on_decided_about_it(trials, drifting):
+    assert drifting["layers"].decided_on_held_out  # 6 training views are too few to hold one back
+    plain = Recipe("plain", enhancer="none", iterations=20, gaussians=500, plans=PLAIN)
+    assert not trials.try_recipe(plain).decided_on_held_out  # there is nothing to decide
+
+
 def test_severity_zero_changes_nothing(trials):
     nobody = Layer("deutan", 0.0)
     found, none = (
@@ -82,6 +88,18 @@ def test_severity_zero_changes_nothing(trials):
     assert found.rwe_enhanced == 1.0
     for name in ("ccpr", "rwe", "psnr", "psnr_to_enhanced"):
         assert getattr(found, name) == getattr(none, name)
+
+
+@pytest.mark.parametrize("name", ["lut", "lut-per-view", "fidaner"])
+def test_an_enhancer_is_fitted_with_the_seed_of_its_recipe(name):
+    image, found = np.random.default_rng(0).integers(0, 256, (24, 24, 3), np.uint8), {}
+    recipes = [Recipe(str(seed), enhancer=name, seed=seed) for seed in (0, 1)]
+    for recipe in recipes:
+        enhancer = recipe_enhancer(recipe)
+        enhancer.fit([image])
+        found[recipe.enhancement_key] = enhancer(image)
+    assert len(found) == 2  # neither is taken for the other's
+    assert np.array_equal(*found.values()) == (name == "fidaner")  # nothing in that one is random
 
 
 def test_a_lut_of_its_own_gives_one_colour_another_result_in_another_image():

@@ -52,6 +52,11 @@ def test_two_numbers_of_workers_determine_contention_alone():
     assert (found.serial, found.crosstalk) == pytest.approx((0.25, 0.0))
 
 
+def test_one_worker_tells_nothing_about_more():
+    law = fit_scalability(LOCAL, {1: 1.0})
+    assert all(map(math.isnan, (law.most, law.best, law.worth)))
+
+
 def test_workers_that_help_more_than_they_can_share_nothing():
     assert fit_scalability(LOCAL, {1: 1.0, 2: 2.1}).serial == 0.0
 
