@@ -60,14 +60,12 @@ class CaptureFolder:
     """What the folder of a normalised capture holds.
 
     Attributes:
-        folder: the folder.
         views: at least one, in file order.
         is_cut_out: whether photographs have transparency.
         up: (3,) unit vector, or None where the worker did not say what is up.
         metres_per_unit: None where nobody has measured it.
     """
 
-    folder: Path
     views: tuple[CaptureView, ...]
     is_cut_out: bool
     up: NDArray[np.float64] | None = None
@@ -110,7 +108,7 @@ def read_capture_folder(folder: Path) -> CaptureFolder:
     if not views:
         raise InputError("it lists no cameras", where=path, remedy=_RUN_AGAIN)
     is_cut_out = any(view.image is not None and _has_alpha(view.image) for view in views)
-    return CaptureFolder(folder, views, is_cut_out, up, unit)
+    return CaptureFolder(views, is_cut_out, up, unit)
 
 
 def _read_up(stated: Any) -> NDArray[np.float64] | None:

@@ -172,13 +172,18 @@ def _end_without_result(code: int, during: str) -> WorkerDefect:
         return WorkerKilled(f"the worker was told to stop by another program{during} - run again")
     if code >= 0:
         return WorkerDefect(f"the worker ended with exit code {code}{during}")
+    if not was_killed(code):
+        return WorkerDefect(f"the worker was ended by signal {-code} ({_signal_name(-code)}){during}")
     name = _signal_name(-code)
     if name == "SIGKILL":
         why = "most likely because the machine ran out of memory - close other programs or give a smaller --max-size"
         return WorkerKilled(f"the worker was killed{during}, {why}, then run again")
-    if name in _FROM_OUTSIDE:
-        return WorkerKilled(f"the worker was ended by another program ({name}){during} - run again")
-    return WorkerDefect(f"the worker was ended by signal {-code} ({name}){during}")
+    return WorkerKilled(f"the worker was ended by another program ({name}){during} - run again")
+
+
+def was_killed(code: int) -> bool:
+    """Whether by this exit code somebody else ended the process: the system when memory ran out, a user, a farm."""
+    return _signal_name(-code) in _FROM_OUTSIDE
 
 
 def _signal_name(number: int) -> str:

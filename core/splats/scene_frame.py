@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from ..capture.model import View
 from .gaussians import Gaussians
 
+_MOST_CONDITION = 1e4  # of the equations for where axes meet; beyond that they are all but parallel
+
 
 @dataclass(frozen=True)
 class SceneFrame:
@@ -73,3 +75,20 @@ class SceneFrame:
             means=self.points(gaussians.means.astype(np.float64)),
             log_scales=(gaussians.log_scales + np.log(self.scale)).astype(np.float32),
         )
+
+
+def nearest_to_axes(centers: NDArray[np.float64], axes: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """(3,) the place nearest to all optical axes in the sense of least squares; None where these are all but parallel.
+
+    It solves Σ (I - a aᵀ)(x - c) = 0.
+
+    Args:
+        centers: (V, 3) of the cameras.
+        axes: (V, 3) unit vectors.
+    """
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    system = across.sum(axis=0)
+    if not np.linalg.cond(system) < _MOST_CONDITION:
+        return None
+    place: NDArray[np.float64] = np.linalg.solve(system, np.einsum("vij,vj->i", across, centers))
+    return place

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..capture.model import View
 from ..errors import InputError
 from .gaussians import Gaussians
+from .scene_frame import nearest_to_axes
 
 _MOST_ASIDE = (
     12.0  # degrees between a view's axis and the subject, root mean square: otherwise it is a place, not a thing
@@ -71,10 +72,8 @@ def find_subject(views: Sequence[View], gaussians: Gaussians) -> Subject | None:
         return None
     axes = np.stack([view.world_to_camera[2, :3] for view in views])
     centers = np.stack([view.center for view in views])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    try:
-        focus = np.linalg.solve(across.sum(axis=0), (across @ centers[:, :, None]).sum(axis=0)[:, 0])
-    except np.linalg.LinAlgError:  # all look in one direction
+    focus = nearest_to_axes(centers, axes)
+    if focus is None:
         return None
     way = focus - centers
     distances = np.linalg.norm(way, axis=1)

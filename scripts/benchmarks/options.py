@@ -155,28 +155,34 @@ def made_by(
     trials: pd.DataFrame | None = None,
     *,
     seeds: int | None = None,
+    views: str = "",
 ) -> list[str]:
     """The lines of a text that say how its figures were made; by which command says its provenance.
 
     Args:
         trials: columns of `Trial`, to say how long they took, in this call or an earlier one.
         seeds: number of seeds, if it is not that of the options.
+        views: which were used, if their size is not that of the options throughout.
     """
+    views = views or f"Views of at most {options.max_size} pixels"
     seeds = seeds or options.seeds
     count = f"{seeds} seeds" if seeds > 1 else "one seed"
     training = f", {options.iterations:,} steps, {count}"
-    took = "" if trials is None else f" {trials_took(trials)}"
-    return [f"Views of at most {options.max_size} pixels{training}.{took}"]
+    took = "" if trials is None else f" {trials_took(trials, options.processes)}"
+    return [f"{views}{training}.{took}"]
 
 
-def trials_took(trials: pd.DataFrame) -> str:
+def trials_took(trials: pd.DataFrame, processes: int) -> str:
     """The number of trials and their minutes, in a sentence.
 
     Args:
-        trials: columns of `Trial`.
+        trials: columns of `Trial`, each trial once.
+        processes: how many ran at a time.
     """
     minutes = trials.trial_seconds.sum() / SECONDS_PER_MINUTE
-    return f"{len(trials)} trials took {minutes:.0f} minutes, one after the other."
+    if processes == 1:
+        return f"{len(trials)} trials took {minutes:.0f} minutes, one after the other."
+    return f"{len(trials)} trials took {minutes:.0f} minutes together, up to {processes} at a time."
 
 
 def _option_and_value(word: str) -> list[str]:

@@ -52,6 +52,8 @@ _FEW_NEIGHBOURS, _FEW_AREAS, _FEW_DISTANT = 0.0005, 0.0025, 10 / _PAIRS
 _SSIM_SIGMA, _SSIM_C1, _SSIM_C2 = 1.5, 0.01**2, 0.03**2  # Wang et al. 2004
 _CHROMA_WEIGHT, _HUE_WEIGHT = 0.045, 0.015  # CIE 116-1995 (CIE94)
 _GREY_CHROMA = 5.5  # CIELAB, where a colour is half-way from grey to colourful, over about one unit
+# Of coverage or pairs, to divide by where there are none: slopes, which are divided by it too, have to stay finite.
+_LEAST_SUM = 1e-9
 _JUDGED = 2000  # pixels on which the change is measured as ΔE00, which takes long
 
 
@@ -92,7 +94,7 @@ class Objective:
     ) -> None:
         self.image, self.observer, self.weights = image, observer, weights
         self._coverage = torch.ones_like(image[0]) if coverage is None else coverage.to(image.dtype)
-        self._covered = self._coverage.sum().clamp(min=torch.finfo(image.dtype).tiny)
+        self._covered = self._coverage.sum().clamp(min=_LEAST_SUM)
         self._lab = srgb_to_lab(image)
         self._neighbours = _Pairs(self._lab, _NEIGHBOURS, self._coverage)
         self._areas = _Pairs(
@@ -194,7 +196,7 @@ class _Contrasts:
         return ((self._weight - self._distinct) * beyond).sum() / self._number(few)
 
     def _number(self, few: float) -> Tensor:
-        return self._distinct.sum() + few * self._weight.sum() + torch.finfo(self._weight.dtype).tiny
+        return (self._distinct.sum() + few * self._weight.sum()).clamp(min=_LEAST_SUM)
 
 
 class _Pairs(_Contrasts):
@@ -219,7 +221,7 @@ class _Pairs(_Contrasts):
         """How alike contrasts up to `_FAR_END` are in a picture and in the original; 1 at most."""
         before = self._before.clamp(max=_FAR_END)
         both = torch.minimum(before, self.contrasts(lab))
-        number = self._weight.sum().clamp(min=torch.finfo(lab.dtype).tiny)
+        number = self._weight.sum().clamp(min=_LEAST_SUM)
         return ((self._weight * both).sum() / number + 1.0) / ((self._weight * before).sum() / number + 1.0)
 
 
@@ -266,7 +268,7 @@ class _Structure:
         variance, covariance = square - mean**2, product - self._mean * mean
         similarity = (2.0 * self._mean * mean + _SSIM_C1) * (2.0 * covariance + _SSIM_C2)
         similarity = similarity / ((self._mean**2 + mean**2 + _SSIM_C1) * (self._variance + variance + _SSIM_C2))
-        number = self._weight.sum().clamp(min=torch.finfo(other.dtype).tiny)
+        number = self._weight.sum().clamp(min=_LEAST_SUM)
         return (self._weight * (1.0 - similarity.mean(0))).sum() / number
 
     def _windows(self, maps: Tensor) -> Tensor:

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from ...capture.model import View
 from ..gaussians import SH_C0, Gaussians
-from ..scene_frame import SceneFrame
+from ..scene_frame import SceneFrame, nearest_to_axes
 from ..stereo import DensePoints, StereoPlan, StereoView, agreeing, compute_depth_maps, thinned
 from ..stereo.depth_maps import depth_ranges
 
@@ -295,11 +295,8 @@ def _depth_range(poses: NDArray[np.float64], known: NDArray[np.float32]) -> tupl
             return float(low) * 0.8, float(high) * 1.25
     centers = -np.einsum("vji,vj->vi", poses[:, :3, :3], poses[:, :3, 3])
     axes = poses[:, 2, :3]
-    # Nearest point to all axes: sum over (I - a aᵀ)(x - c) = 0.
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    system = across.sum(axis=0)
-    if np.linalg.cond(system) < 1e4:
-        focus = np.linalg.solve(system, np.einsum("vij,vj->i", across, centers))
+    focus = nearest_to_axes(centers, axes)
+    if focus is not None:
         depths = np.einsum("vj,vj->v", focus - centers, axes)
         if (depths > 0.0).mean() > 0.8:
             distance = float(np.median(depths[depths > 0.0]))

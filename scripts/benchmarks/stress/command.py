@@ -52,7 +52,7 @@ def _measure(options: argparse.Namespace) -> str:
         return write_real(options.out, found, *asked[1:])
     plan = _plan(options)
     results = run_stress(plan, work_folder(options), reporter, processes=options.processes, again=options.again)
-    return write_stress(options.out, plan, results)
+    return write_stress(options.out, plan, results, processes=options.processes)
 
 
 def _plan(options: argparse.Namespace) -> StressPlan:

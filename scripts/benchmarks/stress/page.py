@@ -76,7 +76,8 @@ figure { margin: 0; } figcaption { font-size: .82rem; opacity: .85; } img { widt
 </head>
 <body>
 <h1>Where it fails</h1>
-<p>A held-out photograph, and each method's enhanced scene from the same camera, at the worst level of each axis.</p>
+<p>A held-out photograph, enhanced, and each method's enhanced scene from the same camera: of the untouched capture, and
+at the worst level of each axis.</p>
 {% for title, pictures in sections if pictures %}
 <h2>{{ title }}</h2>
 <div class="row">
@@ -94,18 +95,23 @@ figure { margin: 0; } figcaption { font-size: .82rem; opacity: .85; } img { widt
 """)
 
 
-def write_stress(folder: Path, plan: StressPlan, results: Sequence[StressResult]) -> str:
+def write_stress(folder: Path, plan: StressPlan, results: Sequence[StressResult], *, processes: int = 1) -> str:
     """Write everything into `folder`; returns the text of stress.md.
+
+    Args:
+        processes: how many trials ran at a time.
 
     Raises:
         InputError: matplotlib is missing.
     """
-    items, trials = standings(results), frame_of(Trial, [result.trial for result in results])
+    items = standings(results)
+    # Axes share trials, those of the untouched scenes, and trials have their pictures to themselves.
+    trials = frame_of(Trial, list({result.pictures: result.trial for result in results}.values()))
     write_csv(folder / f"{NAME}.csv", items)
     write_stress_chart(folder, NAME, plan.axes, items)
     write_heat_map(folder, with_margins(items))
     (folder / f"{NAME}.html").write_text(_PAGE.render(sections=_sections(plan, results, items)), encoding="utf-8")
-    return write_text(folder / f"{NAME}.md", stress_lines(plan, items, trials_took(trials)))
+    return write_text(folder / f"{NAME}.md", stress_lines(plan, items, trials_took(trials, processes)))
 
 
 def stress_lines(plan: StressPlan, items: pd.DataFrame, took: str) -> list[str]:

@@ -32,12 +32,11 @@ from .recipe import Recipe, Trial, failures, with_derived
 from .table import DRIFT
 
 SIZE, ITERATIONS, SEEDS = 240, 800, 3
-_DEFINITIONS = [
-    "The first row has the default's own figures, the others the means of their differences to it, capture by capture "
-    "and seed by seed; the second table has the standard deviations. Figures as in the main table. *Gaussians* and "
-    "*processor seconds* (of geometry, enhancement and layer) are ratios. Without L_mv the colours are still fitted "
-    "with the weights that the views' agreement gives each pixel; a plain fit counts all pixels alike."
-]
+_DEFINITIONS = (
+    "The first row has the default's own figures, the others {differences}. Figures as in the main table. *Gaussians* "
+    "and *processor seconds* (of geometry, enhancement and layer) are ratios. Without L_mv the colours are still "
+    "fitted with the weights that the views' agreement gives each pixel; a plain fit counts all pixels alike."
+)
 _DIFFERENCES: tuple[Column, ...] = (
     ("psnr", "PSNR", "+.2f"),
     ("ccpr", "CCPR", "+.3f"),
@@ -180,7 +179,7 @@ def write_ablation(
     """Write ``ablation.csv``, a line for each trial; returns the lines of the text."""
     write_csv(folder / "ablation.csv", trials)
     trials = with_derived(trials)
-    lines = ["# Ablations", "", *heading, "", *_DEFINITIONS, ""]
+    lines = ["# Ablations", "", *heading, "", _definitions(trials), ""]
     for setting in SETTINGS:
         titles = {setting.label(variant): variant.title for variant in (DEFAULT, *setting.variants)}
         lines += [f"## {setting.title}", "", *_tables(trials, titles), ""]
@@ -189,6 +188,17 @@ def write_ablation(
         titles = {SETTINGS[0].label(DEFAULT): "the product's scene network", **titles}
         lines += ["## Other networks", "", *_tables(trials, titles, _ENHANCED), ""]
     return [*lines, *failures(trials)]
+
+
+def _definitions(trials: pd.DataFrame) -> str:
+    """What the tables have, by what was repeated."""
+    repeated = [name for name in ("capture", "seed") if trials[name].nunique() > 1]
+    differences = "their differences to it"
+    if repeated:
+        pairs = ", ".join(f"{name} by {name}" for name in repeated)
+        spread = " and ".join(f"{name}s" for name in repeated)
+        differences = f"the means of {differences}, {pairs}; second tables have the standard deviations over {spread}"
+    return _DEFINITIONS.format(differences=differences)
 
 
 def _tables(trials: pd.DataFrame, titles: Mapping[str, str], *absolute: Column) -> list[str]:

@@ -53,9 +53,9 @@ ALLOWED = 1.3
 _PANEL_WIDTH, _HEIGHT = 4.0, 7.2  # inches
 _FIGURES = (("psnr", "PSNR of held-out views, dB"), ("rwe", "RWE (lower is better)"), ("ccpr", "CCPR"))
 _DEFINITIONS = f"""\
-Each capture is trained with the number of Gaussians decided automatically, and then with fixed limits from a quarter to
-four times of what that took; everything else is the same, the seed too. A line of the first table has the means over
-the seeds, each judged by its own runs. Defined beforehand:
+Each capture is trained with the number of Gaussians decided automatically, and then with fixed limits{{range}};
+everything else is the same, the seed too. A line of the first table has the means over the seeds, each judged by its
+own runs. Defined beforehand:
 
 - The *plateau* is the best PSNR of held-out views (every eighth) of all fixed limits.
 - The *knee* is the fewest Gaussians that come within {TOLERANCE:g} dB of the plateau, interpolated between runs in the
@@ -202,7 +202,7 @@ def write_budget(folder: Path, runs: pd.DataFrame, heading: Sequence[str]) -> st
     runs = runs[[*names, "decision", "error"]]
     write_csv(folder / f"{NAME}.csv", runs)
     verdicts = judge(runs)
-    lines = ["# How many Gaussians a scene needs", "", *heading, "", _DEFINITIONS, ""]
+    lines = ["# How many Gaussians a scene needs", "", *heading, "", _DEFINITIONS.format(range=_range(runs)), ""]
     if not verdicts.empty:
         figures = _VERDICT_COLUMNS[1:]
         means, deviations = means_and_deviations(verdicts, ["capture"], figures)
@@ -219,6 +219,14 @@ def write_budget(folder: Path, runs: pd.DataFrame, heading: Sequence[str]) -> st
     )
     lines += ["## All runs", "", *markdown_table(shown, _RUN_COLUMNS)]
     return write_text(folder / f"{NAME}.md", lines)
+
+
+def _range(runs: pd.DataFrame) -> str:
+    """From the least to the most times of the automatic number that were tried, in words; "" without any."""
+    automatic = runs[(runs.limit == 0) & (runs.gaussians > 0)].set_index(["capture", "seed"]).gaussians
+    fixed = runs[runs.limit > 0].set_index(["capture", "seed"]).limit
+    times = (fixed / automatic.reindex(fixed.index)).dropna()
+    return "" if times.empty else f" from {times.min():.2g} to {times.max():.2g} times what that took"
 
 
 def _draw(figure: Figure, theme: Theme, runs: pd.DataFrame, verdicts: pd.DataFrame) -> None:

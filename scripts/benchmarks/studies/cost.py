@@ -257,7 +257,9 @@ def _measure(options: argparse.Namespace) -> str:
     recipe, reporter = Recipe(NAME, iterations=options.iterations), ConsoleReporter(sys.stderr)
     asked = (chosen_sources(options), recipe, views, sizes, options.seeds, work_folder(options), reporter)
     trials = measure_cost(*asked, again=options.again)
-    return write_cost(options.out, trials, made_by(options, trials))
+    grown = ", ".join(map(str, sorted(set(sizes))))
+    what = f"Views of at most {options.max_size} pixels where their number grows, {grown} pixels where their size does"
+    return write_cost(options.out, trials, made_by(options, trials, views=what))
 
 
 PART = Part(

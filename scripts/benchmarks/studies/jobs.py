@@ -10,22 +10,28 @@ from __future__ import annotations
 import json
 import math
 import multiprocessing
+import os
+import signal
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import count
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from .... import __version__
-from ....core.errors import InputError
+from ....core.errors import Cancelled, InputError
+from ....core.runtime.process import follow_parent
 from ....core.runtime.protocol import Reporter
 from ....core.runtime.resources import available_processors
+from ....core.runtime.supervisor import was_killed
 from ....core.settings import WEIGHTS_SUFFIX
 from ....core.splats import raster
 from ..enhancers.drift import cached_matches
@@ -39,6 +45,8 @@ STAGE = "trials"
 TRIALS_FILE = "trials.jsonl"
 MATCHES_FOLDER = "matches"
 PICTURES_FOLDER = "pictures"
+
+_Keep = Callable[[SubjectSource, Recipe, Trial, bool], None]  # the last: whether for later sessions, too
 
 
 @dataclass(frozen=True)
@@ -59,6 +67,8 @@ def run_jobs(
 ) -> list[Trial]:
     """The trials of all jobs, in order; those that `folder` has from an earlier call are not repeated.
 
+    A trial that is interrupted, or whose process somebody else ends, is not stored.
+
     Args:
         folder: for the trials and their pictures (`pictures_of`).
         processes: number of parallel processes, which share the cores.
@@ -72,16 +82,21 @@ def run_jobs(
         raster.load("cpu", reporter)
         reporter.progress(STAGE, 0.0, f"0 of {total} trials")
 
-    def keep(source: SubjectSource, recipe: Recipe, trial: Trial) -> None:
+    def keep(source: SubjectSource, recipe: Recipe, trial: Trial, lasting: bool) -> None:
         with lock:
-            store.add(source, recipe, trial)
+            store.add(source, recipe, trial, lasting=lasting)
             number = next(finished)
             reporter.progress(STAGE, number / total, f"{number} of {total} trials")
 
+    children = _Children()
     with ThreadPoolExecutor(processes) as pool:
-        running = [pool.submit(_run_in_process, job, folder, threads, keep) for job in missing]
-        for job_run in as_completed(running):
-            job_run.result()
+        try:
+            running = [pool.submit(_run_in_process, job, folder, threads, keep, children) for job in missing]
+            for job_run in as_completed(running):
+                job_run.result()
+        except BaseException:  # Ctrl-C, or trials that cannot be stored: the threads would go on to the last job
+            children.stop()
+            raise
     return [store.trial(job.source, recipe) for job in jobs for recipe in job.recipes]
 
 
@@ -130,11 +145,13 @@ class TrialStore:
         found = self._trials[self._key(source, recipe)]
         return replace(found, capture=source.name, label=recipe.label)
 
-    def add(self, source: SubjectSource, recipe: Recipe, trial: Trial) -> None:
-        """Store a trial."""
+    def add(self, source: SubjectSource, recipe: Recipe, trial: Trial, *, lasting: bool = True) -> None:
+        """Store a trial, for this session alone unless it is `lasting`."""
         key = self._key(source, recipe)
         values = {name: _to_json(value) for name, value in asdict(trial).items()}
         self._trials[key] = trial
+        if not lasting:
+            return
         with open(self._path, "a", encoding="utf-8") as file:
             file.write(json.dumps({"key": key, **values}) + "\n")
 
@@ -180,30 +197,85 @@ def _from_json(name: str, value: Any) -> Any:
     return float(value) if Trial.__annotations__[name] == "float" else value
 
 
-def _run_in_process(job: Job, folder: Path, threads: int, keep: Callable[[SubjectSource, Recipe, Trial], None]) -> None:
+class _Children:
+    """The processes of one comparison, which can be stopped from any thread."""
+
+    def __init__(self) -> None:
+        self._context = multiprocessing.get_context("spawn")
+        self._lock = threading.Lock()
+        self._started: list[SpawnProcess] = []
+        self._stopped = False
+
+    def pipe(self) -> tuple[Connection, Connection]:
+        """To receive from a process, and for it to send."""
+        return self._context.Pipe(duplex=False)
+
+    def start(self, target: Callable[..., None], *arguments: Any) -> SpawnProcess:
+        """A process that calls `target`.
+
+        Raises:
+            Cancelled: `stop` was called.
+        """
+        with self._lock:
+            self.check()
+            process = self._context.Process(target=target, args=arguments, daemon=True)
+            process.start()
+            self._started.append(process)
+            return process
+
+    def check(self) -> None:
+        """Raises `Cancelled` after `stop`."""
+        if self._stopped:
+            raise Cancelled
+
+    def stop(self) -> None:
+        """End all processes, and start no more."""
+        with self._lock:
+            self._stopped = True
+            for process in self._started:
+                process.terminate()
+
+
+def _run_in_process(job: Job, folder: Path, threads: int, keep: _Keep, children: _Children) -> None:
     """Run a job in a new process and keep its trials; if a recipe kills the process, continue after it in another."""
-    context, waiting = multiprocessing.get_context("spawn"), list(job.recipes)
+    children.start(_find_matches, job.source, folder, threads).join()
+    waiting = list(job.recipes)
     while waiting:
-        receiver, sender = context.Pipe(duplex=False)
-        rest = Job(job.source, tuple(waiting))
-        process = context.Process(target=_try_all, args=(rest, folder, threads, sender), daemon=True)
-        process.start()
+        receiver, sender = children.pipe()
+        process = children.start(_try_all, Job(job.source, tuple(waiting)), folder, threads, sender)
         sender.close()
         try:
             while waiting:
-                keep(job.source, waiting[0], receiver.recv())
+                keep(job.source, waiting[0], receiver.recv(), True)
                 waiting.pop(0)
         except EOFError:
             process.join()
-            reason = f"the process ended with exit code {process.exitcode}"
-            keep(job.source, waiting[0], Trial.failed(job.source.name, waiting[0], reason))
+            children.check()
+            code = process.exitcode or 0
+            failed = Trial.failed(job.source.name, waiting[0], f"the process ended with exit code {code}")
+            keep(job.source, waiting[0], failed, not was_killed(code))
             waiting.pop(0)
         process.join()
 
 
+def _begin(threads: int) -> None:
+    """What each process does first."""
+    # The terminal sends Ctrl-C to every process; the parent decides.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    follow_parent(lambda: os._exit(1))
+    torch.set_num_threads(threads)
+
+
+def _find_matches(source: SubjectSource, folder: Path, threads: int) -> None:
+    """Find and store a subject's matches in a process of its own: a reconstruction, whose memory is no trial's."""
+    _begin(threads)
+    with suppress(Exception):  # the trials meet it again, and keep it
+        cached_matches(folder / MATCHES_FOLDER, source.load().judged)
+
+
 def _try_all(job: Job, folder: Path, threads: int, sender: Connection) -> None:
     """In a process of its own: send one trial for each recipe."""
-    torch.set_num_threads(threads)
+    _begin(threads)
     trials: CaptureTrials | None = None
     for recipe in job.recipes:
         try:

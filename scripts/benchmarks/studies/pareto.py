@@ -67,7 +67,7 @@ _MARGIN = 0.08  # around the points, in widths and heights of a chart: their nam
 _DEFINITIONS = """\
 One thing is varied at a time, around a base of {base}; everything else is what the product does by itself.
 Everything is judged on the held-out views (every eighth) at {size} pixels, also what was fitted to smaller photographs.
-Times are wall seconds of one run after the other; the CSV has processor seconds too.
+Times are wall seconds of {runs}; the CSV has processor seconds too.
 
 - *PSNR*: of the scene in the photographs' colours, over the seconds of the geometry.
 - *CCPR*: the share of the photographs' contrasts between neighbours that a deutan still sees in the enhanced scene.
@@ -213,17 +213,19 @@ def pareto_front(costs: Sequence[float], values: Sequence[float]) -> list[int]:
     return points.index[leads & (points.cost == points.groupby("value").cost.transform("min"))].tolist()
 
 
-def write_pareto(folder: Path, points: pd.DataFrame, *, base: str, size: int) -> str:
+def write_pareto(folder: Path, points: pd.DataFrame, *, base: str, size: int, processes: int = 1) -> str:
     """Write ``pareto.csv``, ``pareto.md`` and a chart for each capture; returns the text of the page.
 
     Args:
         points: of all captures, each with its fronts.
         base: what is varied, in words.
         size: longer side in pixels of the photographs that results are judged by.
+        processes: how many trials ran at a time.
     """
     write_csv(folder / f"{NAME}.csv", points.fillna({"gaussians": 0, "peak_memory_mb": 0})[list(_SAVED)])
-    took = trials_took(points[points.series != PEER])
-    lines = ["# Speed against accuracy", "", took, "", _DEFINITIONS.format(base=base, size=size), ""]
+    took = trials_took(points[points.series != PEER], processes)
+    runs = "one run after the other" if processes == 1 else f"runs, up to {processes} of them at a time"
+    lines = ["# Speed against accuracy", "", took, "", _DEFINITIONS.format(base=base, size=size, runs=runs), ""]
     lines += _of_peers(points)
     captures = points.groupby("capture", sort=False)
     for capture, mine in captures:
@@ -348,7 +350,8 @@ def _measure(options: argparse.Namespace) -> str:
         points.append(with_fronts(mine))
     size = "the judged size" if options.quick else "two thirds the judged size"
     base = f"{options.iterations:,} steps on photographs of {size}"
-    return write_pareto(options.out, pd.concat(points), base=base, size=options.max_size)
+    how = {"base": base, "size": options.max_size, "processes": options.processes}
+    return write_pareto(options.out, pd.concat(points), **how)
 
 
 PART = Part(

@@ -92,9 +92,8 @@ _DEFINITIONS = [
     "raise resampling errors too; **drift**, in the comparison with `post`, is RWE minus that of the same enhancer "
     "without drift.",
     "- **PSNR**: of the scene in original colours to the held-out photographs; in mode `joint` the geometry was fitted "
-    "to enhanced views. **Seconds**: of geometry, enhancement and layer by the clock, with other trials at work on the "
-    "same machine; **processor seconds**: the same, of all threads together. **MB**: the most "
-    "that the process had, which made the other rows too.",
+    "to enhanced views. **Seconds**: of geometry, enhancement and layer by the clock{beside}; **processor seconds**: "
+    "the same, of all threads together. **MB**: the most that the process had, which made the other rows too.",
     "- **contrast gain**: plain contrast with the mean ΔE76 of the scene network. **LUT of each view** and "
     "**drifting** contradict themselves from view to view: a LUT for each image alone, and hues turned by "
     f"{DRIFT:g}° (standard deviation) in each image.",
@@ -194,17 +193,22 @@ def _share(part: pd.Series, whole: pd.Series) -> pd.Series:
     return (part / whole).where(whole > 0.0)
 
 
-def write_table(folder: Path, trials: pd.DataFrame, synthetic: Sequence[str], heading: Sequence[str]) -> list[str]:
+def write_table(
+    folder: Path, trials: pd.DataFrame, synthetic: Sequence[str], heading: Sequence[str], *, processes: int = 1
+) -> list[str]:
     """Write ``table.csv``, a line for each trial; returns the lines of the text.
 
     Args:
         trials: columns of `Trial`.
         synthetic: names of the captures that the targets are for.
         heading: lines that say how the trials were made.
+        processes: how many ran at a time.
     """
     write_csv(folder / "table.csv", trials)
     trials = _titled(trials)
-    lines = ["# Modes and enhancers", "", *heading, "", *_DEFINITIONS, ""]
+    beside = f", with up to {processes} trials at work on the same machine" if processes > 1 else ""
+    definitions = [line.format(beside=beside) for line in _DEFINITIONS]
+    lines = ["# Modes and enhancers", "", *heading, "", *definitions, ""]
     for capture, mine in trials.groupby("capture", sort=False):
         means, deviations = means_and_deviations(mine, ["title", "mode"], (*_QUALITY, *_COST))
         quality = pd.concat([_photographs(mine), means])
@@ -299,8 +303,9 @@ def _measure(options: argparse.Namespace) -> str:
     trials, seen = (
         frame_of(Trial, run_jobs(jobs, work, reporter, processes=options.processes)) for jobs in (compared, observed)
     )
+    named = [source.name for source in synthetic]
     texts = {
-        "table": write_table(options.out, trials, [source.name for source in synthetic], made_by(options, trials)),
+        "table": write_table(options.out, trials, named, made_by(options, trials), processes=options.processes),
         "severities": write_severities(options.out, seen, made_by(options, seen)),
     }
     summaries = [

@@ -204,13 +204,18 @@ def test_a_fit_goes_on_from_the_best_of_some_starts_and_leaves_them_as_they_were
     assert gained > 0.8 > nothing + 0.3
 
 
-def test_a_view_whose_few_covered_pixels_are_thinned_out_has_finite_colours() -> None:
-    alpha = np.zeros((64, 64), np.uint8)
+def test_a_view_whose_few_covered_pixels_are_thinned_out_has_finite_colours_and_does_not_steer() -> None:
+    whole, thinned = (textiles.tartan(shift=shift, size=128) for shift in (0, 5))
+    alpha = np.zeros(whole.shape[:2], np.uint8)
     alpha[1, 1] = 255
-    pixels, coverage = reduced(textiles.tartan(size=64), alpha, 4)
+    settings = replace(BRIEF, size=8)  # every second pixel of 128
+    pixels, coverage = reduced(thinned, alpha, settings.size)
     assert coverage is not None
     assert torch.isfinite(pixels).all()
     assert not coverage.any()
+    found = fit_network([whole, thinned], DEUTAN, alphas=[None, alpha], budget=2.0, settings=settings)
+    assert all(torch.isfinite(value).all() for value in found.network.state_dict().values())
+    assert change(whole, apply(found, whole)) > 0.1
 
 
 @pytest.mark.parametrize("starts", [0, 1])

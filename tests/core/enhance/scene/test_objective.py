@@ -171,6 +171,14 @@ def test_pictures_without_pairs_or_windows_have_finite_terms_and_slopes(shape):
     assert torch.isfinite(shown.grad).all()
 
 
+def test_a_picture_that_is_not_covered_steers_nothing():
+    shown = picture(2).requires_grad_()
+    total = Objective(picture(1), OBSERVER, torch.zeros_like(coverage()))(shown, naturalness=0.1)
+    total.backward()
+    assert float(total.detach()) == 0.0
+    assert not shown.grad.any()
+
+
 def test_lost_contrast_is_one_minus_ccpr_and_sees_that_a_plate_s_digit_is_gone():
     image = picture(1)
     fine, _ = lost_contrast(image, OBSERVER)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -26,7 +28,8 @@ def result(method: str, level: int, seed: int = 0, *, axis: Axis | None = None, 
     known = {"capture": "made", "label": method, "mode": "layers", "enhancer": "lut", "cvd": "deutan", "severity": 1.0}
     trial = Trial(**known, seed=seed, iterations=1, **{**GOOD, **figures})  # type: ignore[arg-type]
     axis = axis or (None if level == HARMLESS else POSES)
-    return StressResult(Attempt(method, axis, level, seed, BASE, recipe), trial, Path("nowhere"))
+    pictures = Path(f"nowhere-{method}-{level}-{seed}-{axis.name if axis and level != HARMLESS else ''}")
+    return StressResult(Attempt(method, axis, level, seed, BASE, recipe), trial, pictures)
 
 
 def standing_of(**figures: object) -> pd.Series:
@@ -139,7 +142,21 @@ def test_the_page_says_where_each_method_fails_first_and_what_the_warnings_are(t
     for level, warnings in (("0.25°", "nothing"), ("0.5°", "cameras-off"), ("1°", "cameras-off")):
         assert f"| cameras turned by | {level} | {warnings} |" in text
     assert (tmp_path / "stress.md").read_text(encoding="utf-8") == text
-    assert "cameras turned by: 1°" in (tmp_path / "stress.html").read_text(encoding="utf-8")
+    pictures = (tmp_path / "stress.html").read_text(encoding="utf-8")
+    assert "cameras turned by: 1°" in pictures
+    assert "A held-out photograph, enhanced, and each method's" in pictures
     assert {path.name for path in tmp_path.glob("stress*.svg")} == {"stress.svg", "stress-dark.svg"}
     with open(tmp_path / "stress.csv", encoding="utf-8") as file:
         assert len(list(csv.DictReader(file))) == 16
+
+
+def test_a_trial_that_axes_share_is_counted_once(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    axes = tuple(axis for axis in AXES if axis.scene_option)[:2]
+    results = [result(method, HARMLESS, trial_seconds=60.0) for method in ("layers", "plain")]
+    for axis, method in itertools.product(axes, ("layers", "plain")):
+        untouched = result(method, HARMLESS, axis=axis, trial_seconds=60.0)
+        results.append(replace(untouched, pictures=Path(f"untouched-{method}")))
+        results.append(result(method, 1, axis=axis, trial_seconds=60.0))
+    text = write_stress(tmp_path, StressPlan(BASE, axes, (0, 1), (0,)), results, processes=2)
+    assert "8 trials took 8 minutes together, up to 2 at a time." in text

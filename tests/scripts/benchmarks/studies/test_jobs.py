@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import os
+import signal
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from cvdgs.core.capture.normalised import write_capture
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.scripts.benchmarks.studies.captures import CaptureFolder
-from cvdgs.scripts.benchmarks.studies.jobs import TRIALS_FILE, Job, TrialStore, pictures_of, run_jobs
+from cvdgs.scripts.benchmarks.studies.jobs import MATCHES_FOLDER, TRIALS_FILE, Job, TrialStore, pictures_of, run_jobs
 from cvdgs.scripts.benchmarks.studies.recipe import Recipe, Trial
 
 from .test_trials import capture_of_a_wall
@@ -111,6 +113,14 @@ class Dying(Recipe):
         return os._exit, (3,)
 
 
+@dataclass(frozen=True)
+class Killed(Recipe):
+    """Ends the process that it is sent to as the system does when memory runs out."""
+
+    def __reduce__(self):
+        return signal.raise_signal, (signal.SIGKILL,)
+
+
 class Progress(Reporter):
     def __init__(self) -> None:
         self.fractions: list[float] = []
@@ -128,6 +138,36 @@ def test_a_process_that_dies_and_a_capture_that_cannot_be_read_are_errors_of_the
     assert progress.fractions == [0.0, 0.5, 1.0]
 
 
+def test_a_trial_whose_process_was_killed_is_tried_again_when_the_study_goes_on(tmp_path):
+    job = Job(CaptureFolder("gone", tmp_path / "gone", 96), (Killed("killed"), FIRST))
+    killed, unread = run_jobs([job], tmp_path / "work", Reporter())
+    assert killed.error == "the process ended with exit code -9"
+    assert unread.error.startswith("InputError: ")
+    assert TrialStore(tmp_path / "work" / TRIALS_FILE).missing(job) == job.recipes[:1]
+
+
+@dataclass(frozen=True)
+class Interrupting(CaptureFolder):
+    """Where a trial reads it, somebody types Ctrl-C, which reaches every process of the group."""
+
+    def load(self):
+        begun = self.folder.with_suffix(".begun")
+        if begun.exists():  # the first to read it looks for matches
+            os.kill(os.getppid(), signal.SIGINT)
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(20.0)
+        begun.touch()
+        raise InputError("no more than an example")
+
+
+def test_ctrl_c_ends_a_study_and_the_trial_that_it_interrupts_is_not_stored(tmp_path):
+    interrupting, later = (Interrupting(name, tmp_path / name, 96) for name in ("interrupting", "later"))
+    with pytest.raises(KeyboardInterrupt):
+        run_jobs([Job(interrupting, (FIRST, SECOND)), Job(later, (FIRST,))], tmp_path / "work", Reporter())
+    assert not (tmp_path / "work" / TRIALS_FILE).exists()
+    assert not (tmp_path / "later.begun").exists()
+
+
 @pytest.mark.slow
 def test_what_was_tried_is_not_tried_again(tmp_path):
     write_capture(capture_of_a_wall(), tmp_path / "wall")
@@ -141,3 +181,26 @@ def test_what_was_tried_is_not_tried_again(tmp_path):
     second = run_jobs([Job(source, (bad, good))], tmp_path / "work", progress)
     assert all(same(*pair) for pair in zip(first, second, strict=True))
     assert progress.fractions == []
+
+
+@dataclass(frozen=True)
+class Watched(CaptureFolder):
+    """Notes which processes read it, and whether its matches are known by then."""
+
+    log: Path = Path()
+
+    def load(self):
+        known = any((self.log.parent / MATCHES_FOLDER).glob("*.npz"))
+        with open(self.log, "a", encoding="utf-8") as file:
+            file.write(f"{os.getpid()} {known}\n")
+        return super().load()
+
+
+@pytest.mark.slow
+def test_the_memory_of_a_trial_does_not_contain_the_search_for_matches(tmp_path):
+    write_capture(capture_of_a_wall(), tmp_path / "wall")
+    source = Watched("wall", tmp_path / "wall", 96, log=tmp_path / "log")
+    run_jobs([Job(source, (Recipe("any", enhancer="none", iterations=20, gaussians=400),))], tmp_path, Reporter())
+    (finding, _), (trying, known) = [line.split() for line in source.log.read_text().splitlines()]
+    assert finding != trying
+    assert known == "True"

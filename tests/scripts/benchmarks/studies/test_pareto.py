@@ -74,8 +74,13 @@ def page(tmp_path_factory):
         point("OpenSplat, full resolution", 200.0, 28.0, PEER),
         point("broken", math.nan, math.nan, error="InputError: too few views"),
     ]
-    text = write_pareto(folder, with_fronts(pd.concat(points)), base="a base", size=480)
+    text = write_pareto(folder, with_fronts(pd.concat(points)), base="a base", size=480, processes=2)
     return folder, text
+
+
+def test_the_page_says_how_many_runs_shared_the_machine(page):
+    _, text = page
+    assert "Times are wall seconds of runs, up to 2 of them at a time;" in text
 
 
 def test_the_page_says_which_defaults_are_beaten_and_by_what(page):

@@ -96,7 +96,8 @@ def figures_of(recipe: Recipe) -> dict[str, float]:
 def test_the_table_has_every_row_for_each_capture_and_says_what_is_reached(tmp_path):
     (job,) = table_jobs([DEMO], 100, seeds=2)
     trials = [trial(recipe, **figures_of(recipe)) for recipe in job.recipes]
-    lines = write_table(tmp_path, frame_of(Trial, trials), ["demo"], HEADING)
+    lines = write_table(tmp_path, frame_of(Trial, trials), ["demo"], HEADING, processes=2)
+    assert "by the clock, with up to 2 trials at work on the same machine; **processor" in "\n".join(lines)
     for row in ROWS:
         for mode in row.modes:
             rwe = "0.200" if row.drift and mode == "layers" else RWE[mode]
@@ -122,6 +123,7 @@ def test_a_trial_that_failed_is_named_and_leaves_dashes(tmp_path):
     (job,) = table_jobs([DEMO], 100, seeds=1)
     failed = frame_of(Trial, [Trial.failed("demo", recipe, "it broke") for recipe in job.recipes])
     lines = write_table(tmp_path, failed, ["demo"], HEADING)
+    assert "by the clock; **processor" in "\n".join(lines)
     assert "- demo, scene-layers, seed 0: it broke" in lines
     for table in (0, 1):
         assert set(cells(lines, "scene network", "layers", table=table)[2:]) == {"–"}
@@ -159,6 +161,22 @@ def test_an_ablation_differs_from_the_default_in_one_thing_and_is_reported_by_it
     assert cells(lines, "instance norm")[2] == "+0.000"
     assert_one_number_in_a_cell(lines)
     assert "/home" not in (tmp_path / "ablation.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    ("captures", "seeds", "said"),
+    [
+        (["demo"], 1, "the others their differences to it. Figures"),
+        (["demo"], 2, "seed by seed; second tables have the standard deviations over seeds."),
+        (["demo", "room"], 2, "capture by capture, seed by seed; second tables have the standard deviations over"),
+    ],
+)
+def test_an_ablation_speaks_of_deviations_only_over_what_was_repeated(tmp_path, captures, seeds, said):
+    (job,) = ablation_jobs([DEMO], 100, seeds=seeds)
+    trials = [replace(trial(r, **figures_of(r)), capture=name) for r in job.recipes for name in captures]
+    lines = write_ablation(tmp_path, frame_of(Trial, trials), HEADING)
+    assert said in "\n".join(lines)
+    assert ("Standard deviations:" in lines) == (len(trials) > len(ablation_jobs([DEMO], 100, seeds=1)[0].recipes))
 
 
 def test_what_changes_the_geometry_alone_is_tried_with_one_enhancer():
