@@ -78,7 +78,7 @@ def sharpness(image: NDArray[np.float64], noise: float) -> float:
 
 
 def blockiness(image: NDArray[np.float64]) -> float:
-    """See `PhotographQuality`; second differences, so that ramps do not count."""
+    """See `PhotographQuality`; of differences of neighbours, which a ramp makes the same within blocks and between."""
     found = []
     for axis in (0, 1):
         jumps = np.abs(np.diff(image, axis=axis))

@@ -13,6 +13,7 @@ from ....core.errors import InputError
 from ....core.files.images import read_png, to_bytes
 from ....core.files.untrusted import is_folder
 from ....core.runs.layout import ORIGINAL, TURNTABLE_FOLDER, spread_over_turn
+from ....core.settings import Layer
 from ..baselines import ContrastGain, mean_delta_e_2000
 from ..embedding import jpeg_uri
 from ..enhancers.methods import GAIN, LUT, SCENE, method_factory
@@ -97,12 +98,12 @@ def turntables(runs: Mapping[str, Path], cvd: str, frames: int, max_size: int) -
 
 
 def _layer_folder(run: Path, cvd: str) -> Path:
-    place = run / TURNTABLE_FOLDER
-    found = sorted(place.glob(f"{cvd}*")) if is_folder(place) else []
-    if not found:
+    layer = Layer(cvd, SEVERITY).name  # as the stills
+    place = run / TURNTABLE_FOLDER / layer
+    if not is_folder(place):
         remedy = f"add it with scripts/run.py --resume --cvd {cvd} --turntable 48, or leave out --cvd {cvd}"
-        raise InputError(f"there is no turntable for {cvd} vision", where=place, remedy=remedy)
-    return found[0]
+        raise InputError(f"there is no turntable for {layer}", where=place.parent, remedy=remedy)
+    return place
 
 
 def _versions(pictures: Mapping[str, Sequence[Image]]) -> tuple[Version, ...]:

@@ -61,6 +61,16 @@ def test_a_run_without_a_layer_for_the_type_is_refused(tmp_path: Path) -> None:
         turntables({"ours": finished_run(tmp_path)}, "protan", 3, 20)
 
 
+def test_turntables_have_the_severity_of_the_stills(tmp_path: Path) -> None:
+    both = finished_run(tmp_path / "both", layers=("deutan-0.4", "deutan-1.0"))
+    for picture in (both / TURNTABLE_FOLDER / "deutan-0.4").iterdir():
+        picture.write_bytes(b"not looked at")
+    assert len(turntables({"both": both}, "deutan", 3, 20)) == 1
+    weaker = finished_run(tmp_path / "weaker", layers=("deutan-0.4",))
+    with pytest.raises(InputError, match=r"no turntable for deutan-1\.0"):
+        turntables({"weaker": weaker}, "deutan", 3, 20)
+
+
 def test_turns_of_other_lengths_are_refused(tmp_path: Path) -> None:
     runs = {"a": finished_run(tmp_path / "a"), "b": finished_run(tmp_path / "b", frames=4)}
     with pytest.raises(InputError, match="4 frames"):
