@@ -225,8 +225,6 @@ def shaping(recipe: Recipe, views: int) -> tuple[Any, ...]:
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=ITERATIONS, seeds=None, alone=True)
-    what = "no longer used; commands on older pages have it"
-    parser.add_argument("--processes", type=positive, metavar="N", help=what)
     what = f"names or weight files, one picture each ({','.join(TITLES)})"
     parser.add_argument("--enhancers", type=names, default=tuple(TITLES), metavar="A,B", help=what)
     parser.add_argument("--views", type=positive, default=VIEWS, metavar="N", help=f"cameras on the path ({VIEWS})")
