@@ -33,9 +33,9 @@ class CVDGS_Preferences(bpy.types.AddonPreferences):
         name="Device",
         description="The device that the worker computes on",
         items=(
-            ("auto", "Automatic", "The best device that is known to work"),
+            ("auto", "Automatic", "An NVIDIA GPU where there is one"),
             ("cpu", "Processor", "Works everywhere"),
-            ("cuda", "NVIDIA GPU", "Not measured yet"),
+            ("cuda", "NVIDIA GPU", "Needs a driver for CUDA 13 or newer"),
         ),
         default=Preferences.device,
     )

@@ -8,10 +8,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import torch
 import warp as wp
 
 from ... import __version__
-from ..runtime.devices import choose_device, missing_for_cuda
+from ..runtime.devices import TORCH_WITHOUT_CUDA, choose_device, missing_for_cuda
 from ..runtime.environment import PACKAGES
 from ..runtime.protocol import Reporter
 from ..runtime.resources import available_processors
@@ -50,7 +51,7 @@ def check_machine(device: str, reporter: Reporter) -> dict[str, Any]:
         "versions": versions(),
         "device": describe_device(raster.Rasterizer(name)),
         "python": sys.executable,
-        "cuda": wp.is_cuda_available(),
+        "cuda": wp.is_cuda_available() and torch.cuda.is_available(),
         "speed": round(REFERENCE_STEP_MS / times.stages["step"].wall, 3),
     }
 
@@ -58,16 +59,17 @@ def check_machine(device: str, reporter: Reporter) -> dict[str, Any]:
 def choose_warp_device(asked: str, *, where: str = "--device") -> str:
     """The device, "cpu" or "cuda", of one of `DEVICES`; see `choose_device`.
 
+    Corrections of cameras and exposures are torch's part of a training step, so both libraries have to find the card.
+
     Raises:
-        InputError: there is no such device, or its driver is too old for Warp.
+        InputError: there is no such device, its driver is too old for Warp, or torch is a build without CUDA.
     """
-    return choose_device(
-        asked,
-        has_cuda=wp.is_cuda_available(),
-        automatic="cpu",  # the CUDA kernels compile but have not been measured yet, so they run only when asked for
-        where=where,
-        missing=missing_for_cuda(wp.get_cuda_driver_version(), wp.get_cuda_toolkit_version()),
-    )
+    has_cuda = wp.is_cuda_available()
+    if has_cuda and not torch.cuda.is_available():
+        has_cuda, missing = False, TORCH_WITHOUT_CUDA
+    else:
+        missing = missing_for_cuda(wp.get_cuda_driver_version(), wp.get_cuda_toolkit_version())
+    return choose_device(asked, has_cuda=has_cuda, where=where, missing=missing)
 
 
 def versions() -> dict[str, str]:

@@ -34,8 +34,9 @@ from .moving import keep_moving
 from .resume import EarlierRun
 from .stages import Reconstruction, Stages
 
-# Longer side of the training images when --max-size is auto: what two cores train in minutes, and a GPU in one.
-AUTO_MAX_SIZE = {"cpu": 640, "cuda": 1600}
+# Longer side of the training images when --max-size is auto: what two cores train in minutes. The same on a graphics
+# card, so that a scene does not depend on the machine.
+AUTO_MAX_SIZE = 640
 
 
 def run(
@@ -73,7 +74,7 @@ def run(
                 remove_layer(folder, layer.name)
             capture = earlier.capture
         else:
-            size = settings.max_size or AUTO_MAX_SIZE[device]
+            size = settings.max_size or AUTO_MAX_SIZE
             capture = _capture_of(settings, size, checkpoints, recorder)
             capture = replace(capture, metres_per_unit=settings.metres_per_unit or capture.metres_per_unit)
             write_capture(capture, folder / CAPTURE_FOLDER)

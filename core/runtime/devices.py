@@ -10,6 +10,7 @@ from ..errors import InputError
 from ..settings import DEVICES
 
 NO_DEVICE = "no CUDA device found"
+TORCH_WITHOUT_CUDA = "the installed torch cannot use the CUDA device: it is a build without CUDA"
 
 
 def missing_for_cuda(driver: Sequence[int] | None, toolkit: Sequence[int] | None) -> str:
@@ -24,15 +25,12 @@ def missing_for_cuda(driver: Sequence[int] | None, toolkit: Sequence[int] | None
     return NO_DEVICE
 
 
-def choose_device(
-    asked: str, *, has_cuda: bool, automatic: str = "cuda", where: str = "--device", missing: str = NO_DEVICE
-) -> str:
+def choose_device(asked: str, *, has_cuda: bool, where: str = "--device", missing: str = NO_DEVICE) -> str:
     """The device, "cpu" or "cuda".
 
     Args:
-        asked: one of `DEVICES`.
-        has_cuda: whether the library that is to compute finds a CUDA device.
-        automatic: what "auto" takes where there is one.
+        asked: one of `DEVICES`; "auto" takes a CUDA device where there is one.
+        has_cuda: whether what is to compute finds a CUDA device.
         where: the name of the setting, for the message.
         missing: why there is none, likewise.
 
@@ -44,7 +42,7 @@ def choose_device(
     if asked == "cuda" and not has_cuda:
         raise InputError(missing, where=where, remedy=f"use {where} cpu, or check the driver")
     if asked == "auto":
-        return automatic if has_cuda else "cpu"
+        return "cuda" if has_cuda else "cpu"
     return asked
 
 

@@ -339,7 +339,8 @@ class ViewCorrections:
         seen = self._seen(view, 1)
         image, camera = seen.at(1)
         rendered = self._rasterizer.render(parameters, camera, self._background.color).color.numpy()
-        return best_line(rendered, image.numpy() * np.float32(1.0 / 255.0), seen.looked_at())
+        photograph = image.numpy() * np.float32(1.0 / 255.0)
+        return best_line(rendered, photograph, seen.looked_at(), device=self._rasterizer.device)
 
     def _decide_exposure(self, plan: ExposurePlan, parameters: ParameterSet) -> bool:
         estimates = []

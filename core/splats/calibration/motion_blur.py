@@ -145,6 +145,7 @@ def best_line(
     photograph: NDArray[np.float32],
     shown: NDArray[np.bool_] | None = None,
     near: NDArray[np.float64] | None = None,
+    device: wp.Device | str = "cpu",
 ) -> NDArray[np.float64]:
     """(2,) the line that makes `rendered` most like `photograph`, both (H, W, 3) in [0, 1]; zeros for none.
 
@@ -153,11 +154,16 @@ def best_line(
     Args:
         shown: (H, W) what of the photograph is looked at; None for all.
         near: (2,) a line to search around instead.
+        device: that does the search.
     """
-    line = _line_of_grid(_GreyPair.of(rendered, photograph, shown, _GRID_SIDE)) if near is None else near
+
+    def reduced(side: int) -> _GreyPair:
+        return _GreyPair.of(rendered, photograph, shown, side, device)
+
+    line = _line_of_grid(reduced(_GRID_SIDE)) if near is None else near
     if not np.any(line):
         return np.zeros(2)
-    pair, ratio, turn = _GreyPair.of(rendered, photograph, shown, _SEARCH_SIDE), 2.0**0.5, np.pi / _DIRECTIONS / 2.0
+    pair, ratio, turn = reduced(_SEARCH_SIDE), 2.0**0.5, np.pi / _DIRECTIONS / 2.0
     length, angle = float(np.hypot(*line)), float(np.arctan2(line[1], line[0]))
     least = pair.error(length, angle)
     for _ in range(_ROUNDS):
@@ -198,10 +204,11 @@ class _GreyPair:
         photograph: NDArray[np.float32],
         shown: NDArray[np.bool_] | None,
         side: int,
+        device: wp.Device | str,
     ) -> _GreyPair:
-        factor = max(round(max(rendered.shape[:2]) / side), 1)
-        mask = None if shown is None else _reduced(shown[..., None].astype(np.float32), factor) == 1.0
-        return cls(_reduced(rendered, factor), _reduced(photograph, factor), mask, factor)
+        factor, on = max(round(max(rendered.shape[:2]) / side), 1), wp.device_to_torch(device)
+        mask = None if shown is None else (_reduced(shown[..., None].astype(np.float32), factor) == 1.0).to(on)
+        return cls(_reduced(rendered, factor).to(on), _reduced(photograph, factor).to(on), mask, factor)
 
     def error(self, length: float, angle: float) -> float:
         """Mean square difference, with the rendering smeared along a line in pixels of the full image."""

@@ -208,7 +208,8 @@ class Fit:
         known = view.smear if view.smear is not None and view.smear.any() else None
         frame = self._rasterizer.render(self.parameters, camera, self._background.color)
         photograph = image.numpy().astype(np.float32) / 255.0
-        return best_line(np.nan_to_num(frame.color.numpy()), photograph, view.looked_at(), known)
+        rendered = np.nan_to_num(frame.color.numpy())
+        return best_line(rendered, photograph, view.looked_at(), known, self._rasterizer.device)
 
     def smeared(self, views: Sequence[TrainingView]) -> list[TrainingView]:
         """The views, their photographs smeared along the lines that suit the current scene best."""

@@ -60,7 +60,13 @@ class TrainedRun:
 
 
 def train_once(
-    capture: Capture, label: str, plan: TrainingPlan, *, seed: int = 0, threads: int | None = None
+    capture: Capture,
+    label: str,
+    plan: TrainingPlan,
+    *,
+    seed: int = 0,
+    threads: int | None = None,
+    device: str = "cpu",
 ) -> TrainedRun:
     """Train on all views except every eighth, and measure on those.
 
@@ -74,7 +80,7 @@ def train_once(
         raise InputError(what, where=capture.source, remedy="give a capture of more views")
     started, processor = time.perf_counter(), time.process_time()
     trainer = Trainer(
-        Rasterizer("cpu", threads),
+        Rasterizer(device, threads),
         [views[i] for i in split.train],
         [views[i] for i in split.test],
         capture.points,

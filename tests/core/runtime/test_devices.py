@@ -9,14 +9,9 @@ from cvdgs.core.runtime.devices import choose_device, missing_for_cuda
 from cvdgs.core.settings import DEVICES
 
 
-@pytest.mark.parametrize("automatic", ["cpu", "cuda"])
-def test_a_machine_without_cuda_computes_on_the_processor(automatic):
-    assert choose_device("auto", has_cuda=False, automatic=automatic) == "cpu"
-
-
-@pytest.mark.parametrize("automatic", ["cpu", "cuda"])
-def test_a_machine_with_cuda_computes_on_what_is_preferred(automatic):
-    assert choose_device("auto", has_cuda=True, automatic=automatic) == automatic
+@pytest.mark.parametrize(("has_cuda", "chosen"), [(False, "cpu"), (True, "cuda")])
+def test_a_cuda_device_is_taken_where_there_is_one(has_cuda, chosen):
+    assert choose_device("auto", has_cuda=has_cuda) == chosen
 
 
 @pytest.mark.parametrize("asked", ["cpu", "cuda"])
