@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..bootstrap import ROOT
 from ..errors import InputError
-from ..runtime.devices import missing_for_cuda
+from ..runtime.devices import TORCH_WITHOUT_CUDA, missing_for_cuda
 from ..runtime.environment import LISTED_PYTHONS, PACKAGES, can_make_environments
 from ..runtime.process import blender_command, find_python
 from ..runtime.protocol import Reporter
@@ -226,8 +226,10 @@ def _kernels(answer: Answer) -> Iterator[Finding]:
     else:
         yield Finding("kernels", State.OK, f"cached in {cache['folder']}")
     devices = answer["cuda"]
-    if devices:
+    if devices and answer["cuda_in_torch"]:
         yield Finding("CUDA", State.OK, ", ".join(devices))
+    elif devices:
+        yield Finding("CUDA", State.NOTE, f"{TORCH_WITHOUT_CUDA}; the CPU is used")
     else:
         missing = missing_for_cuda(*answer.get("cuda_versions", (None, None)))
         yield Finding("CUDA", State.NOTE, f"{missing}; the CPU is used")

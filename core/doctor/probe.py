@@ -63,6 +63,7 @@ def ask_warp() -> dict[str, Any]:
     return {
         "cache": {"folder": folder, "problem": problem},
         "cuda": [device.name for device in warp.get_cuda_devices()],
+        "cuda_in_torch": "torch" in sys.modules and sys.modules["torch"].cuda.is_available(),
         "cuda_versions": [warp.get_cuda_driver_version(), warp.get_cuda_toolkit_version()],
     }
 

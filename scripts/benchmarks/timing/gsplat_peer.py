@@ -24,6 +24,7 @@ from ....core.splats.targets import Background, ViewOrder
 from .runs import TrainedRun
 
 DEFAULT, MCMC = "default", "mcmc"
+AT_MOST = ", at most "
 _SH_DEGREE = 3
 _STEPS_A_DEGREE = 1000
 _SSIM_WEIGHT = 0.2
@@ -41,7 +42,7 @@ class GsplatRun:
         strategy: `DEFAULT`, which clones, splits and prunes until half of the steps, or `MCMC`, which relocates until
             five sixths of them.
         steps: of the training.
-        most: Gaussians of `MCMC`, which it comes to.
+        most: Gaussians of `MCMC`.
     """
 
     strategy: str
@@ -50,7 +51,7 @@ class GsplatRun:
 
     @property
     def label(self) -> str:
-        return f"gsplat, {self.strategy}" + (f" with {self.most:,}" if self.most else "")
+        return f"gsplat, {self.strategy}" + (f"{AT_MOST}{self.most:,}" if self.most else "")
 
 
 class Gsplat:
