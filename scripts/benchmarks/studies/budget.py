@@ -53,9 +53,9 @@ ALLOWED = 1.3
 _PANEL_WIDTH, _HEIGHT = 4.0, 7.2  # inches
 _FIGURES = (("psnr", "PSNR of held-out views, dB"), ("rwe", "RWE (lower is better)"), ("ccpr", "CCPR"))
 _DEFINITIONS = f"""\
-Each capture is trained with the number of Gaussians decided automatically, and then with fixed limits{{range}};
-everything else is the same, the seed too. A line of the first table has the means over the seeds, each judged by its
-own runs. Defined beforehand:
+Each capture is trained with the number of Gaussians decided automatically, and then with fixed
+limits{{range}}; everything else is the same, the seed too. A line of the first table has
+the means over the seeds, each judged by its own runs. Defined beforehand:
 
 - The *plateau* is the best PSNR of held-out views (every eighth) of all fixed limits.
 - The *knee* is the fewest Gaussians that come within {TOLERANCE:g} dB of the plateau, interpolated between runs in the
