@@ -35,7 +35,7 @@ from .resume import EarlierRun
 from .stages import Reconstruction, Stages
 
 # Longer side of the training images when --max-size is auto: what two cores train in minutes. The same on a graphics
-# card, so that a scene does not depend on the machine.
+# card, so that what a scene is trained on does not depend on the machine.
 AUTO_MAX_SIZE = 640
 
 

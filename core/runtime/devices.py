@@ -40,7 +40,7 @@ def choose_device(asked: str, *, has_cuda: bool, where: str = "--device", missin
     if asked not in DEVICES:
         raise InputError(f"'{asked}' is not known", where=where, remedy=f"use {', '.join(DEVICES)}")
     if asked == "cuda" and not has_cuda:
-        raise InputError(missing, where=where, remedy=f"use {where} cpu, or check the driver")
+        raise InputError(missing, where=where, remedy=f"use {where} cpu, or check the driver and torch's build")
     if asked == "auto":
         return "cuda" if has_cuda else "cpu"
     return asked

@@ -143,15 +143,15 @@ def train_capture(
             yield replace(peer.train(capture, run), capture=source.name)
 
 
-def run_whole(source: CaptureFolder, device: str) -> WholeRun:
-    """A run of scripts/run.py with its defaults, without the Blender scene.
+def run_whole(source: CaptureFolder) -> WholeRun:
+    """A run of scripts/run.py with its defaults on the best device there is, without the Blender scene.
 
     Raises:
         InputError: it failed.
     """
     with tempfile.TemporaryDirectory() as scratch:
         out = Path(scratch) / "run"
-        words = [str(source.folder), "--out", str(out), "--cvd", "deutan", "--device", device, "--no-blend"]
+        words = [str(source.folder), "--out", str(out), "--cvd", "deutan", "--no-blend"]
         done = subprocess.run(
             [sys.executable, str(ROOT / "scripts" / "run.py"), *words], capture_output=True, text=True
         )
@@ -284,7 +284,7 @@ def _measure(options: argparse.Namespace) -> str:
             written()
     for done, source in enumerate(sources):
         reporter.progress(STAGE, (len(sources) + done) / (2 * len(sources)), f"running {source.name}")
-        whole.append(run_whole(source, "cuda"))
+        whole.append(run_whole(source))
         written()
     return written()
 

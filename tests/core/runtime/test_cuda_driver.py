@@ -59,7 +59,7 @@ def test_a_driver_that_cannot_be_used_is_one_line(driver, tmp_path, version, ini
     options = (str(SHOWROOM), "--out", str(tmp_path / "out"), "--no-blend", "--device", "cuda")
     result = script(driver(version, init), *options)
     assert result.returncode == 2
-    assert f"--device: {what} - use --device cpu, or check the driver" in result.stderr
+    assert f"--device: {what} - use --device cpu, or check the driver and torch's build" in result.stderr
     assert "Traceback" not in result.stderr
     assert not (tmp_path / "out").exists()
 
