@@ -35,7 +35,7 @@ class CVDGS_Preferences(bpy.types.AddonPreferences):
         items=(
             ("auto", "Automatic", "An NVIDIA GPU where there is one"),
             ("cpu", "Processor", "Works everywhere"),
-            ("cuda", "NVIDIA GPU", "Needs a driver for CUDA 13 or newer"),
+            ("cuda", "NVIDIA GPU", "Needs a recent driver, and a torch with CUDA"),
         ),
         default=Preferences.device,
     )

@@ -225,14 +225,16 @@ def _kernels(answer: Answer) -> Iterator[Finding]:
         yield Finding("kernels", State.MISSING, f"{cache['folder']} cannot be written to ({cache['problem']})", remedy)
     else:
         yield Finding("kernels", State.OK, f"cached in {cache['folder']}")
+    yield cuda_finding(answer)
+
+
+def cuda_finding(answer: Answer) -> Finding:
+    """Whether there is a graphics card that training can use; `answer` is the probe's."""
     devices = answer["cuda"]
     if devices and answer["cuda_in_torch"]:
-        yield Finding("CUDA", State.OK, ", ".join(devices))
-    elif devices:
-        yield Finding("CUDA", State.NOTE, f"{TORCH_WITHOUT_CUDA}; the CPU is used")
-    else:
-        missing = missing_for_cuda(*answer.get("cuda_versions", (None, None)))
-        yield Finding("CUDA", State.NOTE, f"{missing}; the CPU is used")
+        return Finding("CUDA", State.OK, ", ".join(devices))
+    missing = TORCH_WITHOUT_CUDA if devices else missing_for_cuda(*answer.get("cuda_versions", (None, None)))
+    return Finding("CUDA", State.NOTE, f"{missing}; the CPU is used")
 
 
 def _what_makes_one() -> Iterator[Finding]:

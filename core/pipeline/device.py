@@ -53,7 +53,7 @@ def check_machine(device: str, reporter: Reporter) -> dict[str, Any]:
         "versions": versions(),
         "device": describe_device(raster.Rasterizer(name)),
         "python": sys.executable,
-        "cuda": wp.is_cuda_available() and torch.cuda.is_available(),
+        "cuda": choose_warp_device("auto") == "cuda",
         "speed": round(REFERENCE_STEP_MS / times.stages["step"].wall, 3),
     }
 

@@ -144,6 +144,42 @@ def plot_series(
     axes.plot(x, y, color=style.color, marker=style.marker, linestyle=dash, label=label, **more)
 
 
+@dataclass(frozen=True)
+class Curve:
+    """A series of `draw_curves`.
+
+    Attributes:
+        panel: which it is in.
+        label: of the series, with one style in all panels.
+        x, y: (N,) each.
+    """
+
+    panel: str
+    label: str
+    x: Sequence[float]
+    y: Sequence[float]
+
+
+def draw_curves(figure: Figure, theme: Theme, curves: Sequence[Curve], *, y: str, x: str, columns: int) -> None:
+    """A panel beside the other for each name of one, over a logarithmic axis; one legend below.
+
+    Args:
+        y, x: what the axes show; the panels' names come before y in their titles.
+        columns: of the legend.
+    """
+    names = list(dict.fromkeys(curve.panel for curve in curves))
+    styles = dict(zip(dict.fromkeys(curve.label for curve in curves), theme.series, strict=False))
+    panels = figure.subplots(1, len(names), squeeze=False)[0]
+    for panel, name in zip(panels, names, strict=True):
+        logarithmic(panel)
+        panel.set(title=f"{name}: {y}", xlabel=x)
+        for curve in curves:
+            if curve.panel == name:
+                plot_series(panel, curve.x, curve.y, styles[curve.label], curve.label, markersize=4)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+
+
 def plot_stars(axes: Axes, x: Any, y: Any, theme: Theme, label: str) -> None:
     """Draw (N,) points as outlined stars in front of everything else."""
     outline = {"markersize": _STAR, "markeredgecolor": theme.ink, "zorder": 4}

@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from ....core.capture.normalised import write_capture
 from ....core.errors import InputError
 from ....core.runtime.protocol import Reporter
@@ -22,6 +20,7 @@ from ....core.splats.gaussians import Gaussians
 from ....core.splats.io.ply import read_ply
 from ....core.splats.renderer import SceneRenderer
 from ....core.splats.targets import Background
+from ..timing.runs import held_out_psnr
 from .captures import Subject
 from .recipe import Recipe, Trial, described
 
@@ -179,8 +178,7 @@ def _run(peer: OpenSplat, capture: str, folder: Path, scene: Path, run: OpenSpla
 def _held_out_psnr(gaussians: Gaussians, subject: Subject) -> float:
     views = subject.judged.views
     drawn = SceneRenderer(raster.Rasterizer("cpu"), views, Background.of(views))
-    psnr = [drawn.fidelity(i, drawn.color(gaussians, i))["psnr"] for i in subject.judged_split.test]
-    return float(np.mean(psnr))
+    return held_out_psnr(drawn, gaussians, subject.judged_split.test)
 
 
 def _interval(run: OpenSplatRun) -> int:

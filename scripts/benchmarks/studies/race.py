@@ -22,7 +22,7 @@ from ....core.runtime.protocol import Reporter
 from ....core.settings import QUALITIES
 from ....core.splats import raster
 from ....core.splats.training.plan import TrainingPlan
-from ..charts import SeriesStyle, Theme, logarithmic, picture, plot_series, write_charts
+from ..charts import Curve, Theme, draw_curves, picture, write_charts
 from ..options import Part, add_study_arguments, chosen_sources, positive, with_quick_defaults, work_folder
 from ..provenance import fingerprint, trained_product
 from ..tables import Column, frame_of, markdown_table, write_csv, write_text
@@ -33,7 +33,6 @@ from .peers import OPENSPLAT_ITERATIONS, OpenSplat, OpenSplatRun, Point, openspl
 from .recipe import optimistic
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 NAME = "peers"
@@ -233,22 +232,16 @@ def write_peers(folder: Path, finishes: Sequence[Finish], equals: Sequence[Equal
 
 def _draw(figure: Figure, theme: Theme, finishes: Sequence[Finish]) -> None:
     """A panel for each capture, a series for each program and settings."""
-    captures = list(dict.fromkeys(finish.capture for finish in finishes))
-    styles = dict(zip(dict.fromkeys(finish.label for finish in finishes), theme.series, strict=False))
-    panels = figure.subplots(1, len(captures), squeeze=False)[0]
-    for panel, capture in zip(panels, captures, strict=True):
-        logarithmic(panel)
-        panel.set(title=f"{capture}: PSNR of held-out views, dB", xlabel="processor seconds")
-        for finish in finishes:
-            if finish.capture == capture:
-                _draw_curve(panel, finish, styles[finish.label])
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=2)
-
-
-def _draw_curve(panel: Axes, finish: Finish, style: SeriesStyle) -> None:
-    seconds = [point.processor_seconds for point in finish.curve]
-    plot_series(panel, seconds, [point.psnr for point in finish.curve], style, finish.label, markersize=4)
+    curves = [
+        Curve(
+            finish.capture,
+            finish.label,
+            [point.processor_seconds for point in finish.curve],
+            [point.psnr for point in finish.curve],
+        )
+        for finish in finishes
+    ]
+    draw_curves(figure, theme, curves, y="PSNR of held-out views, dB", x="processor seconds", columns=2)
 
 
 def _key(source: SubjectSource, *facts: Any) -> str:

@@ -32,7 +32,7 @@ from ....core.splats.raster import Rasterizer
 from ....core.splats.raster.benchmark import STAGES, benchmark_camera, benchmark_step, random_gaussians
 from ....core.splats.stereo import kernels as stereo_kernels
 from ....core.splats.training.plan import TrainingPlan
-from ..charts import Theme, logarithmic, picture, plot_series, write_charts
+from ..charts import Curve, Theme, draw_curves, picture, write_charts
 from ..options import Part, add_study_arguments, chosen_sources, positive, with_quick_defaults
 from ..provenance import trained_product
 from ..studies.captures import DEMO, CaptureFolder
@@ -218,12 +218,12 @@ def write_card(
 
 
 _DEFINITIONS = """\
-All of it on one machine, one after the other. Every eighth view is held out. Ours decides everything by itself, as
-`run.py` does. gsplat has the settings of its example trainer: spherical harmonics of degree 3, fused SSIM, photographs
-kept on the card. Its schedule, made for 30,000 steps, is shortened: *default* clones, splits and prunes during half of
-them, *mcmc* relocates during five sixths and may have as many Gaussians as ours. Its scenes are rendered and judged by
-our rasteriser. Seconds are of training alone: neither compiling nor reading nor measuring counts. Ours include dense
-stereo, on the processor, and the trials by which it decides."""
+All of it on one machine, one after the other, each training once. Every eighth view is held out. Ours decides
+everything by itself, as `run.py` does. gsplat has the settings of its example trainer: spherical harmonics of degree 3,
+fused SSIM, photographs kept on the card. Its schedule, made for 30,000 steps, is shortened: *default* clones, splits
+and prunes during half of them, *mcmc* relocates during five sixths and may have as many Gaussians as ours. Its scenes
+are rendered and judged by our rasteriser. Seconds are of training alone: neither compiling nor reading nor measuring
+counts. Ours include dense stereo, on the processor, and the trials by which it decides."""
 _STEPS = "Random Gaussians against noise; medians, the card waited for after every stage."
 _WHOLE = (
     "`scripts/run.py` with its defaults for a deutan, without the Blender scene: enhancement, geometry, layer, figures."
@@ -232,19 +232,8 @@ _WHOLE = (
 
 def _draw(figure: Figure, theme: Theme, runs: Sequence[TrainedRun]) -> None:
     """A panel for each capture, a series for each trainer."""
-    captures = list(dict.fromkeys(run.capture for run in runs))
-    kinds = list(dict.fromkeys(_kind(run) for run in runs))
-    styles = dict(zip(kinds, theme.series, strict=False))
-    panels = figure.subplots(1, len(captures), squeeze=False)[0]
-    for panel, capture in zip(panels, captures, strict=True):
-        logarithmic(panel)
-        panel.set(title=f"{capture}: PSNR of held-out views, dB", xlabel="seconds")
-        for run in runs:
-            if run.capture == capture:
-                seconds, psnr = zip(*run.curve, strict=True)
-                plot_series(panel, seconds, psnr, styles[_kind(run)], _kind(run), markersize=4)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    curves = [Curve(run.capture, _kind(run), *zip(*run.curve, strict=True)) for run in runs]
+    draw_curves(figure, theme, curves, y="PSNR of held-out views, dB", x="seconds", columns=4)
 
 
 def _kind(run: TrainedRun) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,14 +14,14 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ....core.capture.model import Capture, View
+from ....core.capture.model import Capture, PinholeCamera
 from ....core.errors import InputError
 from ....core.evaluate.evaluation import Split
 from ....core.splats.gaussians import SH_C0, Gaussians
 from ....core.splats.raster import RasterCamera, Rasterizer
 from ....core.splats.renderer import SceneRenderer
 from ....core.splats.targets import Background, ViewOrder
-from .runs import TrainedRun
+from .runs import TrainedRun, held_out_psnr
 
 DEFAULT, MCMC = "default", "mcmc"
 AT_MOST = ", at most "
@@ -80,7 +80,7 @@ class Gsplat:
         params = _parameters(gaussians)
         optimizers = _optimizers(params, dict.fromkeys(_RATES, 0.0))
         target = torch.from_numpy(photograph).cuda()
-        shot = _Shot.of(camera, (0.0, 0.0, 0.0))
+        shot = _Shot.of(camera, camera.world_to_camera, Background((0.0, 0.0, 0.0)))
 
         def step() -> Iterator[None]:
             image, _ = self._render(params, shot, gaussians.sh_degree)
@@ -103,7 +103,7 @@ class Gsplat:
         torch.manual_seed(seed)
         views, split = capture.views, Split.every(len(capture.views))
         background = Background.of(views)
-        shots = [_Shot.of_view(views[i], background) for i in split.train]
+        shots = [_Shot.of(views[i].camera, views[i].world_to_camera, background) for i in split.train]
         targets = [torch.from_numpy(background.behind(views[i])).cuda() for i in split.train]
         centers = np.stack([views[i].center for i in split.train])
         scale = _SCENE_SCALE * float(np.linalg.norm(centers - centers.mean(axis=0), axis=1).max())
@@ -120,8 +120,7 @@ class Gsplat:
         for step in range(run.steps):
             view, degree = order.next(), min(step // _STEPS_A_DEGREE, _SH_DEGREE)
             image, info = self._render(params, shots[view], degree)
-            if is_default:
-                strategy.step_pre_backward(params, optimizers, state, step, info)
+            strategy.step_pre_backward(params, optimizers, state, step, info)
             loss = self._loss(image, targets[view])
             if not is_default:
                 loss = loss + _REGULARISED * torch.sigmoid(params["opacities"]).mean()
@@ -136,7 +135,7 @@ class Gsplat:
                 strategy.step_post_backward(params, optimizers, state, step, info, lr=rate)
             if (step + 1) % max(run.steps // measured, 1) == 0 or step + 1 == run.steps:
                 clock.stop()
-                curve.append((clock.seconds, _held_out_psnr(_gaussians(params), drawn, split.test)))
+                curve.append((clock.seconds, held_out_psnr(drawn, _gaussians(params), split.test)))
                 clock.go_on()
         clock.stop()
         return TrainedRun(
@@ -193,17 +192,10 @@ class _Shot:
     height: int
 
     @classmethod
-    def of(cls, camera: RasterCamera, background: Sequence[float]) -> _Shot:
-        return cls._made(camera, np.asarray(camera.world_to_camera), background)
-
-    @classmethod
-    def of_view(cls, view: View, background: Background) -> _Shot:
-        return cls._made(view.camera, view.world_to_camera, background.color)
-
-    @classmethod
-    def _made(cls, camera: Any, pose: NDArray[np.float64], background: Sequence[float]) -> _Shot:
+    def of(cls, camera: RasterCamera | PinholeCamera, pose: NDArray[np.float64], background: Background) -> _Shot:
+        """A camera in a (4, 4) world-to-camera pose."""
         intrinsics = [[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]]
-        arrays = (np.array(x, np.float32)[None] for x in (pose, intrinsics, background))
+        arrays = (np.array(x, np.float32)[None] for x in (pose, intrinsics, background.color))
         pose_there, intrinsics_there, background_there = (torch.from_numpy(x).cuda() for x in arrays)
         return cls(pose_there, intrinsics_there, background_there, camera.width, camera.height)
 
@@ -274,7 +266,3 @@ def _gaussians(params: Any) -> Gaussians:
         opacity_logits=arrays["opacities"],
         sh=np.concatenate([arrays["sh0"], arrays["shN"]], axis=1),
     )
-
-
-def _held_out_psnr(gaussians: Gaussians, drawn: SceneRenderer, test: Sequence[int]) -> float:
-    return float(np.mean([drawn.fidelity(i, drawn.color(gaussians, i))["psnr"] for i in test]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,9 @@ from ....core.capture.model import Capture
 from ....core.errors import InputError
 from ....core.evaluate.evaluation import Split
 from ....core.runtime.protocol import Reporter
+from ....core.splats.gaussians import Gaussians
 from ....core.splats.raster import Rasterizer
+from ....core.splats.renderer import SceneRenderer
 from ....core.splats.targets import Background
 from ....core.splats.training.plan import TrainingPlan
 from ....core.splats.training.trainer import Trainer
@@ -106,6 +109,11 @@ def train_once(
         curve=curve,
         decided_on_held_out=result.decided_on_held_out,
     )
+
+
+def held_out_psnr(drawn: SceneRenderer, gaussians: Gaussians, test: Sequence[int]) -> float:
+    """Mean PSNR in dB of the `test` views, of Gaussians that another program may have made."""
+    return float(np.mean([drawn.fidelity(i, drawn.color(gaussians, i))["psnr"] for i in test]))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import pytest
 
 from cvdgs.core import bootstrap
 from cvdgs.core.bootstrap import ROOT
+from cvdgs.core.doctor.checks import cuda_finding
 from cvdgs.core.doctor.console import format_finding
 from cvdgs.core.doctor.interpreters import Finding, State
 
@@ -205,3 +206,17 @@ def test_a_python_that_lacks_what_a_script_needs_is_told_so_in_one_line(capsys):
     said = capsys.readouterr().err
     assert "has no no_such_module" in said
     assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("devices", "in_torch", "state", "words"),
+    [
+        (["NVIDIA H200"], True, State.OK, "NVIDIA H200"),
+        (["NVIDIA H200"], False, State.NOTE, "torch cannot use the CUDA device"),
+        ([], False, State.NOTE, "no CUDA device found; the CPU is used"),
+    ],
+)
+def test_a_card_counts_where_both_libraries_can_use_it(devices, in_torch, state, words):
+    found = cuda_finding({"cuda": devices, "cuda_in_torch": in_torch, "cuda_versions": [[13, 0], [13, 4]]})
+    assert found.state == state
+    assert words in found.found
