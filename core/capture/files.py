@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..files.untrusted import is_encodable, is_file, is_there
 from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS
 from ..intake.panoramas import PANORAMA_EXTENSIONS
+from ..runs.enhanced import METRICS_NAME, enhanced_files
 from ..runs.folder import files_of_a_run
 from ..runs.layout import REPORT_FILE
 from ..runs.report import is_run
@@ -156,19 +157,26 @@ def shared_root(capture: Path, files: Iterable[Path]) -> Path:
 
 
 def visible_files(folder: Path, on_error: Callable[[OSError], object] | None = None) -> Iterator[Path]:
-    """What lies in `folder` and below it, without hidden files and folders, and without the files of a run.
+    """What lies in `folder` and below it, without hidden files and folders, and without what our scripts have made.
 
-    A run may have been made into the folder of its photographs; what it has left there is no further photograph.
+    A run may have been made into the folder of its photographs, and its photographs enhanced into a folder beside them:
+    that gives no further photographs. A folder with nothing but enhanced ones is taken for what it is.
 
     Args:
         on_error: is given what the system says of a folder that cannot be read.
     """
     for directory, subfolders, files in os.walk(folder, onerror=on_error, followlinks=False):
+        here = Path(directory)
+        files = [name for name in files if not name.startswith(".")]
         made: set[str] = set()
-        if REPORT_FILE in files and is_run(Path(directory)):
-            made = {path.name for path in files_of_a_run(Path(directory))}
+        if REPORT_FILE in files and is_run(here):
+            made = {path.name for path in files_of_a_run(here)}
+        if METRICS_NAME in files:
+            enhanced = {path.name for path in enhanced_files(here)}
+            if here != folder or not enhanced.issuperset(files):
+                made |= enhanced
         subfolders[:] = [name for name in subfolders if not name.startswith(".") and name not in made]
-        yield from (Path(directory, name) for name in files if not name.startswith(".") and name not in made)
+        yield from (here / name for name in files if name not in made)
 
 
 def list_images(folder: Path, extensions: Collection[str] = IMAGE_EXTENSIONS) -> list[str]:

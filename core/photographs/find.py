@@ -17,9 +17,9 @@ from ..capture.images import ImageHeader, read_header, read_pixels
 from ..errors import InputError
 from ..files.untrusted import is_file, is_folder, is_there
 from ..intake.raw import Development
+from ..runs.enhanced import METRICS_NAME, SHEET_NAME, enhanced_files
 from ..runs.folder import refuse_foreign_files
 from ..runtime.protocol import Reporter
-from .front import METRICS_NAME, SHEET_NAME, earlier_files
 
 STAGE = "read"
 _OTHER_FOLDER = "choose another folder with --out"
@@ -181,7 +181,7 @@ def _existing(path: Path) -> Path:
 
 def _keep_foreign_files(photographs: Sequence[Photograph], out: Path) -> None:
     """Refuse to replace a file that no earlier run made, or a photograph of this one."""
-    ours = {_real(path) for path in earlier_files(out)}
+    ours = {_real(path) for path in enhanced_files(out)}
     for photograph in photographs:
         if _real(photograph.path) in ours:
             raise InputError(

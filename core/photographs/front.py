@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import sys
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..files.untrusted import explained, read_bytes
+from ..files.untrusted import explained
+from ..runs.enhanced import METRICS_NAME, SHEET_NAME, enhanced_files
 from ..runs.folder import RunFolder
 from ..runtime.process import WORKER, Event, Job, find_python
 from ..runtime.progress import Clock, RunProgress, format_seconds
 from ..runtime.supervisor import BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from ..settings import OPTIONS, Layer, Settings, check_layer, check_option, typed_value
 
-METRICS_NAME, SHEET_NAME, LOG_NAME = "metrics.csv", "sheet.html", "enhance.log"
-FILE_COLUMN, OUTPUT_COLUMN = "file", "output"
-"""First two columns of metrics.csv: the photograph, and what was made of it."""
+LOG_NAME = "enhance.log"
 
 _UPDATE = "update the program that sends it"
-_MOST_METRICS_BYTES = 32 << 20  # a hundred thousand photographs
 
 # Share of the time by stage, measured on two cores with twelve photographs of 0.4 megapixels and the LUT.
 _STAGE_SHARES = {"start": 0.14, "read": 0.02, "enhance": 0.84}
@@ -114,7 +110,7 @@ def enhance(request: EnhanceRequest, listen: Listener) -> Event:
     clock = Clock()
     listen({"event": "status", "stage": "start", "message": "starting"})
     python = find_python()
-    folder = RunFolder(request.out, earlier_files, METRICS_NAME)
+    folder = RunFolder(request.out, enhanced_files, METRICS_NAME)
     with all_or_nothing(folder, request.out, LOG_NAME):
         with open(folder.staging / LOG_NAME, "w", encoding="utf-8") as log_file:
             log = Log(log_file, listen)
@@ -122,24 +118,6 @@ def enhance(request: EnhanceRequest, listen: Listener) -> Event:
             summary = finish(Job([python, str(WORKER)], message, log.line), log.event)["summary"]
         (folder.staging / LOG_NAME).unlink()  # of interest only when the worker fails
     return {"out": request.out, "seconds": clock.total, "summary": summary}
-
-
-def earlier_files(out: Path) -> list[Path]:
-    """What an earlier run of scripts/enhance.py has left in `out`: the pictures that its metrics.csv names.
-
-    Pictures that it does not name are the user's own, whatever they are called.
-    """
-    metrics = out / METRICS_NAME
-    try:
-        text = read_bytes(metrics, most_bytes=_MOST_METRICS_BYTES).decode("utf-8", "replace")
-        rows = csv.DictReader(io.StringIO(text, newline=""))
-        if list(rows.fieldnames or ())[:2] != [FILE_COLUMN, OUTPUT_COLUMN]:
-            return []
-        names = {str(row[OUTPUT_COLUMN] or "") for row in rows}
-    except (InputError, csv.Error):
-        return []
-    plain = [name for name in sorted(names) if name.endswith(".png") and Path(name).name == name and "\0" not in name]
-    return [*(out / name for name in plain), out / SHEET_NAME, metrics]
 
 
 def _summary(result: Event) -> str:

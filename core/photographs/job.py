@@ -17,10 +17,11 @@ from ..color.simulation import Observer
 from ..enhance import Enhancer, IdentityEnhancer, LutEnhancer, enhance_bytes, make_enhancer
 from ..errors import InputError
 from ..files.images import write_png
+from ..runs.enhanced import METRICS_NAME, SHEET_NAME
 from ..runtime.devices import choose_device
 from ..runtime.protocol import Reporter, StageSpan
 from .find import Photograph, Survey, find_photographs, survey
-from .front import METRICS_NAME, SHEET_NAME, EnhanceRequest
+from .front import EnhanceRequest
 from .groups import group_by_palette
 from .scores import PhotographScores, figures_of, mean_scores, write_table
 from .sheet import Sheet

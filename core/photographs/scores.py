@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..capture.scaling import downscale_with_alpha
 from ..color.simulation import Observer
 from ..evaluate.scores import SIMULATED_FIGURES, Scorer
-from .front import FILE_COLUMN, OUTPUT_COLUMN
+from ..runs.enhanced import FILE_COLUMN, OUTPUT_COLUMN
 
 _METRIC_PIXELS = 1_000_000
 """Photographs with more pixels are measured on a copy reduced to so many, which takes half a gigabyte and some 5 s."""

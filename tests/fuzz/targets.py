@@ -34,7 +34,8 @@ from cvdgs.core.files.untrusted import parse_json
 from cvdgs.core.intake.archive import unpack
 from cvdgs.core.intake.selection import choose
 from cvdgs.core.intake.video import extract, look_through
-from cvdgs.core.photographs.front import EnhanceRequest, earlier_files
+from cvdgs.core.photographs.front import EnhanceRequest
+from cvdgs.core.runs.enhanced import enhanced_files
 from cvdgs.core.runs.report import check_finished_run, check_report, report_or_nothing
 from cvdgs.core.runtime.progress import RunProgress, format_seconds
 from cvdgs.core.runtime.protocol import parse_event
@@ -311,7 +312,7 @@ def _read_record(data: bytes) -> None:
 
 def _read_metrics(data: bytes) -> None:
     folder = _file("enhanced/metrics.csv", data).parent
-    for path in earlier_files(folder):
+    for path in enhanced_files(folder):
         assert Path(os.path.realpath(path)).parent == folder.resolve()
 
 

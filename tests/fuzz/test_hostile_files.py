@@ -23,7 +23,7 @@ from cvdgs.core.capture.reader import inspect_capture
 from cvdgs.core.enhance.gan.weights import load_generator
 from cvdgs.core.errors import InputError
 from cvdgs.core.files.untrusted import MAX_JSON_BYTES, opened, parse_json, read_json
-from cvdgs.core.photographs.front import earlier_files
+from cvdgs.core.runs.enhanced import enhanced_files
 from cvdgs.core.runs.folder import RunFolder
 from cvdgs.core.runs.report import read_report
 from cvdgs.core.splats.io.files import read_gaussians
@@ -241,7 +241,7 @@ def test_a_folder_of_a_run_that_is_a_link_is_not_followed(tmp_path: Path, name: 
 @pytest.mark.timeout(60)
 def test_a_list_of_results_that_is_a_pipe_names_no_files(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "metrics.csv")
-    assert earlier_files(tmp_path) == []
+    assert enhanced_files(tmp_path) == []
 
 
 def test_frames_beyond_the_limit_of_views_are_refused(tmp_path: Path) -> None:

@@ -255,6 +255,43 @@ def test_numbers_are_ordered_by_value() -> None:
     assert sorted(["10.jpg", "2.jpg", "a.jpg", "1.jpg"], key=natural_key) == ["1.jpg", "2.jpg", "10.jpg", "a.jpg"]
 
 
+# --- what scripts/enhance.py has made
+
+
+def enhanced_into(folder: Path, names: tuple[str, ...]) -> None:
+    """What scripts/enhance.py leaves in `folder`."""
+    folder.mkdir(exist_ok=True)
+    rows = [f"{name}.jpg,{name}.png" for name in names]
+    (folder / "metrics.csv").write_text("\n".join(["file,output", *rows, "mean,"]) + "\n")
+    (folder / "sheet.html").write_text("")
+    for name in names:
+        (folder / f"{name}.png").write_text("")
+
+
+@pytest.fixture
+def photographed(tmp_path: Path) -> Path:
+    """A folder with three photographs."""
+    for name in ("a.jpg", "b.jpg", "c.png"):
+        (tmp_path / name).write_text("")
+    return tmp_path
+
+
+def test_enhanced_photographs_in_a_folder_below_are_no_further_photographs(photographed: Path) -> None:
+    enhanced_into(photographed / "friendly", ("a", "b", "c"))
+    (photographed / "friendly" / "later.jpg").write_text("")
+    assert list_images(photographed) == ["a.jpg", "b.jpg", "c.png", "friendly/later.jpg"]
+
+
+def test_enhanced_photographs_beside_the_originals_are_no_further_photographs(photographed: Path) -> None:
+    enhanced_into(photographed, ("a", "b"))
+    assert list_images(photographed) == ["a.jpg", "b.jpg", "c.png"]
+
+
+def test_a_folder_of_enhanced_photographs_alone_can_be_a_capture(tmp_path: Path) -> None:
+    enhanced_into(tmp_path / "friendly", ("a", "b"))
+    assert list_images(tmp_path / "friendly") == ["a.png", "b.png"]
+
+
 # --- what is no capture
 
 

@@ -20,8 +20,9 @@ from cvdgs.core.enhance import LutEnhancer, SceneNetworkEnhancer
 from cvdgs.core.enhance.lut_fit import LutSettings
 from cvdgs.core.enhance.scene.fit import FitSettings
 from cvdgs.core.errors import InputError
-from cvdgs.core.photographs.front import EnhanceRequest, earlier_files, enhance
+from cvdgs.core.photographs.front import EnhanceRequest, enhance
 from cvdgs.core.photographs.job import enhance_folder
+from cvdgs.core.runs.enhanced import enhanced_files
 from cvdgs.core.runtime.protocol import Reporter
 
 from ...patience import SOON
@@ -331,7 +332,7 @@ def test_the_users_own_files_are_never_replaced(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="result of an earlier run"):
         run(tmp_path, photograph)
     assert photograph.read_bytes() == before
-    assert [path.name for path in earlier_files(tmp_path)] == ["a.png", "sheet.html", "metrics.csv"]
+    assert [path.name for path in enhanced_files(tmp_path)] == ["a.png", "sheet.html", "metrics.csv"]
 
 
 @pytest.mark.parametrize("name", ["metrics.csv", "sheet.html"])
@@ -345,7 +346,7 @@ def test_a_table_or_page_of_the_users_own_is_not_replaced(tmp_path: Path, name: 
 
 def test_a_table_of_another_program_names_nothing_of_ours(tmp_path: Path) -> None:
     (tmp_path / "metrics.csv").write_text("picture,score\na.png,1\n")
-    assert earlier_files(tmp_path) == []
+    assert enhanced_files(tmp_path) == []
 
 
 def test_a_new_result_replaces_all_of_the_old_one_and_nothing_else(tmp_path: Path) -> None:
