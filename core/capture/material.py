@@ -224,7 +224,7 @@ def _extract_frames(
             reporter.progress(STAGE, _LOOK_SHARE * (number + share) / count, "looking through the video")
 
         looks.append(look_through(material.folder / name, show))
-        for warning in _warnings_about(looks[-1]):
+        for warning in _warnings_about(name, looks[-1]):
             made.warnings.append(warning)
             reporter.status(STAGE, warning.message)  # the warnings come at the end, which may be a refusal
     chosen = choose([look.film for look in looks], size=size)
@@ -259,15 +259,16 @@ def _folders_for_frames(wanted: Sequence[str], photographs: Sequence[str]) -> li
     return folders
 
 
-def _warnings_about(look: Look) -> Iterator[CaptureWarning]:
+def _warnings_about(name: str, look: Look) -> Iterator[CaptureWarning]:
+    """`name` is the video's in the material, since the folder may be one that a zip was unpacked into."""
     if look.cut_at is not None:
-        what = f"{look.path}: the video breaks off after {look.cut_at:.1f} s; what is there is used"
+        what = f"{name}: the video breaks off after {look.cut_at:.1f} s; what is there is used"
         yield CaptureWarning("video-cut", what)
     if look.is_shortened:
-        what = f"{look.path}: only the first {MAX_SECONDS / 60:.0f} minutes of the video are used"
+        what = f"{name}: only the first {MAX_SECONDS / 60:.0f} minutes of the video are used"
         yield CaptureWarning("video-long", what)
     if look.transfer:
-        what = f"{look.path}: HDR video ({look.transfer.upper()}), brought into the range of sRGB"
+        what = f"{name}: HDR video ({look.transfer.upper()}), brought into the range of sRGB"
         yield CaptureWarning("video-hdr", what)
 
 

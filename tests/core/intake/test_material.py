@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from cvdgs.core.capture.images import read_header
-from cvdgs.core.capture.material import FRAMES_FILE, find_material, make_photographs, masks_of
+from cvdgs.core.capture.material import FRAMES_FILE, find_material, make_photographs, masks_of, unpacked
 from cvdgs.core.capture.model import Capture, PinholeCamera, View
 from cvdgs.core.capture.normalised import write_capture
 from cvdgs.core.capture.reader import read_capture
@@ -19,7 +19,9 @@ from cvdgs.core.runtime.protocol import Reporter
 
 from .dng import write_dng
 from .films import HEIGHT, RATE, WIDTH, wall, window, write_video
+from .test_archive import write_zip
 from .test_photographs import save
+from .test_video_files import cut
 
 WALL = wall()
 
@@ -91,6 +93,23 @@ def test_results_of_a_run_among_its_photographs_are_no_photographs(tmp_path: Pat
     (tmp_path / out / "report.json").write_text(json.dumps({"schema": SCHEMA}))
     assert find_material(tmp_path).photographs == ("1.jpg", "2.jpg")
     assert find_material(tmp_path / out / "capture").photographs == ("images/1.png",), "if it is asked for itself"
+
+
+def test_what_is_said_of_a_video_in_a_zip_names_no_temporary_folder(tmp_path: Path) -> None:
+    frames = [window(WALL, 50 + 4 * step) for step in range(RATE * 6)]
+    film = write_video(tmp_path / "walk.mp4", frames, container_options={"movflags": "faststart"})
+    archive = write_zip(tmp_path / "walk.zip", {"films/walk.mp4": cut(film.read_bytes())})
+    said: list[str] = []
+
+    class Ears(Reporter):
+        def status(self, stage: str, message: str) -> None:
+            said.append(message)
+
+    (tmp_path / "out").mkdir()
+    with unpacked(archive) as (folder, _):
+        make_photographs(find_material(folder), tmp_path / "out", Ears())
+    assert any("walk.mp4: the video breaks off after" in message for message in said)
+    assert not any(str(folder) in message for message in said)
 
 
 def test_all_frames_of_a_video_have_its_mask_and_photographs_their_own(tmp_path: Path) -> None:
