@@ -15,7 +15,7 @@ from ..capture.model import Capture, View
 from ..capture.reader import inspect_capture, read_capture
 from ..errors import InputError
 from ..files.untrusted import MAX_JSON_BYTES, explained, is_file, is_there, parse_json, read_text
-from ..runs.layout import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
+from ..runs.layout import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file, layer_still_file
 from ..runs.report import SCHEMA, check_report
 from ..runtime.protocol import Reporter, StageSpan
 from ..settings import AUTO, OPTIONS, Settings, flag
@@ -149,6 +149,7 @@ class EarlierRun:
         kept = [layer for layer in own["layers"] if layer not in layers]  # one that was lost is there already
         return {
             **self.report,
+            **_without_pictures_of(added["layers"], self.report),
             "settings": {**own, "layers": [*kept, *layers]},
             "layers": {**self.report["layers"], **added["layers"]},
             "peak_memory_mb": max(peaks, default=None),
@@ -156,6 +157,20 @@ class EarlierRun:
             "notes": {**self.report["notes"], **added["notes"]},
             "resumed": [*self.report.get("resumed", ()), addition],
         }
+
+
+def _without_pictures_of(layers: Collection[str], report: Mapping[str, Any]) -> dict[str, Any]:
+    """The parts of `report` that list pictures, less those of `layers`.
+
+    A layer that is added may be one that was lost, of which `remove_layer` has deleted the pictures that were left.
+    """
+    gone = (*layers, *map(layer_still_file, layers))
+    parts = {}
+    for name, listing in (("blender", "stills"), ("turntable", "layers")):
+        part = report.get(name)
+        if isinstance(part, dict) and isinstance(part.get(listing), list):
+            parts[name] = {**part, listing: [entry for entry in part[listing] if entry not in gone]}
+    return parts
 
 
 def _settings_of(report: Mapping[str, Any], out: str) -> Settings:

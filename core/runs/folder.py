@@ -52,8 +52,7 @@ def remove_layer(folder: Path, layer: str) -> None:
     """
     for name in (layout.ENHANCED_FOLDER, layout.RENDERS_FOLDER, layout.TURNTABLE_FOLDER):
         shutil.rmtree(folder / name / layer, ignore_errors=True)
-    still = f"{layout.STILLS_FOLDER}/{layer}.png"
-    for name in (layout.layer_cube_file(layer), layout.layer_network_file(layer), still):
+    for name in (layout.layer_cube_file(layer), layout.layer_network_file(layer), layout.layer_still_file(layer)):
         (folder / name).unlink(missing_ok=True)
 
 

@@ -73,6 +73,11 @@ def layer_network_file(layer: str) -> str:
     return f"layer.{layer}.safetensors"
 
 
+def layer_still_file(layer: str) -> str:
+    """File of the still that Blender renders of `layer`."""
+    return f"{STILLS_FOLDER}/{layer}.png"
+
+
 DIGITS = 4  # of a picture's number in its file name
 
 

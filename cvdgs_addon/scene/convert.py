@@ -13,7 +13,7 @@ import numpy as np
 from ...core.capture.folder import CaptureView
 from ...core.color import srgb
 from ...core.errors import InputError
-from ...core.runs.layout import BLEND_FILE, ORIGINAL, STILLS_FOLDER
+from ...core.runs.layout import BLEND_FILE, ORIGINAL, layer_still_file
 from ...core.runtime.progress import Clock
 from ...core.runtime.protocol import Reporter
 from ...core.splats.gaussians import core_bounds
@@ -149,7 +149,7 @@ def _convert_in(
         for index, layer in enumerate(stills):
             reporter.progress(STAGE, (index + 0.5) / (len(stills) + 1), f"rendering {layer}")
             show_layer(loaded.splats, layer)
-            render_still(scene, camera, partial / STILLS_FOLDER / f"{layer}.png")
+            render_still(scene, camera, partial / layer_still_file(layer))
     clock.lap("stills")
 
     reporter.progress(STAGE, (len(stills) + 0.5) / (len(stills) + 1), f"saving {BLEND_FILE}")
@@ -158,7 +158,7 @@ def _convert_in(
     show_form(loaded.splats, Form.PREVIEW)
     _look_through_camera(scene)
     bpy.ops.wm.save_as_mainfile(filepath=str(partial / BLEND_FILE), compress=True, relative_remap=False)
-    written = [f"{STILLS_FOLDER}/{layer}.png" for layer in stills]
+    written = list(map(layer_still_file, stills))
     for name in (*written, BLEND_FILE):  # the scene vouches for the rest: last
         (run.folder / name).parent.mkdir(exist_ok=True)
         os.replace(partial / name, run.folder / name)

@@ -21,7 +21,7 @@ from ....core.color.metrics import psnr
 from ....core.color.spaces import image_to_tensor
 from ....core.errors import InputError
 from ....core.files.images import read_png
-from ....core.runs.layout import ORIGINAL, RENDERS_FOLDER, STILLS_FOLDER
+from ....core.runs.layout import ORIGINAL, RENDERS_FOLDER, layer_still_file
 from ....core.runtime.cli import ConsoleReporter
 from ....core.runtime.process import Event, Workers, blender_command
 from ....core.runtime.protocol import Reporter
@@ -118,7 +118,7 @@ def _still(run: Path, view: str, display: str, scratch: Path) -> Path:
     command = blender_command([str(copy), "--view", view, "--display", display])
     if subprocess.run(command, capture_output=True).returncode:
         raise InputError("Blender could not render it", where=run, remedy="run scripts/run.py on the capture again")
-    return copy / STILLS_FOLDER / f"{ORIGINAL}.png"
+    return copy / layer_still_file(ORIGINAL)
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -132,6 +132,21 @@ def test_a_layer_whose_file_was_lost_may_be_added_again_and_is_reported_once(fol
     assert extended["layers"] == {"deutan-1.0": {"enhancer": "none"}}
 
 
+def test_pictures_of_a_layer_that_was_lost_are_listed_no_more(folder):
+    made = {
+        **report(),
+        "blender": {"stills": ["stills/original.png", "stills/deutan-1.0.png"], "blend": "scene.blend"},
+        "turntable": {"frames": 8, "layers": ["original", "deutan-1.0"], "engine": "workbench"},
+    }
+    (folder / "report.json").write_text(json.dumps(made))
+    (folder / "splats.deutan-1.0.ply").unlink()
+    run = EarlierRun.read(folder, "out")
+    completed = run.complete(asked(layers=(Layer("deutan", 1.0),)))
+    extended = run.extend({**report(), "settings": completed.to_dict(), "layers": {"deutan-1.0": LAYER}})
+    assert extended["blender"] == {"stills": ["stills/original.png"], "blend": "scene.blend"}
+    assert extended["turntable"] == {"frames": 8, "layers": ["original"], "engine": "workbench"}
+
+
 def test_the_runs_own_capture_is_accepted(run, folder):
     run.check_photographs(folder / "capture", Reporter())
 
