@@ -160,7 +160,7 @@ def visible_files(folder: Path, on_error: Callable[[OSError], object] | None = N
     """What lies in `folder` and below it, without hidden files and folders, and without what our scripts have made.
 
     A run may have been made into the folder of its photographs, and its photographs enhanced into a folder beside them:
-    that gives no further photographs. A folder with nothing but enhanced ones is taken for what it is.
+    that gives no further photographs. A `folder` that holds enhanced ones and no others is taken for what it is.
 
     Args:
         on_error: is given what the system says of a folder that cannot be read.
@@ -173,7 +173,8 @@ def visible_files(folder: Path, on_error: Callable[[OSError], object] | None = N
             made = {path.name for path in files_of_a_run(here)}
         if METRICS_NAME in files:
             enhanced = {path.name for path in enhanced_files(here)}
-            if here != folder or not enhanced.issuperset(files):
+            images = {name for name in files if Path(name).suffix.lower() in IMAGE_EXTENSIONS}
+            if here != folder or not images <= enhanced:
                 made |= enhanced
         subfolders[:] = [name for name in subfolders if not name.startswith(".") and name not in made]
         yield from (here / name for name in files if name not in made)

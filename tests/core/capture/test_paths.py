@@ -289,6 +289,7 @@ def test_enhanced_photographs_beside_the_originals_are_no_further_photographs(ph
 
 def test_a_folder_of_enhanced_photographs_alone_can_be_a_capture(tmp_path: Path) -> None:
     enhanced_into(tmp_path / "friendly", ("a", "b"))
+    (tmp_path / "friendly" / "failed.enhance.log").write_text("")  # of a later attempt
     assert list_images(tmp_path / "friendly") == ["a.png", "b.png"]
 
 
