@@ -310,8 +310,11 @@ def _draw_points(axes: Axes, theme: Theme, points: pd.DataFrame, x: str, y: str)
     named = [*zip(_programs(peers), peers[x], peers[y], strict=True)][::-1]
     first = {program: (x, y) for program, x, y in named}
     for name, place in [*first.items(), *zip(ours.label, zip(ours[x], ours[y], strict=True), strict=True)]:
-        below, how = (0, -7), {"ha": "center", "va": "top", "fontsize": "small", "color": theme.ink}
-        axes.annotate(name, place, below, textcoords="offset points", path_effects=[apart_from_lines], **how)
+        below = (0, -7)
+        label = axes.annotate(
+            name, place, below, textcoords="offset points", ha="center", va="top", fontsize="small", color=theme.ink
+        )
+        label.set_path_effects([apart_from_lines])
 
 
 def _programs(peers: pd.DataFrame) -> list[str]:
