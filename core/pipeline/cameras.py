@@ -43,7 +43,7 @@ class CheckedCameras:
         """
         stages = stages.on(self._corrected(stages.capture))
         training = stages.plans.training
-        if not self.poses.were_off or training.poses is None:
+        if not self.poses.were_off or self.poses.convention or training.poses is None:
             return stages
         return replace(
             stages, plans=replace(stages.plans, training=replace(training, poses=training.poses.always_tried()))
@@ -78,13 +78,21 @@ def check_cameras(stages: Stages) -> CheckedCameras:
             "give a sharper scene, and --no-refine-poses keeps it as it is",
         )
     if found.poses.were_off:
-        stages.reporter.warning(
-            "cameras-corrected",
-            f"only {found.poses.fitting:.0%} of what neighbouring photographs have in common fits the given camera "
-            "poses, so they were adjusted to it; poses from COLMAP may give a sharper scene, and --no-refine-poses "
-            "keeps the given ones",
-        )
+        stages.reporter.warning("cameras-corrected", _of_poses(found.poses))
     return found
+
+
+def _of_poses(found: GivenPoses) -> str:
+    if found.convention:
+        return (
+            f"the given camera poses fit what neighbouring photographs have in common {found.convention}, and are "
+            "taken so; --no-refine-poses keeps them as they are"
+        )
+    return (
+        f"only {found.fitting:.0%} of what neighbouring photographs have in common fits the given camera poses, so "
+        "they were adjusted to it; poses from COLMAP may give a sharper scene, and --no-refine-poses keeps the given "
+        "ones"
+    )
 
 
 def _focal_length(stages: Stages, plan: LensPlan) -> FocalLength:

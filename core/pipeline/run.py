@@ -91,6 +91,7 @@ def run(
         with clock.measure("capture"):
             cameras = check_cameras(stages)
             stages = cameras.applied(stages)
+            capture = stages.capture
     with clock.measure("enhance"):
         stages.enhance(enhancers)
     trained: TrainingResult | None = None

@@ -39,36 +39,35 @@ def turned(capture: Capture, degrees: float, seed: int = 0) -> Capture:
     return capture.moved(poses)
 
 
-@given(st.integers(0, 1000), st.floats(-3.0, 3.0))
-def test_a_match_is_as_far_off_as_it_was_moved_across_its_epipolar_line(seed: int, pixels: float):
+@given(st.integers(0, 1000), st.floats(0.1, 3.0))
+def test_a_match_is_off_as_it_was_moved_across_its_epipolar_line_and_not_along_it(seed: int, pixels: float):
     rng = np.random.default_rng(seed)
     move = pycolmap.Rigid3d(pycolmap.Rotation3d(rng.normal(size=3) * 0.1), rng.normal(size=3) + np.eye(3)[0])
     points = rng.uniform((-1.0, -1.0, 4.0), (1.0, 1.0, 6.0), (8, 3))
     others = points @ move.rotation.matrix().T + move.translation
     first, second = (found[:, :2] / found[:, 2:] for found in (points, others))
-    assert sampson_distances(first, second, move).max() < 1e-9
-    far = pycolmap.Rigid3d(move.rotation, move.translation * 1000.0)  # how far a camera moved is not told by a match
-    np.testing.assert_allclose(sampson_distances(first, second, far), 0.0, atol=1e-9)
-    rays = np.column_stack([first, np.ones(8)])
-    lines = rays @ pycolmap.essential_matrix_from_pose(move).T
+    lines = np.column_stack([first, np.ones(8)]) @ pycolmap.essential_matrix_from_pose(move).T
     across = lines[:, :2] / np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
+    along = across[:, ::-1] * (1.0, -1.0)
+    assert sampson_distances(first, second, move).max() < 1e-9
+    assert sampson_distances(first, second + along * pixels / FOCAL, move).max() < 1e-9
     off = sampson_distances(first, second + across * pixels / FOCAL, move) * FOCAL
-    # Half of it could as well be the other photograph's; less where its line is the shorter lever.
-    assert (off <= abs(pixels) + 1e-6).all()
-    assert (off >= 0.3 * abs(pixels) - 1e-6).all()
+    # The other photograph may be as much to blame, and more where its line moves faster.
+    assert (off < pixels).all()
+    assert (off > 0.05 * pixels).all()
 
 
 def test_what_right_cameras_see_fits_them(matches):
-    assert agreement(matches) > 0.95
+    assert agreement(matches, poses_of(matches.views)) > 0.95
 
 
-def test_what_turned_cameras_see_does_not_fit_them(showroom):
-    assert agreement(ViewMatches(turned(showroom, 2.0).views, seed=0)) < 0.6
+def test_what_turned_cameras_see_does_not_fit_them(showroom, matches):
+    assert agreement(matches, poses_of(turned(showroom, 2.0).views)) < 0.6
 
 
 def test_pictures_without_features_tell_nothing(showroom):
     grey = tuple(replace(view, image=np.full_like(view.image, 128)) for view in showroom.views)
-    assert np.isnan(agreement(ViewMatches(grey, seed=0)))
+    assert np.isnan(agreement(ViewMatches(grey, seed=0), poses_of(grey)))
 
 
 def test_features_lie_where_a_mask_lets_one_look(showroom):
@@ -98,13 +97,13 @@ def test_features_of_a_large_view_are_sought_in_a_smaller_picture(showroom):
 
 
 def test_matches_are_the_same_every_time(showroom, matches):
-    pair = neighbours(showroom.views)[3][0]
+    pair = neighbours(poses_of(showroom.views))[3][0]
     np.testing.assert_array_equal(matches.common(pair), ViewMatches(showroom.views, seed=0).common(pair))
     assert matches.share_that_fits(pair, poses_of(showroom.views)) > 0.9
 
 
 def test_neighbours_stand_near_and_are_named_once(showroom):
-    found = neighbours(showroom.views)
+    found = neighbours(poses_of(showroom.views))
     assert len(found) == len(showroom.views)
     for view, pairs in enumerate(found):
         assert len(set(pairs)) == len(pairs)
@@ -115,9 +114,10 @@ def test_neighbours_stand_near_and_are_named_once(showroom):
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_a_few_views_are_each_others_neighbours(showroom, count: int):
-    found = neighbours(showroom.views[:count])
+    found = neighbours(poses_of(showroom.views[:count]))
     assert [len(pairs) for pairs in found] == [count - 1] * count
 
 
 def test_a_single_view_tells_nothing(showroom):
-    assert np.isnan(agreement(ViewMatches(showroom.views[:1], seed=0)))
+    single = showroom.views[:1]
+    assert np.isnan(agreement(ViewMatches(single, seed=0), poses_of(single)))

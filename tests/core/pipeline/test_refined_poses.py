@@ -1,6 +1,7 @@
 """Cameras that are a little off, and their lens, through a whole run: corrected for all that follows."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from cvdgs.core.capture.model import Capture
 from cvdgs.core.capture.normalised import write_capture
 from cvdgs.core.capture.reader import read_capture
+from cvdgs.core.capture.source import OPENGL_TO_OPENCV
 from cvdgs.core.demo import SHOWROOM
 
 from ..capture.test_view_matches import turned
@@ -69,3 +71,22 @@ def test_a_run_with_a_lens_that_is_off_corrects_it_and_keeps_the_corrected_one(t
     assert psnr["corrected"] > psnr["plain"] + 0.3
     # The given lens is not held against it.
     run(tmp_path / "given", tmp_path / "corrected", "--resume", "--cvd", "tritan")
+
+
+@pytest.mark.slow
+def test_a_run_on_poses_of_another_convention_stands_upright_all_the_same(tmp_path):
+    shutil.copytree(SHOWROOM, tmp_path / "given")
+    file = tmp_path / "given" / "transforms.json"
+    document = json.loads(file.read_text())
+    for frame in document["frames"]:
+        frame["transform_matrix"] = (np.array(frame["transform_matrix"]) @ OPENGL_TO_OPENCV).tolist()
+    file.write_text(json.dumps(document))
+    run(tmp_path / "given", tmp_path / "run", "--max-size", "120", "--iterations", "300", "--gaussians", "3000")
+    report = json.loads((tmp_path / "run" / "report.json").read_text())
+    assert "y and z of the cameras point the other way" in report["decision"]["given_poses"]
+    truth = read_capture(SHOWROOM, max_size=120)
+    assert truth.up is not None
+    assert report["capture"]["up"] == pytest.approx(truth.up.direction.tolist())
+    kept = read_capture(tmp_path / "run" / "capture", max_size=None)
+    assert degrees_off(kept, truth) < 0.5
+    assert report["reconstruction"]["psnr"] > 25.0

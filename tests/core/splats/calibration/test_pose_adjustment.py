@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from cvdgs.core.capture.model import Capture
 from cvdgs.core.capture.reader import read_capture
-from cvdgs.core.capture.view_matches import ViewMatches, neighbours
+from cvdgs.core.capture.view_matches import ViewMatches, neighbours, poses_of
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.splats.calibration.pose_adjustment import AdjustedPoses, adjust_poses
 
@@ -21,7 +21,7 @@ def showroom() -> Capture:
 
 
 def adjusted(capture: Capture) -> AdjustedPoses | None:
-    pairs = sorted({pair for near in neighbours(capture.views) for pair in near})
+    pairs = sorted({pair for near in neighbours(poses_of(capture.views)) for pair in near})
     return adjust_poses(ViewMatches(capture.views, seed=0), pairs)
 
 

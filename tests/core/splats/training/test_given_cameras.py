@@ -7,6 +7,7 @@ import pytest
 
 from cvdgs.core.capture.model import Capture
 from cvdgs.core.capture.reader import read_capture
+from cvdgs.core.capture.source import OPENGL_TO_OPENCV
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.core.splats.raster import Rasterizer
@@ -91,3 +92,37 @@ def test_poses_stay_where_too_little_holds_others(showroom):
     found = check(turned(replace(showroom, views=bare), 3.0))
     assert not found.were_off
     assert "too little" in found.words or found.words == ""
+
+
+@pytest.mark.parametrize(
+    ("format_", "read", "convention"),
+    [
+        ("transforms", lambda pose: OPENGL_TO_OPENCV @ pose, "if y and z of the cameras point the other way"),
+        ("transforms", lambda pose: OPENGL_TO_OPENCV @ np.linalg.inv(pose), "if the matrices go from world to camera"),
+        (
+            "transforms",
+            lambda pose: OPENGL_TO_OPENCV @ np.linalg.inv(OPENGL_TO_OPENCV @ pose),
+            "if the matrices go from world to camera, with OpenGL's axes",
+        ),
+        ("colmap", np.linalg.inv, "if the poses go from camera to world"),
+    ],
+    ids=["opencv-axes", "world-to-camera", "world-to-camera-opengl", "colmap-camera-to-world"],
+)
+def test_poses_of_another_convention_are_read_as_they_were_meant(showroom, format_, read, convention):
+    """`read`: what comes of right poses that were written by another convention than the format has."""
+    given = replace(showroom, format=format_)
+    given = given.moved({view.key: read(view.world_to_camera) for view in given.views})
+    found = check(given)
+    assert found.convention == convention
+    assert found.words.startswith("corrected: ")
+    replaced = found.replaced(given)
+    for new, old in zip(replaced.views, showroom.views, strict=True):
+        np.testing.assert_allclose(new.world_to_camera, old.world_to_camera, atol=1e-9)
+    assert replaced.up is not None
+    np.testing.assert_allclose(replaced.up.direction, showroom.up.direction)
+
+
+def test_a_format_without_other_conventions_has_none(showroom):
+    given = replace(showroom, format="sfm")
+    given = given.moved({view.key: OPENGL_TO_OPENCV @ view.world_to_camera for view in given.views})
+    assert check(given).convention == ""
