@@ -136,7 +136,7 @@ def poses_of(views: Iterable[View]) -> list[NDArray[np.float64]]:
 def agreement(matches: ViewMatches, poses: Sequence[NDArray[np.float64]]) -> float:
     """Of a few neighbouring views, the mean share of what a pair has in common that fits (4, 4) world-to-camera poses.
 
-    Right cameras of this project's captures have .95 to 1, at 160 and at 480 pixels; turned by 2°, 0 to .7.
+    Right cameras have .97 to 1 (six captures, at 160 and at 480 pixels), cameras turned by 2° at most .4.
 
     Returns:
         NaN where too little is found to tell.
