@@ -30,8 +30,6 @@ def write_capture(capture: Capture, folder: str | Path) -> None:
     for view in capture.views:
         write_png(folder / _image_name(view), view.image, view.alpha)
         write_mask(view, folder)
-    if len(capture.points):
-        write_point_cloud(folder / POINTS_FILE, capture.points, capture.point_colors)
     write_cameras(capture, folder)
 
 
@@ -47,13 +45,14 @@ def write_mask(view: View, folder: Path) -> None:
 
 
 def write_cameras(capture: Capture, folder: Path) -> None:
-    """Write the cameras alone, where `write_capture` has written the rest.
+    """Write the cameras and the sparse points, where `write_capture` has written the rest.
 
     Raises:
         OSError: the folder cannot be written.
     """
     document: dict[str, Any] = {"camera_model": "PINHOLE", "frames": [_frame(view) for view in capture.views]}
     if len(capture.points):
+        write_point_cloud(folder / POINTS_FILE, capture.points, capture.point_colors)
         document["ply_file_path"] = POINTS_FILE
     if capture.up:
         document["up"] = capture.up.direction.tolist()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from .epipolar import sampson_distances
 from .sfm_pieces import read_indices
 
 _FITS = 2.0  # pixels of the copies, up to which a match is explained
@@ -120,18 +121,10 @@ def _sampson(
     first: pycolmap.Image, second: pycolmap.Image, model: pycolmap.Reconstruction, places: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     cameras = model.camera(first.camera_id), model.camera(second.camera_id)
-    rays, others = (_rays(camera, places[:, side]) for side, camera in enumerate(cameras))
-    move = second.cam_from_world() * first.cam_from_world().inverse()
-    x, y, z = move.translation / max(float(np.linalg.norm(move.translation)), 1e-12)
-    essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ move.rotation.matrix()
-    lines, other_lines = rays @ essential.T, others @ essential
-    slopes = (lines[:, :2] ** 2).sum(axis=1) + (other_lines[:, :2] ** 2).sum(axis=1)
+    own, others = (
+        np.asarray(camera.cam_from_img(np.ascontiguousarray(places[:, side])), np.float64)
+        for side, camera in enumerate(cameras)
+    )
     focal = sum(camera.mean_focal_length() for camera in cameras) / 2.0
-    distances = np.abs((others * lines).sum(axis=1)) / np.sqrt(np.maximum(slopes, 1e-24)) * focal
-    return np.nan_to_num(distances, nan=np.inf)  # of a ray that the lens does not have
-
-
-def _rays(camera: pycolmap.Camera, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 3) directions, whose third number is 1; not a number where the lens has none."""
-    found = np.asarray(camera.cam_from_img(np.ascontiguousarray(places)), np.float64)
-    return np.column_stack([found, np.ones(len(found))])
+    distances = sampson_distances(own, others, second.cam_from_world() * first.cam_from_world().inverse()) * focal
+    return np.nan_to_num(distances, nan=np.inf)  # of a place that the lens does not have

@@ -22,6 +22,7 @@ from ..settings import AUTO, OPTIONS, Settings, flag
 from ..splats.calibration.corrections import CORRECTED
 from ..splats.gaussians import Gaussians
 from ..splats.io.ply import read_ply
+from ..splats.training.given_cameras import GIVEN_POSES
 from ..splats.training.lens import FOCAL_LENGTH
 
 _NEW_RUN = "make a new run in another folder"
@@ -123,7 +124,7 @@ class EarlierRun:
         found_to_move = self.report.get("moving", {}).get("views", [])
         _compare(
             *(given.views, self.capture.views, folder, found_to_move),
-            poses=self._as_given("poses"),
+            poses=self._as_given("poses") and self._as_given(GIVEN_POSES),
             lens=self._as_given(FOCAL_LENGTH),
         )
 

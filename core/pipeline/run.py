@@ -24,8 +24,8 @@ from ..runtime.time_model import TIME_MODEL
 from ..settings import Layer, Settings
 from ..splats import raster
 from ..splats.training.checkpoints import Checkpoints
-from ..splats.training.lens import FOCAL_LENGTH, FocalLength
 from ..splats.training.trainer import TrainingResult
+from .cameras import CheckedCameras, check_cameras
 from .cleaning import Cleaned, propose_crop
 from .continuation import CheckpointRequest, describe_run
 from .device import choose_warp_device, describe_device, versions
@@ -85,12 +85,13 @@ def run(
     split = _split(capture, settings.holdout, recorder)
     context = (settings, folder, recorder, capture, split, raster.Rasterizer(device))
     stages = Stages.of(*context, previews=previews, checkpoints=checkpoints)
-    lens = FocalLength()
+    cameras = CheckedCameras()
     if not earlier:
         stages.show_points()
         with clock.measure("capture"):
-            lens = stages.check_lens()
-            stages = stages.through(lens)
+            cameras = check_cameras(stages)
+            stages = cameras.applied(stages)
+            capture = stages.capture
     with clock.measure("enhance"):
         stages.enhance(enhancers)
     trained: TrainingResult | None = None
@@ -103,7 +104,7 @@ def run(
         with clock.measure("geometry"):
             trained = stages.train()
             stages = stages.after(trained)
-            if lens.was_off or trained.moved_poses or trained.smears:
+            if cameras.were_off or trained.moved_poses or trained.smears:
                 write_cameras(stages.capture, folder / CAPTURE_FOLDER)
             moving = keep_moving(stages.capture, trained.moving, folder, recorder)
             cleaned = stages.clean(trained)
@@ -129,7 +130,7 @@ def run(
         "seconds": {**clock.seconds, "blender": None, "total": None},
         "peak_memory_mb": peak_memory_mb(),
         "warnings": recorder.warnings,
-        **(_describe_training(lens, trained, made) if trained else {}),
+        **(_describe_training(cameras, trained, made) if trained else {}),
         **({"clean": cleaned.figures} if cleaned and cleaned.figures else {}),
         **({"moving": moving} if moving else {}),
         **({"subject": subject} if subject else {}),
@@ -152,14 +153,13 @@ def _forecast(settings: Settings, capture: Capture, *, adds_layer: bool) -> dict
     )
 
 
-def _describe_training(lens: FocalLength, trained: TrainingResult, made: Reconstruction) -> dict[str, Any]:
-    looked_at = {FOCAL_LENGTH: lens.words} if lens.words else {}
+def _describe_training(cameras: CheckedCameras, trained: TrainingResult, made: Reconstruction) -> dict[str, Any]:
     return {
         "gaussians": len(made.original),
         "gaussians_initial": trained.initial,
         "sh_degree": made.original.sh_degree,
         "curve": trained.curve,
-        "decision": {**trained.decision, **looked_at},
+        "decision": {**trained.decision, **cameras.in_words},
         "skipped_steps": trained.skipped,
     }
 

@@ -36,11 +36,10 @@ from ..splats.gaussians import Gaussians
 from ..splats.io.ply import write_ply
 from ..splats.renderer import SceneRenderer
 from ..splats.targets import Background
-from ..splats.training import lens
 from ..splats.training.checkpoints import Checkpoints
 from ..splats.training.joint import JointPlan, JointTraining
 from ..splats.training.layers import LayerPlan, fit_layer
-from ..splats.training.lens import FocalLength, LensCheck, LensPlan
+from ..splats.training.lens import LensPlan
 from ..splats.training.losses import SeenContrast, ViewGuide
 from ..splats.training.plan import TrainingPlan, TrainingResult
 from ..splats.training.trainer import Trainer
@@ -91,7 +90,7 @@ class Plans:
     """How the fits are done where the settings leave it open; comparisons vary it.
 
     Attributes:
-        lens: how the cameras' focal length is looked at; None takes it as given.
+        lens: how the cameras' focal length is looked at, and their poses in scenes as small; None takes both as given.
         training: of the geometry; steps, limit, SH degree and poses are those of the settings.
         joint: of the last part of a joint training.
         layer: of a layer's colours.
@@ -162,25 +161,11 @@ class Stages:
         if self.preview is not None:
             self.preview.remove()
 
-    def check_lens(self) -> FocalLength:
-        """Look whether the cameras' focal length is right, in runs that are long enough to be worth it."""
-        plan, settings = self.plans.lens, self.settings
-        if plan is None or not settings.checks_lens or settings.iterations < plan.least_steps:
-            return FocalLength()
-        self.reporter.status(lens.STAGE, lens.MESSAGE)
-        check = LensCheck(self.rasterizer, self._views(self.split.train), self.background, plan, settings.seed)
-        found = check.find(self.capture.points, self.capture.point_colors, self.reporter)
-        if found.was_off:
-            self.reporter.warning(
-                "lens-corrected",
-                f"the cameras' focal length seems to be {found.error}, and is corrected; a better calibration may give "
-                "a sharper scene, and --no-refine-poses keeps it as it is",
-            )
-        return found
-
-    def through(self, found: FocalLength) -> Stages:
-        """The stages that follow, on the capture with the focal length that was found."""
-        return self._on(self.capture.zoomed(found.factor)) if found.was_off else self
+    def on(self, capture: Capture) -> Stages:
+        """The stages that follow, on the capture with other cameras, or less to look at."""
+        scene = SceneRenderer(self.rasterizer, capture.views, self.background)
+        preview = self.preview and self.preview.of(scene)
+        return replace(self, capture=capture, scene=scene, preview=preview)
 
     def enhance(self, enhancers: dict[Layer, Enhancer]) -> None:
         """Write ``enhanced/<layer>/<view>.png`` for every view; the enhancers are fitted to the training views only.
@@ -204,7 +189,7 @@ class Stages:
         if not (result.moved_poses or result.smears or result.moving):
             return self
         corrected = self.capture.moved(result.moved_poses).smeared(result.smears)
-        return self._on(corrected.without(result.moving))
+        return self.on(corrected.without(result.moving))
 
     def clean(self, result: TrainingResult) -> Cleaned:
         """What training gave, scored and without the floaters that the settings ask to remove."""
@@ -262,11 +247,6 @@ class Stages:
         figures = evaluation.run(made.original, pictures, matches)
         figures["notes"] |= MODE_NOTES.get(self.settings.mode, {})
         return figures
-
-    def _on(self, capture: Capture) -> Stages:
-        scene = SceneRenderer(self.rasterizer, capture.views, self.background)
-        preview = self.preview and self.preview.of(scene)
-        return replace(self, capture=capture, scene=scene, preview=preview)
 
     def _train_on_photographs(self) -> TrainingResult:
         reporter = self._watching()

@@ -84,6 +84,10 @@ class PosePlan(Tried):
         """Whether a run of `steps` on `views` views can tell bad poses from good ones."""
         return views > 1 and steps >= self.least_steps
 
+    def always_tried(self) -> PosePlan:
+        """The same with a trial however little views have to move: for poses that are known to be inexact."""
+        return replace(self, checks=tuple((when, 0.0) for when, _ in self.checks))
+
     def learning_rate_at(self, progress: float, visits: float) -> float:
         """The learning rate at the fraction `progress` of a run that visits each view `visits` times."""
         initial = min(max(self.path / visits, self.learning_rate), self.max_learning_rate)

@@ -33,13 +33,12 @@ from ..calibration.adam import AdamMoments, decayed
 from ..calibration.corrections import CORRECTED, Correction
 from ..calibration.poses import PoseRefinement
 from ..calibration.zoom import AffineMotion, compensating_motion, zoom_slope
-from ..gaussians import Gaussians
 from ..raster import Gradients, ParameterSet, RasterCamera, Rasterizer
-from ..scene_frame import SceneFrame
-from ..targets import Background, TrainingView, ViewOrder, prepare_targets
+from ..targets import Background, ViewOrder
 from .fitting import Fit
 from .initialise import InitialGaussians
 from .plan import TrainingPlan
+from .short_fit import ShortFit
 
 FOCAL_LENGTH = "focal_length"
 """Its key among the decisions of a report."""
@@ -139,6 +138,10 @@ class FocalLength:
         """Whether it is to be corrected."""
         return self.factor != 1.0
 
+    def after(self, first: FocalLength) -> FocalLength:
+        """This one, found with what another one had corrected already."""
+        return replace(self, factor=first.factor * self.factor)
+
     @property
     def error(self) -> str:
         """The error of the given focal length, in words."""
@@ -203,17 +206,11 @@ class LensCheck:
         reporter: Reporter,
     ) -> float:
         """dB that views held back gain where all focal lengths are multiplied by `factor`."""
-        training, search, psnr = TrainingPlan(), self.plan.second, []
+        fit, psnr = self._fit(self.plan.second), []
         for number, lens in enumerate((1.0, factor)):
-            targets, gaussians = self._prepared(views, points, colors, search, lens, np.random.default_rng(self.seed))
-            judging, fitted = targets[:: self.plan.judging], [t for i, t in enumerate(targets) if i % self.plan.judging]
-            fit = Fit(self.rasterizer, gaussians, self.background, self.plan.ssim_weight)
-            order = ViewOrder(len(fitted), np.random.default_rng(self.seed))
-            for step in range(search.steps):
-                fit.step(fitted[order.next()], 1, training.learning_rates_at(step / search.steps))
-                if step % _PROGRESS_EVERY == 0:
-                    reporter.progress(STAGE, (number + step / search.steps) / 2.0)
-            psnr.append(fit.psnr(judging))
+            span = StageSpan(reporter, STAGE, number / 2.0, (number + 1) / 2.0, MESSAGE)
+            through = (_through(views, lens), points, colors, self.plan.judging, self.seed)
+            psnr.append(fit.judged(*through, partial(span.progress, STAGE)))
         return psnr[1] - psnr[0]
 
     def _search_again(
@@ -242,7 +239,7 @@ class LensCheck:
     ) -> _Found | None:
         """Search from the factor of this logarithm; None if the views cannot tell one lens from another."""
         plan, training, rng = self.plan, TrainingPlan(), np.random.default_rng(self.seed)
-        targets, gaussians = self._prepared(views, points, colors, search, math.exp(logarithm), rng)
+        targets, gaussians = self._fit(search).prepare(_through(views, math.exp(logarithm)), points, colors, rng)
         if not len(gaussians):
             return None
         cameras = [view.at(1)[1] for view in targets]
@@ -261,23 +258,14 @@ class LensCheck:
                 reporter.progress(STAGE, progress)
         return _Found(logarithm + lens.logarithm, lens.logarithm, poses.image_motion(cameras))
 
-    def _prepared(
-        self,
-        views: Sequence[View],
-        points: NDArray[np.float32],
-        colors: NDArray[np.uint8],
-        search: LensSearch,
-        factor: float,
-        rng: np.random.Generator,
-    ) -> tuple[list[TrainingView], Gaussians]:
-        """The views, reduced and through a lens longer by `factor`, and Gaussians to start from, in one frame."""
-        views = [replace(view, camera=view.camera.zoomed(factor)) for view in views]
-        frame = SceneFrame.around(views, points)
-        longest = max(side for view in views for side in (view.camera.width, view.camera.height))
-        reduction = max(round(longest / search.side), 1)
-        prepared = prepare_targets(self.rasterizer, views, frame, self.background, {reduction})
-        gaussians = self.plan.initial.make(views, points, colors, frame, rng, search.gaussians)
-        return [view.reduced(reduction) for view in prepared], gaussians
+    def _fit(self, search: LensSearch) -> ShortFit:
+        size = (search.steps, search.gaussians, search.side)
+        return ShortFit(self.rasterizer, self.background, *size, self.plan.ssim_weight, self.plan.initial)
+
+
+def _through(views: Sequence[View], factor: float) -> list[View]:
+    """The views through a lens longer by `factor`."""
+    return [replace(view, camera=view.camera.zoomed(factor)) for view in views]
 
 
 @dataclass(frozen=True)

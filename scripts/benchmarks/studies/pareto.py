@@ -81,9 +81,10 @@ _COLUMNS: tuple[Column, ...] = (
     ("series", "varied", ""),
     ("label", "", ""),
     ("size", "px", "d"),
-    ("sh_degree", "SH", "d"),
+    ("sh_degree", "SH", ".2g"),
     ("gaussians", "Gaussians", ".0f"),
     ("psnr", "PSNR", ".2f"),
+    ("psnr_deviation", "±", ".2f"),
     ("ccpr", "CCPR", ".3f"),
     ("rwe", "RWE", ".3f"),
     ("score", "CCPR × (1 - RWE)", ".3f"),
@@ -93,10 +94,11 @@ _COLUMNS: tuple[Column, ...] = (
     ("peak_memory_mb", "MB", ".0f"),
     ("front", "front", ""),
 )
+_WITHOUT_DEVIATION = tuple(column for column in _COLUMNS if column[0] != "psnr_deviation")
 _SAVED = (
     *("capture", "series", "label", "mode", "enhancer", "size", "iterations", "seed", "gaussians", "sh_degree"),
     *("psnr", "ccpr", "rwe", "score", "geometry_seconds", "seconds", "processor_seconds", "peak_memory_mb"),
-    *("leads_psnr", "leads_score", "error"),
+    "error",
 )
 
 
@@ -189,6 +191,25 @@ def consistent_contrast(ccpr: float, rwe: float) -> float:
     return ccpr * max(1.0 - rwe, 0.0) if not math.isnan(rwe) else math.nan
 
 
+def means_over_seeds(points: pd.DataFrame) -> pd.DataFrame:
+    """One point for each variant of one capture: the means of its seeds that gave a scene.
+
+    Returns:
+        The columns of `points` except ``seed``, and ``psnr_deviation``, the sample standard deviation of the PSNR; NaN
+        of a variant with fewer than two scenes. ``error`` has those of all seeds.
+    """
+    by = ["capture", "series", "label", "size", "iterations"]
+    figures = points.select_dtypes("number").columns.difference([*by, "seed"])
+    words = points.columns.difference([*by, *figures, "seed", "error"])
+    groups = points.groupby(by, sort=False)
+    means = groups.agg({**dict.fromkeys(figures, "mean"), **dict.fromkeys(words, "first"), "error": _distinct})
+    return means.assign(psnr_deviation=groups.psnr.std()).reset_index()
+
+
+def _distinct(errors: Sequence[str]) -> str:
+    return "; ".join(dict.fromkeys(error for error in errors if error))
+
+
 def with_fronts(points: pd.DataFrame) -> pd.DataFrame:
     """The points of one capture by the cost of their geometry, with ``leads_psnr`` and ``leads_score``.
 
@@ -217,7 +238,7 @@ def write_pareto(folder: Path, points: pd.DataFrame, *, base: str, size: int, pr
     """Write ``pareto.csv``, ``pareto.md`` and a chart for each capture; returns the text of the page.
 
     Args:
-        points: of all captures, each with its fronts.
+        points: of all captures and seeds.
         base: what is varied, in words.
         size: longer side in pixels of the photographs that results are judged by.
         processes: how many trials ran at a time.
@@ -226,9 +247,13 @@ def write_pareto(folder: Path, points: pd.DataFrame, *, base: str, size: int, pr
     took = trials_took(points[points.series != PEER], processes)
     runs = "one run after the other" if processes == 1 else f"runs, up to {processes} of them at a time"
     lines = ["# Speed against accuracy", "", took, "", _DEFINITIONS.format(base=base, size=size, runs=runs), ""]
+    seeds, repeated = points.seed.nunique(), points.seed.nunique() > 1
+    if repeated:
+        lines += [f"Points are the means of {seeds} seeds, ± the sample standard deviation; the CSV has every run.", ""]
     lines += [*optimistic(points), *_of_peers(points)]
     captures = points.groupby("capture", sort=False)
-    for capture, mine in captures:
+    for capture, runs in captures:
+        mine = with_fronts(means_over_seeds(runs))
         name = NAME if len(captures) == 1 else f"{NAME}-{capture}"
         write_charts(folder, name, _CHART_SIZE, partial(_draw, points=mine))
         alternative = f"PSNR, contrast and consistency of {capture} over time; the table below has the same figures"
@@ -237,7 +262,7 @@ def write_pareto(folder: Path, points: pd.DataFrame, *, base: str, size: int, pr
         # Without the size, which has a column of its own.
         labels = mine.label.str.split(" at ").str[0] + mine.error.map(lambda error: f": {error}" if error else "")
         shown = mine.assign(label=labels, front=fronts.str.split().str.join(", "))
-        lines += [*markdown_table(shown, _COLUMNS), ""]
+        lines += [*markdown_table(shown, _COLUMNS if repeated else _WITHOUT_DEVIATION), ""]
     return write_text(folder / f"{NAME}.md", lines)
 
 
@@ -269,6 +294,9 @@ def _draw(figure: Figure, theme: Theme, points: pd.DataFrame) -> None:
 
 
 def _draw_points(axes: Axes, theme: Theme, points: pd.DataFrame, x: str, y: str) -> None:
+    from matplotlib.patheffects import withStroke
+
+    apart_from_lines = withStroke(linewidth=2.5, foreground=theme.background)
     legend = {**SERIES, PEER: "other programs"}
     peer = SeriesStyle(theme.ink, theme.series[-1].marker, "")
     styles = {**dict(zip(SERIES, theme.series, strict=False)), PEER: peer}
@@ -283,9 +311,10 @@ def _draw_points(axes: Axes, theme: Theme, points: pd.DataFrame, x: str, y: str)
     first = {program: (x, y) for program, x, y in named}
     for name, place in [*first.items(), *zip(ours.label, zip(ours[x], ours[y], strict=True), strict=True)]:
         below = (0, -7)
-        axes.annotate(
+        label = axes.annotate(
             name, place, below, textcoords="offset points", ha="center", va="top", fontsize="small", color=theme.ink
         )
+        label.set_path_effects([apart_from_lines])
 
 
 def _programs(peers: pd.DataFrame) -> list[str]:
@@ -347,7 +376,7 @@ def _measure(options: argparse.Namespace) -> str:
             peers = train_opensplat(options.opensplat, source.name, source.load(), reporter, opensplat_runs())
             trials = [peer.trial for peer in peers]
             mine = pd.concat([mine, points_of(trials, [PEER] * len(trials), [options.max_size] * len(trials))])
-        points.append(with_fronts(mine))
+        points.append(mine)
     size = "the judged size" if options.quick else "two thirds the judged size"
     base = f"{options.iterations:,} steps on photographs of {size}"
     how = {"base": base, "size": options.max_size, "processes": options.processes}

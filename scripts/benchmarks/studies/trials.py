@@ -19,6 +19,7 @@ from ....core.enhance import Enhancer, enhance_bytes
 from ....core.evaluate.advice import advise
 from ....core.evaluate.evaluation import Evaluation, SceneMatches, enhanced_path
 from ....core.files.images import to_bytes, write_png
+from ....core.pipeline.cameras import CheckedCameras, check_cameras
 from ....core.pipeline.stages import Reconstruction, Stages
 from ....core.runs.layout import ENHANCED_FOLDER
 from ....core.runtime.protocol import Reporter
@@ -28,7 +29,6 @@ from ....core.splats import raster
 from ....core.splats.gaussians import Gaussians
 from ....core.splats.renderer import SceneRenderer
 from ....core.splats.targets import Background
-from ....core.splats.training.lens import FocalLength
 from ....core.splats.training.trainer import TrainingResult
 from ..provenance import fingerprint
 from .captures import Subject
@@ -59,7 +59,7 @@ class _Enhanced:
 class _Geometry:
     """A trained geometry, and the judged capture with the camera poses aligned to it."""
 
-    lens: FocalLength
+    cameras: CheckedCameras
     result: TrainingResult
     made: Reconstruction
     judged: Capture
@@ -176,7 +176,8 @@ class CaptureTrials:
 
     def _stages_after(self, recipe: Recipe, geometry: _Geometry, enhanced: _Enhanced) -> Stages:
         """The stages after the training."""
-        return self._stages(recipe, enhanced.folder, Reporter()).through(geometry.lens).after(geometry.result)
+        stages = self._stages(recipe, enhanced.folder, Reporter())
+        return geometry.cameras.applied(stages).after(geometry.result)
 
     def _enhance(self, recipe: Recipe) -> _Enhanced:
         """The enhancer, fitted to the given training views, and its pictures of all given views."""
@@ -200,16 +201,18 @@ class CaptureTrials:
             recipe = recipe if recipe.mode == "joint" else replace(recipe, mode=_MODE_OF_SHARED_GEOMETRY)
             noted, started = _Warnings(), _Clock()
             stages = self._stages(recipe, enhanced.folder, noted)
-            lens = stages.check_lens()
-            stages = stages.through(lens)
+            cameras = check_cameras(stages)
+            stages = cameras.applied(stages)
             result = stages.train()
             made = stages.after(result).reconstruct(result)
             cost = started.cost()
             # If the judged capture has its own, correct lens, results are judged by that.
-            judged = self.subject.judged.zoomed(lens.factor) if self.subject.is_ordinary else self.subject.judged
-            judged = judged.moved(result.moved_poses)
+            judged = (
+                self.subject.judged.zoomed(cameras.lens.factor) if self.subject.is_ordinary else self.subject.judged
+            )
+            judged = judged.moved(cameras.poses.poses).moved(result.moved_poses)
             scene = SceneRenderer(self._rasterizer, judged.views, self._background)
-            self._geometries[key] = _Geometry(lens, result, made, judged, scene, tuple(noted.names), cost)
+            self._geometries[key] = _Geometry(cameras, result, made, judged, scene, tuple(noted.names), cost)
         return self._geometries[key]
 
     def _unenhanced_rwe(self, geometry_key: str) -> float:

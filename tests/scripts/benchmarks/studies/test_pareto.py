@@ -14,6 +14,7 @@ from cvdgs.scripts.benchmarks.studies.pareto import (
     SERIES,
     consistent_contrast,
     few_variants,
+    means_over_seeds,
     pareto_front,
     points_of,
     variants,
@@ -27,7 +28,7 @@ def point(label: str, seconds: float, psnr: float, series: str = "steps", **more
     figures = {"gaussians": 1000, "psnr": psnr, "geometry_seconds": seconds}
     if series != PEER:
         figures |= {"ccpr": 0.8, "rwe": 0.9, "enhance_seconds": 1.0, "layer_seconds": 1.0}
-    trial = Trial(**described("room", Recipe(label, iterations=100)), **figures, **more)
+    trial = Trial(**{**described("room", Recipe(label, iterations=100)), **figures, **more})
     return points_of([trial], [series], [320])
 
 
@@ -74,7 +75,7 @@ def page(tmp_path_factory):
         point("OpenSplat, full resolution", 200.0, 28.0, PEER),
         point("broken", math.nan, math.nan, error="InputError: too few views"),
     ]
-    text = write_pareto(folder, with_fronts(pd.concat(points)), base="a base", size=480, processes=2)
+    text = write_pareto(folder, pd.concat(points), base="a base", size=480, processes=2)
     return folder, text
 
 
@@ -97,12 +98,38 @@ def test_the_page_names_the_programs_that_ran_beside_and_the_failures(page):
     assert "broken: InputError: too few views" in text
 
 
+def test_the_table_marks_the_front_and_has_no_column_for_deviations_of_single_runs(page):
+    _, text = page
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("|")]
+    front = {row[1] for row in rows if row[-1].startswith("PSNR")}
+    assert front == {"200 steps", "400 steps", "fine"}
+    assert "±" not in rows[0]
+
+
+def test_a_point_is_the_mean_of_its_seeds_and_says_how_far_they_are_apart(tmp_path):
+    runs = [
+        point("400 steps", 10.0, 29.0, seed=0),
+        point("400 steps", 14.0, 30.0, seed=1),
+        point("200 steps", 5.0, 27.0),
+    ]
+    failed = point("400 steps", math.nan, math.nan, seed=2, error="InputError: too few views")
+    short, long = means_over_seeds(pd.concat([*runs, failed])).sort_values("psnr").itertuples()
+    assert (long.psnr, long.geometry_seconds, long.error) == (29.5, 12.0, "InputError: too few views")
+    assert long.psnr_deviation == pytest.approx(0.5**0.5)
+    assert (short.psnr, short.error) == (27.0, "")
+    assert math.isnan(short.psnr_deviation)
+    text = write_pareto(tmp_path, pd.concat([*runs, failed]), base="a base", size=480)
+    assert "Points are the means of 3 seeds" in text
+    assert "| 29.50 | 0.71 |" in text
+    with open(tmp_path / "pareto.csv", encoding="utf-8") as file:
+        assert sum(row["label"] == "400 steps" for row in csv.DictReader(file)) == 3
+
+
 def test_table_and_chart_stand_beside_the_page(page):
     folder, _ = page
     with open(folder / "pareto.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert {row["series"] for row in rows} == {"steps", DEFAULT, PEER}
-    assert {row["label"] for row in rows if row["leads_psnr"] == "True"} == {"200 steps", "400 steps", "fine"}
     for name in ("pareto.svg", "pareto-dark.svg", "pareto.png", "pareto-dark.png"):
         assert (folder / name).stat().st_size > 1000
     chart = (folder / "pareto.svg").read_text(encoding="utf-8")
