@@ -29,6 +29,7 @@ _MOST = 2 / 3  # of the views, that have to be held
 _PARALLEL = 1e4  # condition from which rays are parallel and a point is nowhere
 _DEVIATION = 0.05  # of the cameras' spread, that given places may be off
 _FARTHER = 3.0  # times the median turn, from which a view was turned wrongly
+_MOST_POINTS = 30_000  # more make an adjustment slower, not better
 _STEPS = 50  # of an adjustment
 _POINT_ERROR = 2.0  # pixels, up to which a point is believed
 
@@ -56,8 +57,12 @@ def adjust_poses(matches: ViewMatches, pairs: Sequence[Pair]) -> AdjustedPoses |
     Returns:
         None where matches hold too few of the views, or the cameras stand on one line.
     """
-    model, tracks, before = _model(matches, pairs)
     given = np.array([view.center for view in matches.views])
+    try:
+        fit_similarity(given, given)
+    except InputError:
+        return None
+    model, tracks, before = _model(matches, pairs)
     deviation = _DEVIATION * float(np.sqrt(given.var(axis=0).sum()))
     for reach in _REACHES:
         adjust_near(model, dict(enumerate(given, 1)), deviation, reach=reach, steps=_STEPS)
@@ -102,7 +107,7 @@ class _Tracks:
 
 
 def _tracks(matches: ViewMatches, pairs: Sequence[Pair]) -> _Tracks:
-    """Features that are joined by matches, where no view shows a point twice."""
+    """Features that are joined by matches, where no view shows a point twice; at most `_MOST_POINTS` points."""
     counts = [len(matches.positions(view)) for view in range(len(matches.views))]
     starts = np.concatenate([[0], np.cumsum(counts)])
     joined = np.concatenate([matches.common(pair) + starts[list(pair)] for pair in pairs])
@@ -115,7 +120,10 @@ def _tracks(matches: ViewMatches, pairs: Sequence[Pair]) -> _Tracks:
     twice = np.zeros(len(sizes), bool)
     again = (tracks.of[1:] == tracks.of[:-1]) & (views[1:] == views[:-1])
     twice[tracks.of[1:][again]] = True
-    return tracks.kept((sizes > 1) & ~twice)
+    usable = np.flatnonzero((sizes > 1) & ~twice)
+    chosen = np.zeros(len(sizes), bool)
+    chosen[usable[:: max(-(-len(usable) // _MOST_POINTS), 1)]] = True
+    return tracks.kept(chosen)
 
 
 def _model(matches: ViewMatches, pairs: Sequence[Pair]) -> tuple[pycolmap.Reconstruction, _Tracks, NDArray[np.float64]]:

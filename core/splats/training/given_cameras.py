@@ -123,6 +123,7 @@ class PoseCheck:
         for number, pair in enumerate(pairs):
             reporter.progress(STAGE, _MATCHED * number / len(pairs), MESSAGE)
             matches.common(pair)
+        reporter.progress(STAGE, _MATCHED, "adjusting the camera poses")
         adjusted = adjust_poses(matches, pairs)
         if adjusted is None:
             return GivenPoses(share, words=f"as given: {_fitting(share)}, but too little holds others")

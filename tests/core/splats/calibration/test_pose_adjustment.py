@@ -88,3 +88,14 @@ def test_a_view_that_nothing_holds_keeps_its_pose(showroom):
     found = adjusted(turned(replace(showroom, views=views), 2.0))
     assert found is not None
     assert set(range(len(views))) - set(found.poses) == {5}
+
+
+@pytest.mark.parametrize("along", [0.0, 1.0], ids=["on-the-spot", "on-a-line"])
+def test_cameras_that_span_no_plane_stay(showroom, along: float):
+    """A world is not fixed by them."""
+    poses = {}
+    for index, view in enumerate(showroom.views):
+        pose = view.world_to_camera.copy()
+        pose[:3, 3] = -pose[:3, :3] @ (along * index, 0.0, 0.0)
+        poses[view.key] = pose
+    assert adjusted(showroom.moved(poses)) is None
