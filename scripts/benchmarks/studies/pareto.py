@@ -294,9 +294,6 @@ def _draw(figure: Figure, theme: Theme, points: pd.DataFrame) -> None:
 
 
 def _draw_points(axes: Axes, theme: Theme, points: pd.DataFrame, x: str, y: str) -> None:
-    from matplotlib.patheffects import withStroke
-
-    apart_from_lines = withStroke(linewidth=2.5, foreground=theme.background)
     legend = {**SERIES, PEER: "other programs"}
     peer = SeriesStyle(theme.ink, theme.series[-1].marker, "")
     styles = {**dict(zip(SERIES, theme.series, strict=False)), PEER: peer}
@@ -314,7 +311,7 @@ def _draw_points(axes: Axes, theme: Theme, points: pd.DataFrame, x: str, y: str)
         label = axes.annotate(
             name, place, below, textcoords="offset points", ha="center", va="top", fontsize="small", color=theme.ink
         )
-        label.set_path_effects([apart_from_lines])
+        label.set_bbox({"boxstyle": "square,pad=0.05", "facecolor": theme.background, "edgecolor": "none"})
 
 
 def _programs(peers: pd.DataFrame) -> list[str]:
