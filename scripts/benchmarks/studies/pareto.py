@@ -311,6 +311,7 @@ def _draw_points(axes: Axes, theme: Theme, points: pd.DataFrame, x: str, y: str)
         label = axes.annotate(
             name, place, below, textcoords="offset points", ha="center", va="top", fontsize="small", color=theme.ink
         )
+        label.set_zorder(1.5)  # over the front's line, under the points
         label.set_bbox({"boxstyle": "square,pad=0.05", "facecolor": theme.background, "edgecolor": "none"})
 
 
