@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from .epipolar import sampson_distances
+from .joined_features import join_features
 from .sfm_pieces import read_indices
 
 _FITS = 2.0  # pixels of the copies, up to which a match is explained
@@ -65,12 +64,7 @@ def _seen_twice(
     indices: Mapping[tuple[int, int], NDArray[np.int64]], counts: Mapping[int, int]
 ) -> dict[tuple[int, int], NDArray[np.bool_]]:
     """Of each match, whether it is the only one of its point."""
-    starts, total = {}, 0
-    for image, count in counts.items():
-        starts[image], total = total, total + count
-    joined = np.concatenate([places + np.array([starts[image] for image in pair]) for pair, places in indices.items()])
-    graph = coo_matrix((np.ones(len(joined), np.int8), (joined[:, 0], joined[:, 1])), shape=(total, total))
-    _, labels = connected_components(graph, directed=False)
+    starts, labels = join_features(indices, counts)
     sizes = np.bincount(labels)
     return {pair: sizes[labels[places[:, 0] + starts[pair[0]]]] == 2 for pair, places in indices.items()}
 

@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
 from ...capture.bundle import adjust_near
+from ...capture.joined_features import join_features
 from ...capture.view_matches import Pair, ViewMatches, on_plane, poses_of
 from ...errors import InputError
 from ..similarity import fit_similarity
@@ -108,14 +109,11 @@ class _Tracks:
 
 def _tracks(matches: ViewMatches, pairs: Sequence[Pair]) -> _Tracks:
     """Features that are joined by matches, where no view shows a point twice; at most `_MOST_POINTS` points."""
-    counts = [len(matches.positions(view)) for view in range(len(matches.views))]
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    joined = np.concatenate([matches.common(pair) + starts[list(pair)] for pair in pairs])
-    graph = coo_matrix((np.ones(len(joined), np.int8), (joined[:, 0], joined[:, 1])), shape=(starts[-1], starts[-1]))
-    _, labels = connected_components(graph, directed=False)
+    counts = {view: len(matches.positions(view)) for view in range(len(matches.views))}
+    starts, labels = join_features({pair: matches.common(pair) for pair in pairs}, counts)
     order = np.argsort(labels, kind="stable")
-    views = np.searchsorted(starts, order, side="right") - 1
-    tracks = _Tracks(views, order - starts[views], labels[order])
+    views = np.repeat(list(counts), list(counts.values()))[order]
+    tracks = _Tracks(views, order - np.array(list(starts.values()))[views], labels[order])
     sizes = np.bincount(tracks.of)
     twice = np.zeros(len(sizes), bool)
     again = (tracks.of[1:] == tracks.of[:-1]) & (views[1:] == views[:-1])
@@ -189,7 +187,7 @@ def _held(
     return [
         view
         for view in np.flatnonzero(labels == largest).tolist()
-        if points[view] >= _LEAST_POINTS and np.mean(shares[view]) >= _EXPLAINED
+        if points[view] >= _LEAST_POINTS and shares[view] and np.mean(shares[view]) >= _EXPLAINED
     ]
 
 

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ...capture.model import Capture, View
+from ...capture.model import Capture
 from ...capture.upright import find_up
 from ...capture.view_matches import ViewMatches, agreement, neighbours, poses_of
 from ...runtime.protocol import Reporter, StageSpan
@@ -139,13 +139,11 @@ class PoseCheck:
 
     def _gain(self, before: Capture, after: Capture, fitted: Sequence[int], reporter: Reporter) -> float:
         """dB that views held back gain."""
-        psnr = []
-        for number, capture in enumerate((before, after)):
-            span = StageSpan(reporter, STAGE, number / 2.0, (number + 1) / 2.0, MESSAGE)
-            views: list[View] = [capture.views[index] for index in fitted]
-            taken = (views, capture.points, capture.point_colors, self.judging, self.seed)
-            psnr.append(self.fit.judged(*taken, partial(span.progress, STAGE)))
-        return psnr[1] - psnr[0]
+        first, second = (
+            ([capture.views[index] for index in fitted], capture.points, capture.point_colors)
+            for capture in (before, after)
+        )
+        return self.fit.gain(first, second, self.judging, self.seed, partial(reporter.progress, STAGE))
 
 
 def _fitting(share: float) -> str:

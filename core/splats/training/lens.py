@@ -191,27 +191,13 @@ class LensCheck:
             return FocalLength(words="as given: it cannot be told from wrong camera poses")
         factor = math.exp(again.logarithm)
         seems = FocalLength(factor).error
-        gain = self._gain(given, points, colors, factor, StageSpan(reporter, STAGE, _TRIAL, 1.0, MESSAGE))
+        span = StageSpan(reporter, STAGE, _TRIAL, 1.0, MESSAGE)
+        before, after = ((views, points, colors) for views in (given, _through(given, factor)))
+        gain = self._fit(plan.second).gain(before, after, plan.judging, self.seed, partial(span.progress, STAGE))
         trial = f"and correcting that gained {gain:.2f} dB in a trial"
         if gain < plan.least_gain:
             return FocalLength(words=f"as given: it seems {seems}, {trial}")
         return FocalLength(factor, f"{CORRECTED}: it was {seems}, {trial}")
-
-    def _gain(
-        self,
-        views: Sequence[View],
-        points: NDArray[np.float32],
-        colors: NDArray[np.uint8],
-        factor: float,
-        reporter: Reporter,
-    ) -> float:
-        """dB that views held back gain where all focal lengths are multiplied by `factor`."""
-        fit, psnr = self._fit(self.plan.second), []
-        for number, lens in enumerate((1.0, factor)):
-            span = StageSpan(reporter, STAGE, number / 2.0, (number + 1) / 2.0, MESSAGE)
-            through = (_through(views, lens), points, colors, self.plan.judging, self.seed)
-            psnr.append(fit.judged(*through, partial(span.progress, STAGE)))
-        return psnr[1] - psnr[0]
 
     def _search_again(
         self, search: Callable[[LensSearch, float, Reporter], _Found | None], reporter: Reporter

@@ -17,6 +17,9 @@ from .fitting import Fit
 from .initialise import InitialGaussians
 from .plan import TrainingPlan
 
+Posed = tuple[Sequence[View], NDArray[np.float32], NDArray[np.uint8]]
+"""Views, and (P, 3) sparse points in world units with their (P, 3) uint8 sRGB colours; P may be 0."""
+
 _TOLD_EVERY = 10  # steps
 
 
@@ -61,22 +64,17 @@ class ShortFit:
         gaussians = self.initial.make(views, points, colors, frame, rng, self.gaussians)
         return [view.reduced(reduction) for view in prepared], gaussians
 
-    def judged(
-        self,
-        views: Sequence[View],
-        points: NDArray[np.float32],
-        colors: NDArray[np.uint8],
-        every: int,
-        seed: int,
-        told: Callable[[float], None],
-    ) -> float:
-        """PSNR in dB of every so many-th view, of a scene that is fitted to the others.
+    def gain(self, before: Posed, after: Posed, every: int, seed: int, told: Callable[[float], None]) -> float:
+        """dB that every so many-th view gains by other cameras, each seen from its own in a scene fitted to the rest.
 
         Args:
-            points, colors: as of `prepare`.
             told: called with the fraction that is done.
         """
-        targets, gaussians = self.prepare(views, points, colors, np.random.default_rng(seed))
+        first = self._judged(before, every, seed, lambda done: told(done / 2.0))
+        return self._judged(after, every, seed, lambda done: told((1.0 + done) / 2.0)) - first
+
+    def _judged(self, posed: Posed, every: int, seed: int, told: Callable[[float], None]) -> float:
+        targets, gaussians = self.prepare(*posed, np.random.default_rng(seed))
         judging, fitted = targets[::every], [target for i, target in enumerate(targets) if i % every]
         fit, training = Fit(self.rasterizer, gaussians, self.background, self.ssim_weight), TrainingPlan()
         order = ViewOrder(len(fitted), np.random.default_rng(seed))

@@ -17,21 +17,12 @@ from cvdgs.core.splats.training.initialise import InitialGaussians
 from cvdgs.core.splats.training.short_fit import ShortFit
 
 from ...capture.test_view_matches import turned
+from .test_lens import Fractions
 
 
 @pytest.fixture(scope="module")
 def showroom() -> Capture:
     return read_capture(SHOWROOM, max_size=160)
-
-
-class Fractions(Reporter):
-    """Keeps what it is told of the progress."""
-
-    def __init__(self) -> None:
-        self.told: list[float] = []
-
-    def progress(self, stage: str, fraction: float, message: str = "") -> None:
-        self.told.append(fraction)
 
 
 def check(capture: Capture, least_gain: float = 0.1, reporter: Reporter | None = None) -> GivenPoses:
@@ -126,3 +117,10 @@ def test_a_format_without_other_conventions_has_none(showroom):
     given = replace(showroom, format="sfm")
     given = given.moved({view.key: OPENGL_TO_OPENCV @ view.world_to_camera for view in given.views})
     assert check(given).convention == ""
+
+
+def test_a_convention_is_found_without_sparse_points(showroom):
+    nothing = np.zeros((0, 3))
+    given = replace(showroom, points=nothing.astype(np.float32), point_colors=nothing.astype(np.uint8))
+    given = given.moved({view.key: OPENGL_TO_OPENCV @ view.world_to_camera for view in given.views})
+    assert check(given).convention == "if y and z of the cameras point the other way"
