@@ -146,6 +146,10 @@ class TrainingPlan:
         """Fraction of the run at which validation ends."""
         return self.validation_until if self.steps >= self.short_run else min(_CORRECTED_BY, self.validation_until)
 
+    def is_short(self, reach: float) -> bool:
+        """Whether a run is too short for its scene: `RoughScene.visits`; `reach` is the `means_reach` of its points."""
+        return self.rough is not None and self.rough.steps_before(self.steps, reach) > 0
+
     def learning_rates_at(self, progress: float, means_reach: float = 1.0) -> LearningRates:
         """The learning rates at the fraction `progress` of the run; that of the means times `means_reach`."""
         rest = self.learning_rates.scaled(self.lr_final_factor**progress)

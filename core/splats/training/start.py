@@ -82,7 +82,7 @@ class StartTrial:
         rasterizer: renders the views.
         background: behind the Gaussians.
         fitted: views to fit.
-        validation: training views that judge; without any, there is no trial.
+        validation: views that judge; without any, there is no trial.
         reduction: factor by which views are reduced while they are fitted.
         steps: of each trial.
         ssim_weight: of the loss.

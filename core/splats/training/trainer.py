@@ -119,7 +119,10 @@ class Trainer:
     def _choose_start(
         self, views: Sequence[View], points: NDArray[np.float32], colors: NDArray[np.uint8], seed: int
     ) -> StartChoice:
-        plan, fitted, judging = self._plan, self._targets[: self._fitted_count], self._targets[self._fitted_count :]
+        plan, fitted, few = self._plan, self._targets[: self._fitted_count], not self._split.validation
+        reach = means_reach(self._frame.points(points), [view.at(1)[1] for view in fitted])
+        # Of few views, only short runs gain by more than sparse points: in long ones, what grows slowly overfits less.
+        judging = self._validation.views if plan.is_short(reach) or not few else []
         trial = StartTrial(
             *(self._rasterizer, self._background, fitted, judging, self._schedule.coarsest),
             *(plan.start.trial_steps(plan.steps), plan.ssim_weight, plan.learning_rates, seed, self.fit.noise),
@@ -130,10 +133,8 @@ class Trainer:
             trainer = Trainer(self._rasterizer, small, [], points, colors, rough_plan, self._background, seed)
             return trainer.train(reporter).gaussians
 
-        reach = means_reach(self._frame.points(points), [view.at(1)[1] for view in fitted])
-        rough = rough_fit(plan, reach, views, self._background, train, self._reporter, STAGE)
-        if rough and trial.possible:
-            self._done_before = rough.share
+        rough = None if few else rough_fit(plan, reach, views, self._background, train, self._reporter, STAGE)
+        self._done_before = rough.share if rough and trial.possible else 0.0
         return choose_start(plan.initial, plan.start, trial, views, points, colors, self._frame, self._limit, rough)
 
     def _prepare_views(self, training: Sequence[View], held_out: Sequence[View]) -> None:

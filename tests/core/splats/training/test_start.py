@@ -148,6 +148,14 @@ def test_a_run_starts_from_what_was_chosen_and_says_so(rasterizer, views, rule, 
     assert result.decision["start"].startswith("dense stereo" if rule.doubling_gain < 0.0 else "sparse points")
 
 
+@pytest.mark.parametrize(("steps", "held_out", "asks"), [(300, 1, True), (1000, 1, False), (300, 0, False)])
+def test_with_few_views_only_a_short_run_asks_the_held_out_ones_for_its_start(rasterizer, views, steps, held_out, asks):
+    plan = TrainingPlan(steps=steps, limit=LIMIT, poses=None, exposure=None, coarse=())
+    training, judging = views[:3] + views[4:], views[3:4][:held_out]
+    result = Trainer(rasterizer, training, judging, *sparse_points(), plan, BLACK, seed=0).train(Reporter())
+    assert ("start" in result.decision) is asks
+
+
 def test_a_run_begins_after_the_steps_that_its_trial_has_made(rasterizer, views):
     refused = StartRule(doubling_gain=100.0)
     tried, untried = (
