@@ -32,6 +32,7 @@ SECOND_FOLDER = "images_again"
 _DECODERS = 2
 # Above this size one photograph is decoded at a time.
 _LARGE_PIXELS = 50_000_000
+_SIZES_TOLD = 3
 
 
 @dataclass(frozen=True)
@@ -110,8 +111,10 @@ def plan_views(model: SourceModel, max_size: int | None, *, keep_order: bool = F
         )
     sizes = Counter(plan.photograph_size for plan in plans)
     if len(sizes) > 1:
-        listed = ", ".join(f"{width} x {height} ({count})" for (width, height), count in sizes.most_common(3))
-        model.warn("mixed-sizes", f"{model.file}: photographs of {len(sizes)} sizes: {listed}")
+        told = sizes.most_common(_SIZES_TOLD)
+        listed = ", ".join(f"{width} x {height} ({count})" for (width, height), count in told)
+        rest = f" and {len(sizes) - len(told)} more" if len(sizes) > len(told) else ""
+        model.warn("mixed-sizes", f"{model.file}: photographs of {len(sizes)} sizes: {listed}{rest}")
     return plans
 
 

@@ -192,6 +192,18 @@ def test_subfolders_and_several_cameras(tmp_path: Path) -> None:
     assert "mixed-sizes" in warnings_of(capture)
 
 
+def test_of_many_sizes_the_most_frequent_are_told_and_the_others_counted(tmp_path: Path) -> None:
+    cameras = [pinhole(60 + 2 * number, 72, camera_id=number + 1) for number in range(5)]
+    photographs = [shot for n, camera in enumerate(cameras) for shot in shots(2, camera, f"cam{n}/{{:04d}}.png")]
+    [told] = [
+        w.message
+        for w in read_capture(write_colmap(tmp_path, photographs), max_size=None).warnings
+        if w.name == "mixed-sizes"
+    ]
+    assert told.count(" (2)") == 3
+    assert told.endswith(" and 2 more")
+
+
 def test_views_are_in_natural_order(tmp_path: Path) -> None:
     photographs = shots(11, pattern="p{}.png")
     capture = read_capture(write_colmap(tmp_path, photographs), max_size=32)
