@@ -90,6 +90,8 @@ class StartTrial:
         seed: of the order of the views.
         noise: standard deviation of the photographs' noise, in [0, 1].
         told: receives what is being done, in words.
+        goes_on: whether the run goes on from where the trial left what is chosen, and does not begin anew. With few
+            views, which are soon learnt by heart, these steps may do harm.
     """
 
     rasterizer: Rasterizer
@@ -103,6 +105,7 @@ class StartTrial:
     seed: int
     noise: float = 0.0
     told: Callable[[str], None] = lambda _message: None
+    goes_on: bool = True
 
     @property
     def possible(self) -> bool:
@@ -133,7 +136,7 @@ def choose_start(
 ) -> StartChoice:
     """The Gaussians of SH degree 0 with which validation views are matched better after a short trial.
 
-    They are returned as they are after their trial, so that its steps are not lost.
+    They are returned as they are after their trial, so that its steps are not lost, unless the run begins anew.
 
     Args:
         rough: the run's rough scene, which is tried if there is one.
@@ -170,15 +173,12 @@ def choose_start(
     if np.array_equal(dense.means, sparse.means):  # nothing was found
         return otherwise
     trial.told(f"trying a start from {len(dense):,} points, and from {len(sparse):,}")
-    count = len(dense)
-    dense, psnr = trial.fitted_from(dense)
-    fitted, psnr_of_sparse = fitted_sparse()
-    gain = psnr - psnr_of_sparse
-    if gain < rule.least_gain(count, len(sparse)):
-        return StartChoice(
-            fitted, f"sparse points: dense stereo gained {gain:.2f} dB in a trial, too little for its number"
-        )
-    return StartChoice(dense, f"dense stereo, which gained {gain:.2f} dB in a trial")
+    fitted, psnr = trial.fitted_from(dense)
+    gain = psnr - fitted_sparse()[1]
+    if gain < rule.least_gain(len(dense), len(sparse)):
+        words = f"sparse points: dense stereo gained {gain:.2f} dB in a trial, too little for its number"
+        return StartChoice(fitted_sparse()[0] if trial.goes_on else sparse, words)
+    return StartChoice(fitted if trial.goes_on else dense, f"dense stereo, which gained {gain:.2f} dB in a trial")
 
 
 def means_reach(means: NDArray[np.float32], cameras: Sequence[RasterCamera]) -> float:

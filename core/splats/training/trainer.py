@@ -126,7 +126,7 @@ class Trainer:
         trial = StartTrial(
             *(self._rasterizer, self._background, fitted, judging, self._schedule.coarsest),
             *(plan.start.trial_steps(plan.steps), plan.ssim_weight, plan.learning_rates, seed, self.fit.noise),
-            partial(self._reporter.status, STAGE),
+            *(partial(self._reporter.status, STAGE), not few),
         )
 
         def train(small: Sequence[View], rough_plan: TrainingPlan, reporter: Reporter) -> Gaussians:
