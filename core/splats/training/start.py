@@ -90,8 +90,8 @@ class StartTrial:
         seed: of the order of the views.
         noise: standard deviation of the photographs' noise, in [0, 1].
         told: receives what is being done, in words.
-        goes_on: whether the run goes on from where the trial left what is chosen, and does not begin anew. With few
-            views, which are soon learnt by heart, these steps may do harm.
+        goes_on: whether the run goes on from where the trial left what is chosen, and does not begin anew. Of few
+            views, which are soon overfitted, these steps may do harm.
     """
 
     rasterizer: Rasterizer

@@ -56,13 +56,14 @@ class Rough:
         return self._gaussians
 
 
-def chosen(rasterizer, views, points, rule=DEFAULT, validation=(2, 5), rough=None):
+def chosen(rasterizer, views, points, rule=DEFAULT, validation=(2, 5), rough=None, goes_on=True):
     frame = SceneFrame.around(views, points[0])
     fitted = [view for i, view in enumerate(views) if i not in validation]
     targets, judging = (
         prepare_targets(rasterizer, chosen, frame, BLACK) for chosen in (fitted, [views[i] for i in validation])
     )
-    trial = StartTrial(rasterizer, BLACK, targets, judging, 1, 100, 0.2, TrainingPlan().learning_rates, seed=0)
+    rates = TrainingPlan().learning_rates
+    trial = StartTrial(rasterizer, BLACK, targets, judging, 1, 100, 0.2, rates, seed=0, goes_on=goes_on)
     return choose_start(InitialGaussians(minimum=0), rule, trial, fitted, *points, frame, LIMIT, rough)
 
 
@@ -164,6 +165,14 @@ def test_a_run_begins_after_the_steps_that_its_trial_has_made(rasterizer, views)
     targets = prepare_targets(rasterizer, views, SceneFrame.around(views, sparse_points()[0]), BLACK)
     before, after = (Fit(rasterizer, start, BLACK, 0.2).psnr(targets) for start in (untried, tried))
     assert after > before + 1.0
+
+
+@pytest.mark.parametrize("rule", [DEFAULT, StartRule(doubling_gain=100.0)])
+def test_a_run_that_begins_anew_chooses_alike_and_keeps_none_of_these_steps(rasterizer, views, rule):
+    after, anew = (chosen(rasterizer, views, sparse_points(), rule, goes_on=goes_on) for goes_on in (True, False))
+    assert anew.words == after.words
+    assert len(anew.gaussians) == len(after.gaussians)
+    np.testing.assert_allclose(anew.gaussians.opacities, InitialGaussians().opacity, rtol=1e-5)
 
 
 def test_what_a_start_is_chosen_from_is_told_meanwhile(rasterizer, views):
