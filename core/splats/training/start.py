@@ -113,14 +113,14 @@ class StartTrial:
         return bool(self.validation) and self.steps > 0
 
     def fitted_from(self, start: Gaussians) -> tuple[Gaussians, float]:
-        """The Gaussians after a trial from `start`, and their PSNR on the views that judge, in dB."""
+        """What a run from `start` begins with, and the PSNR after a trial on the views that judge, in dB."""
         cameras = [view.at(1)[1] for view in self.fitted]
         rates = replace(self.learning_rates, means=self.learning_rates.means * means_reach(start.means, cameras))
         fit = Fit(self.rasterizer, start, self.background, self.ssim_weight, self.noise)
         order = ViewOrder(len(self.fitted), np.random.default_rng(self.seed))
         for _ in range(self.steps):
             fit.step(self.fitted[order.next()], self.reduction, rates)
-        return fit.parameters.to_gaussians(), fit.psnr(self.validation)
+        return fit.parameters.to_gaussians() if self.goes_on else start, fit.psnr(self.validation)
 
 
 def choose_start(
@@ -173,12 +173,15 @@ def choose_start(
     if np.array_equal(dense.means, sparse.means):  # nothing was found
         return otherwise
     trial.told(f"trying a start from {len(dense):,} points, and from {len(sparse):,}")
-    fitted, psnr = trial.fitted_from(dense)
-    gain = psnr - fitted_sparse()[1]
-    if gain < rule.least_gain(len(dense), len(sparse)):
-        words = f"sparse points: dense stereo gained {gain:.2f} dB in a trial, too little for its number"
-        return StartChoice(fitted_sparse()[0] if trial.goes_on else sparse, words)
-    return StartChoice(fitted if trial.goes_on else dense, f"dense stereo, which gained {gain:.2f} dB in a trial")
+    count = len(dense)
+    dense, psnr = trial.fitted_from(dense)
+    fitted, psnr_of_sparse = fitted_sparse()
+    gain = psnr - psnr_of_sparse
+    if gain < rule.least_gain(count, len(sparse)):
+        return StartChoice(
+            fitted, f"sparse points: dense stereo gained {gain:.2f} dB in a trial, too little for its number"
+        )
+    return StartChoice(dense, f"dense stereo, which gained {gain:.2f} dB in a trial")
 
 
 def means_reach(means: NDArray[np.float32], cameras: Sequence[RasterCamera]) -> float:
