@@ -31,7 +31,7 @@ from .colmap import IMAGE_FOLDERS
 from .files import FOREIGN_EXTENSIONS, FRAMES_FILE, SPLAT_EXTENSION, list_images, make_keys, quote_first, resolve_inside
 from .images import read_pixels
 from .masks import FoundMasks, find_masks
-from .model import MIN_VIEWS, CaptureWarning
+from .model import CaptureWarning
 
 Renaming = Callable[[str], str]
 
@@ -39,6 +39,7 @@ STAGE = "capture"
 _QUALITY = 98
 _CONVERTED = ("heif", "avif", "raw")
 _LOOK_SHARE = 0.5  # of the time that a video takes
+_FEWEST_WITH_VIDEOS = 3  # photographs and frames: no camera was found of two frames of a video that hardly moved
 # Where scanners of telephones (Stray Scanner, Polycam, 3D Scanner App) and datasets put what is no photograph.
 _DEPTH_FOLDERS = frozenset(("depth", "depths", "depth_maps", "confidence", "normals"))
 _REMEDIES = dict.fromkeys(PANORAMA_EXTENSIONS, f"360° pictures are not supported: {PANORAMA_REMEDY}") | {
@@ -182,9 +183,6 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter, si
     made.originals.update((str(frame["name"]), str(frame["video"])) for frame in frames)
     made.names.extend(str(frame["name"]) for frame in frames)
     made.times.update((str(frame["name"]), float(frame["time"])) for frame in frames)
-    if material.videos and len(made.names) < MIN_VIEWS:
-        what = "the video hardly moves; only one of its frames shows something of its own"
-        raise InputError(what, where=material.folder / material.videos[0], remedy="walk around the scene while filming")
     text = json.dumps({"frames": frames}, indent=1, allow_nan=False)
     (workspace / FRAMES_FILE).write_text(text, encoding="utf-8")
     return made
@@ -228,6 +226,7 @@ def _extract_frames(
             made.warnings.append(warning)
             reporter.status(STAGE, warning.message)  # the warnings come at the end, which may be a refusal
     chosen = choose([look.film for look in looks], size=size)
+    _require_movement(material, [len(look.film.frames) for look in looks], [len(frames) for frames in chosen])
     bright = [look.white for look in looks if look.transfer]
     total = max(sum(map(len, chosen)), 1)
     frames: list[dict[str, str | float]] = []
@@ -245,6 +244,16 @@ def _extract_frames(
         written = extract(look, wanted, made.folder / folder, white, show_frames)
         frames += [{"name": f"{folder}/{file}", "time": round(time, 4), "video": name} for file, time in written]
     return frames
+
+
+def _require_movement(material: Material, filmed: Sequence[int], chosen: Sequence[int]) -> None:
+    """Refuse videos of which too few frames, as many as are `chosen` of those `filmed`, show something new."""
+    photographs, taken = len(material.photographs), sum(chosen)
+    if photographs + taken >= min(_FEWEST_WITH_VIDEOS, photographs + sum(filmed)):
+        return
+    some = f"{taken} of its frames show" if taken > 1 else "one of its frames shows"
+    what = f"the video hardly moves; only {some} something new"
+    raise InputError(what, where=material.folder / material.videos[0], remedy="walk around the scene while filming")
 
 
 def _folders_for_frames(wanted: Sequence[str], photographs: Sequence[str]) -> list[str]:

@@ -83,7 +83,7 @@ def require_enough(placed: Placed, names: Sequence[str], folder: Path) -> None:
     count, found = len(names), len(placed.names)
     if found >= max(2, 0 if count <= _FEW else ceil(_LEAST_SHARE * count)):
         return
-    if found < 2 and placed.matched and median(placed.matched) >= 2:
+    if found < 2 and placed.matched and median(placed.matched) >= min(2, count - 1):
         what = "the photographs show the same, but not from places different enough to estimate cameras"
         remedy = "take a step to the side between photographs, turning on the spot shows no depth; or give the cameras"
         raise InputError(what, where=folder, remedy=remedy)

@@ -63,6 +63,8 @@ def test_turning_on_the_spot_is_told_from_photographs_that_share_nothing() -> No
     names = names_of(5)
     with pytest.raises(InputError, match="step to the side"):
         require_enough(Placed(matched=[4] * 5), names, Path("room"))
+    with pytest.raises(InputError, match="step to the side"):
+        require_enough(Placed(matched=[1, 1]), names[:2], Path("room"))
     with pytest.raises(InputError, match="no cameras could be estimated"):
         require_enough(Placed(matched=[0] * 5), names, Path("room"))
 

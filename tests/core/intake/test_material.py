@@ -14,6 +14,7 @@ from cvdgs.core.capture.material import FRAMES_FILE, find_material, make_photogr
 from cvdgs.core.capture.model import Capture, PinholeCamera, View
 from cvdgs.core.capture.normalised import write_capture
 from cvdgs.core.capture.reader import read_capture
+from cvdgs.core.errors import InputError
 from cvdgs.core.runs.report import SCHEMA
 from cvdgs.core.runtime.protocol import Reporter
 
@@ -110,6 +111,21 @@ def test_what_is_said_of_a_video_in_a_zip_names_no_temporary_folder(tmp_path: Pa
         make_photographs(find_material(folder), tmp_path / "out", Ears())
     assert any("walk.mp4: the video breaks off after" in message for message in said)
     assert not any(str(folder) in message for message in said)
+
+
+@pytest.mark.parametrize(("way", "said"), [(0.0, "one of its frames shows"), (12.0, "2 of its frames show")])
+def test_a_video_that_hardly_moves_is_refused(tmp_path: Path, way: float, said: str) -> None:
+    frames = [window(WALL, 50 + way * step / RATE) for step in range(2 * RATE)]
+    write_video(tmp_path / "still.mp4", frames)
+    (tmp_path / "out").mkdir()
+    with pytest.raises(InputError, match=rf"still\.mp4: the video hardly moves; only {said} something new - walk"):
+        make_photographs(find_material(tmp_path), tmp_path / "out", Reporter())
+
+
+def test_both_frames_of_a_video_of_two_are_taken(tmp_path: Path) -> None:
+    write_video(tmp_path / "two.mp4", [window(WALL, 50), window(WALL, 250)], rate=1)
+    (tmp_path / "out").mkdir()
+    assert len(make_photographs(find_material(tmp_path), tmp_path / "out", Reporter()).names) == 2
 
 
 def test_all_frames_of_a_video_have_its_mask_and_photographs_their_own(tmp_path: Path) -> None:
