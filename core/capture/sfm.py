@@ -46,7 +46,6 @@ _MORE = "more "  # before the name of a step that is done again with more effort
 _SHARES = {"reading": 0.05, "features": 0.25, "matching": 0.5, "mapping": 0.2}
 _TELLING_SHARE = 0.1  # of it, from which the time left is told
 _FULL_DISK = 1 << 20  # bytes that are left of one that is full
-_TABLES = {"features": "keypoints", "matching": "two_view_geometries"}
 
 
 def estimate_cameras(
@@ -219,9 +218,8 @@ class _Watch:
         return RuntimeError(f"pycolmap ended unexpectedly during {during} (exit {code})")
 
     def _look_at_database(self) -> None:
-        if self._step in _TABLES:
-            database = self._workspace / f"{self._effort}-{DATABASE}"
-            self._done = max(self._done, _count_rows(database, _TABLES[self._step]))
+        if self._step == "features":
+            self._done = max(self._done, _count_features(self._workspace / f"{self._effort}-{DATABASE}"))
 
     def _report(self) -> None:
         if self._step:
@@ -232,11 +230,11 @@ class _Watch:
             self._reporter.progress(f"sfm-{self._step}", done / total, f"{said}{self._time_left()}")
 
     def _time_left(self) -> str:
-        """Of the whole estimation, for the end of a message; empty where that cannot be told."""
+        """Of the whole estimation, for the end of a message; empty where that cannot be told, as when a step begins."""
         steps = tuple(_SHARES)
         before = sum(_SHARES[step] for step in steps[: steps.index(self._step)])
         share = before + _SHARES[self._step] * min(self._done / self._totals[self._step], 1.0)
-        if self._effort or not _TELLING_SHARE <= share < 1.0:
+        if self._effort or not self._done or not _TELLING_SHARE <= share < 1.0:
             return ""
         elapsed = time.monotonic() - self._started
         return f", {format_seconds(elapsed * (1.0 - share) / share)} left for the cameras"
@@ -263,15 +261,15 @@ def _parse(line: str) -> str | int | dict[str, Any] | None:
     return message if is_step or type(message) is int or isinstance(message, dict) else None
 
 
-def _count_rows(database: Path, table: str) -> int:
-    """Rows that have reached the database file; 0 while it cannot be read.
+def _count_features(database: Path) -> int:
+    """Photographs whose features have reached the database file; 0 while it cannot be read.
 
     It is opened as immutable, that is without locks: pycolmap ends its process when it finds the database locked.
     """
     try:
         connection = sqlite3.connect(f"{database.as_uri()}?immutable=1", uri=True)
         try:
-            (rows,) = connection.execute(f"SELECT COUNT(*) FROM {table}").fetchone()
+            (rows,) = connection.execute("SELECT COUNT(*) FROM keypoints").fetchone()
         finally:
             connection.close()
     except sqlite3.Error:

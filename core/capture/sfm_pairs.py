@@ -89,7 +89,7 @@ def _signature(descriptors: NDArray[np.float32], centres: NDArray[np.float32]) -
     return flat / max(float(np.linalg.norm(flat)), 1e-6)
 
 
-def write_pairs(file: Path, pairs: set[tuple[int, int]], names: Sequence[str]) -> None:
+def write_pairs(file: Path, pairs: Sequence[tuple[int, int]], names: Sequence[str]) -> None:
     """Write the list that pycolmap matches; `names` must hold no spaces."""
-    lines = [f"{names[first]} {names[second]}\n" for first, second in sorted(pairs)]
+    lines = [f"{names[first]} {names[second]}\n" for first, second in pairs]
     file.write_text("".join(lines), encoding="ascii")

@@ -157,6 +157,20 @@ def test_progress_goes_on_while_photographs_are_placed_and_the_time_left_is_said
     assert len({fraction for fraction in mapping if 0.0 < fraction < 1.0}) >= 3
     assert mapping[-1] == 1.0
     assert any("left for the cameras" in message for message in recorder.messages)
+    assert not any(message.startswith("0 of") and "left for" in message for message in recorder.messages)
+
+
+def test_progress_goes_on_while_pairs_are_matched(tmp_path: Path) -> None:
+    said: list[str] = []
+
+    class Ears(Reporter):
+        def progress(self, stage: str, fraction: float, message: str = "") -> None:
+            said.append(message)
+
+    for path in sorted((SHOWROOM / "images").iterdir())[::2]:
+        shutil.copy(path, tmp_path)
+    read_capture(tmp_path, max_size=160, cameras="estimate", reporter=Ears())
+    assert any(message.startswith("100 of 190") for message in said)
 
 
 def test_a_photograph_that_is_cut_is_named_and_refused(tmp_path: Path) -> None:
