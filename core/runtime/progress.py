@@ -94,17 +94,22 @@ class RunProgress:
 
     @property
     def seconds_left(self) -> float | None:
-        """Of the whole run: the stage's own estimate, and its pace for what follows. None while nothing is known."""
+        """Of the whole run: the stage's own estimate, and its pace for what follows. None while nothing is known.
+
+        What a stage that was not expected takes, such as estimating cameras, comes on top of what was.
+        """
         done = self.fraction - self._share_of((STARTING,))
         worked = self._seconds_worked
         pace = worked / done if done > LEAST_SHARE and worked > _LEAST_SECONDS else None
         overall = None if pace is None else pace * (1.0 - self.fraction)
-        if self._stage_seconds_left is None or self.stage not in self.stages:
+        if self._stage_seconds_left is None:
             return overall
+        in_stage = max(self._stage_seconds_left - (time.monotonic() - self._updated), 0.0)
+        if self.stage not in self.stages:
+            return None if overall is None else overall + in_stage
         share = self._share_of((self.stage,)) * (1.0 - self._fraction)
         if share <= LEAST_SHARE and pace is None:
             return None
-        in_stage = max(self._stage_seconds_left - (time.monotonic() - self._updated), 0.0)
         later = self._share_of(self.stages[self.stages.index(self.stage) + 1 :])
         return in_stage + (in_stage / share if pace is None else pace) * later
 

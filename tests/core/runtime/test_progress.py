@@ -70,6 +70,18 @@ def test_the_time_of_a_stage_that_was_not_expected_does_not_count_for_the_rest(c
     assert run.seconds_left == pytest.approx(30.0)
 
 
+def test_what_a_stage_that_was_not_expected_still_takes_comes_on_top_of_the_rest(clock):
+    run = RunProgress(("capture", "geometry"), expected={"capture": 10.0, "geometry": 30.0})
+    run.update({"event": "progress", "stage": "capture", "fraction": 0.0})
+    clock.now += 10.0
+    run.update({"event": "progress", "stage": "capture", "fraction": 1.0})
+    assert run.fraction == pytest.approx(0.25)
+    run.update({"event": "progress", "stage": "sfm-matching", "fraction": 0.1, "seconds_left": 90.0})
+    assert run.seconds_left == pytest.approx(120.0)
+    clock.now += 80.0
+    assert run.seconds_left == pytest.approx(40.0)
+
+
 def test_before_the_pace_is_known_the_stages_own_estimate_says_how_long_the_rest_takes(clock):
     run = RunProgress(("geometry", "evaluate"), expected={"geometry": 0.5, "evaluate": 0.5})
     run.update({"event": "progress", "stage": "geometry", "fraction": 0.01, "seconds_left": 99.0})
