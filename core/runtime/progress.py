@@ -14,6 +14,9 @@ from .time_model import TIME_MODEL
 COMPILING = "kernels"
 """What a machine does once, before its first run."""
 
+CAMERAS = "cameras"
+"""Estimating those that did not come with the photographs; how long that takes is forecast as it begins."""
+
 STARTING = "start"
 """The stage before the work: interpreters start and libraries load. How long that takes says little about the rest."""
 
@@ -36,7 +39,8 @@ class RunProgress:
         stages: the stages that this run has, in order.
         stage: the one that it is in.
         message: what it last said.
-        expected: seconds by stage, of which the ratios count; None takes what the worker forecasts, once it does.
+        expected: seconds by stage, of which the ratios count; of those that are not there, and of all with None, what
+            the worker forecasts counts, once it does.
     """
 
     stages: tuple[str, ...]
@@ -56,7 +60,7 @@ class RunProgress:
     def update(self, event: Event) -> None:
         """Take in a status, progress or forecast event; others are ignored."""
         if event.get("event") == "forecast":
-            self._forecast = dict(event["seconds"])
+            self._forecast |= event["seconds"]
         if event.get("event") not in ("status", "progress"):
             return
         now = time.monotonic()
@@ -116,12 +120,12 @@ class RunProgress:
     @property
     def _seconds_worked(self) -> float:
         """Time in the stages whose shares are known, from which the pace is taken."""
-        working = self.stage in self.stages and self.stage != STARTING
+        working = self.stage != STARTING and self._share_of((self.stage,)) > 0.0
         return self._worked + (time.monotonic() - self._updated if working else 0.0)
 
     def _share_of(self, stages: tuple[str, ...]) -> float:
         """Of the run's time, in [0, 1]."""
-        seconds = {**STAGE_SECONDS, **self._forecast} if self.expected is None else self.expected
+        seconds = {**STAGE_SECONDS, **self._forecast} if self.expected is None else {**self._forecast, **self.expected}
         total = sum(seconds.get(name, 0.0) for name in self.stages) or 1.0
         return sum(seconds.get(name, 0.0) for name in stages if name in self.stages) / total
 

@@ -15,6 +15,8 @@ class TimeModel:
     Attributes:
         start: of the processes.
         open, read: of looking at the capture, and a megapixel of photographs, at their full size, besides.
+        cameras_view, cameras_pixels, cameras_pair: of estimating cameras, each of the photographs, a megapixel of all
+            of them at the size in which features are sought, and a pair that is matched.
         check, check_view: of looking whether the cameras' focal length is right, and a view besides.
         enhance, enhance_views, enhance_pixels: of fitting the colours of a layer, and each of the views and a megapixel
             of all of them besides.
@@ -29,6 +31,9 @@ class TimeModel:
     start: float = 3.8
     open: float = 0.25
     read: float = 0.2
+    cameras_view: float = 0.1
+    cameras_pixels: float = 0.35
+    cameras_pair: float = 0.02
     check: float = 2.55
     check_view: float = 88.0
     enhance: float = 6.2
@@ -43,6 +48,10 @@ class TimeModel:
     evaluate_views: float = 0.066
     evaluate_pixels: float = 0.67
     blender: float = 24.0
+
+    def cameras(self, photographs: int, megapixels: float, pairs: int) -> float:
+        """Of estimating the cameras of photographs of so many megapixels each, of which so many pairs are matched."""
+        return photographs * (self.cameras_view + self.cameras_pixels * megapixels) + pairs * self.cameras_pair
 
     def stages(
         self,
