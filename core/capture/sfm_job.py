@@ -70,7 +70,7 @@ class SfmSettings:
         """Of estimating the cameras of `count` photographs on the reference machine, if the first try is enough."""
         tried = self.first or self
         pixels = min(width * height, tried.max_image_size**2)
-        return TIME_MODEL.cameras(count, pixels / 1e6, tried.pairs(count))
+        return TIME_MODEL.estimation(count, pixels / 1e6, tried.pairs(count))
 
     @property
     def distances(self) -> tuple[int, ...]:

@@ -37,16 +37,19 @@ def save_noise(folder: Path, count: int, size: int) -> None:
         save(folder / f"{index}.png", coarse.repeat(4, axis=0).repeat(4, axis=1))
 
 
-def temporary_files() -> set[str]:
-    return {path.name for path in Path(tempfile.gettempdir()).glob("cvdgs-sfm-*")}
+@pytest.fixture
+def temporary(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where temporary files of this test lie, and no others."""
+    folder = tmp_path_factory.mktemp("temporary")
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
 
 
-def test_photographs_that_do_not_overlap_are_refused_and_nothing_is_left(tmp_path: Path) -> None:
+def test_photographs_that_do_not_overlap_are_refused_and_nothing_is_left(tmp_path: Path, temporary: Path) -> None:
     save_noise(tmp_path, 3, 128)
-    before = temporary_files()
     with pytest.raises(InputError, match="no cameras could be estimated"):
         read_capture(tmp_path, max_size=None, cameras="estimate")
-    assert temporary_files() <= before
+    assert not list(temporary.iterdir())
     assert len(list(tmp_path.iterdir())) == 3
 
 
@@ -245,7 +248,7 @@ def test_strays_are_left_out_shown_and_named(tmp_path: Path) -> None:
     assert not vermilion[: len(vermilion) // 2].any()
 
 
-def test_cancelling_stops_at_the_next_picture_and_leaves_nothing(tmp_path: Path) -> None:
+def test_cancelling_stops_at_the_next_picture_and_leaves_nothing(tmp_path: Path, temporary: Path) -> None:
     class Impatient(Reporter):
         asked = 0
 
@@ -255,8 +258,8 @@ def test_cancelling_stops_at_the_next_picture_and_leaves_nothing(tmp_path: Path)
                 raise Cancelled
 
     save_noise(tmp_path, 12, 1000)
-    before, reporter = temporary_files(), Impatient()
+    reporter = Impatient()
     with pytest.raises(Cancelled):
         read_capture(tmp_path, max_size=None, cameras="estimate", reporter=reporter)
     assert reporter.asked == 1
-    assert temporary_files() <= before
+    assert not list(temporary.iterdir())
