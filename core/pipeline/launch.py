@@ -46,8 +46,8 @@ def stages_of(settings: Settings) -> tuple[str, ...]:
     """The stages that a run with `settings` reports, in order."""
     return (
         STARTING,
-        *(() if settings.resume else (CAMERAS,)),
         "capture",
+        *(() if settings.resume else (CAMERAS,)),
         "enhance",
         *(() if settings.resume else ("geometry",)),
         "layers",

@@ -76,6 +76,7 @@ class RunProgress:
         if event["event"] == "progress":
             self._fraction = float(event["fraction"])
             self._stage_seconds_left = event.get("seconds_left")
+        self._reach()
 
     def stage_seconds(self) -> dict[str, float]:
         """Of the stages that were left, and of the present one, what it will have taken, where that can be told.
@@ -90,11 +91,14 @@ class RunProgress:
     @property
     def fraction(self) -> float:
         """Of the whole run, in [0, 1]; it stands still in a stage that was not expected."""
+        self._reach()
+        return self._reached
+
+    def _reach(self) -> None:
         if self.stage in self.stages:
             before = self._share_of(self.stages[: self.stages.index(self.stage)])
             here = self._share_of((self.stage,)) * self._fraction
             self._reached = max(self._reached, min(before + here, 1.0))
-        return self._reached
 
     @property
     def seconds_left(self) -> float | None:
@@ -114,7 +118,8 @@ class RunProgress:
         share = self._share_of((self.stage,)) * (1.0 - self._fraction)
         if share <= LEAST_SHARE and pace is None:
             return None
-        later = self._share_of(self.stages[self.stages.index(self.stage) + 1 :])
+        # Where cameras are estimated, reading the capture goes on after that.
+        later = min(self._share_of(self.stages[self.stages.index(self.stage) + 1 :]), 1.0 - self.fraction)
         return in_stage + (in_stage / share if pace is None else pace) * later
 
     @property
