@@ -11,13 +11,14 @@ from typing import Any
 
 import bpy
 
+from ..core.capture.sfm_job import SfmSettings
 from ..core.color.matrices import check_simulation
 from ..core.errors import InputError
 from ..core.pipeline import launch
 from ..core.pipeline.continuation import broken_off
 from ..core.runs.layout import CAPTURE_FOLDER
 from ..core.runtime.process import Workers
-from ..core.runtime.progress import COMPILING, STARTING
+from ..core.runtime.progress import CAMERAS, COMPILING, STARTING
 from ..core.runtime.supervisor import Listener
 from ..core.runtime.time_model import TIME_MODEL
 from ..core.settings import Layer, Settings
@@ -189,16 +190,20 @@ def has_layer(scene: bpy.types.Scene) -> bool:
 
 def _reference_seconds(scene: bpy.types.Scene, quality: Quality) -> dict[str, float]:
     """Seconds by stage that the button takes on the reference machine."""
-    capture = scene.cvdgs.capture
-    return TIME_MODEL.stages(
+    capture, adds = scene.cvdgs.capture, adds_to_run(scene)
+    seconds = TIME_MODEL.stages(
         quality.iterations,
         quality.max_size,
         capture.views,
         capture.width,
         capture.height,
-        adds_layer=adds_to_run(scene),
+        adds_layer=adds,
         scene_file=scene.cvdgs.run.scene_file,
     )
+    if capture.format == "sfm" and not adds:
+        estimation = SfmSettings.for_views(quality.max_size)
+        seconds[CAMERAS] = estimation.seconds(capture.views, capture.width, capture.height)
+    return seconds
 
 
 def _here(reference: Mapping[str, float]) -> dict[str, float]:
@@ -225,9 +230,11 @@ def _take_over(
     by_stage = dict(launch.latest_seconds(job.result))
     seconds = by_stage.pop("total") or 0.0
     if seconds:
-        compiling = job.progress.stage_seconds().get(COMPILING, 0.0)
-        start = max(seconds - compiling - sum(part or 0.0 for part in by_stage.values()), 0.0)
-        _learn(reference, {**by_stage, STARTING: start})
+        told = job.progress.stage_seconds()
+        start = max(seconds - told.get(COMPILING, 0.0) - sum(part or 0.0 for part in by_stage.values()), 0.0)
+        cameras = told.get(CAMERAS, 0.0)  # in a report part of reading the capture
+        reading = max((by_stage.get("capture") or 0.0) - cameras, 0.0)
+        _learn(reference, {**by_stage, STARTING: start, CAMERAS: cameras or None, "capture": reading})
     shrink_cache()
     scene = scene_by_uid(scene_uid)
     if scene is None:

@@ -20,6 +20,7 @@ from .layout import SidePanel, complain, say, say_end, split_column
 _PREVIEW_SCALE = 11.4
 _STAGES = {
     "start": "Starting",
+    "cameras": "Finding the cameras",
     "capture": "Reading the photographs",
     "kernels": "Preparing",
     "lens": "Checking the cameras",

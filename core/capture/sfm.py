@@ -10,7 +10,6 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from ..bootstrap import ROOT
 from ..errors import InputError
 from ..runtime.devices import AFTER_KILLED, WHY_KILLED
-from ..runtime.progress import format_seconds
+from ..runtime.progress import CAMERAS
 from ..runtime.protocol import Reporter
 from .colmap import add_model
 from .colmap_files import read_model
@@ -44,7 +43,13 @@ _MESSAGES = {
 _MORE = "more "  # before the name of a step that is done again with more effort
 # Of the time of an estimation on two cores, when what its steps begin with is enough.
 _SHARES = {"reading": 0.05, "features": 0.25, "matching": 0.5, "mapping": 0.2}
-_TELLING_SHARE = 0.1  # of it, from which the time left is told
+# Mapping places photographs again and again, all at once or one by one.
+_DONE = {
+    "reading": "{done} of {total} photographs read",
+    "features": "features found in {done} of {total} photographs",
+    "matching": "{done} of {total} pairs matched",
+    "mapping": "photographs placed to {share:.0%}",
+}
 _FULL_DISK = 1 << 20  # bytes that are left of one that is full
 
 
@@ -63,8 +68,8 @@ def estimate_cameras(
         folder: holds the photographs; nothing is written there. Frames of a video are listed in a `FRAMES_FILE`.
         names: of the photographs, relative to `folder`, in the order in which they were taken.
         workspace: an empty folder for the database and the result.
-        reporter: told of the steps "sfm-reading", "sfm-features", "sfm-matching" and "sfm-mapping" and their progress.
-            What it raises stops the estimation at once.
+        reporter: told of the stage `CAMERAS`, how long it will take and how far it is; that falls back where it is
+            tried with more effort. What it raises stops the estimation at once.
         settings: the defaults suit two cores.
         masks: of photographs, by name: no features are sought in what they leave out.
         root: the capture folder, in which a `FRAMES_FILE` may also lie beside `folder`.
@@ -81,6 +86,8 @@ def estimate_cameras(
     masks = masks or {}
     mask_files = {name: str(path.resolve()) for name, path in masks.items()}
     job = SfmJob(str(folder.resolve()), names, cameras, str(workspace), settings, mask_files)
+    header = read_header(folder / names[0])
+    reporter.forecast({CAMERAS: settings.seconds(len(names), header.width, header.height)})
     process = _start(job)
     try:
         placed = _Watch(process, workspace, job, reporter).wait()
@@ -174,7 +181,6 @@ class _Watch:
         self._pairs = job.settings.pairs(count)  # with more effort
         self._reporter = reporter
         self._step, self._effort, self._done = "", 0, 0
-        self._started = time.monotonic()
         # None stands for the end of the output.
         self._messages: queue.Queue[str | int | dict[str, Any] | None] = queue.Queue()
         Thread(target=self._read, name="sfm-messages", daemon=True).start()
@@ -223,21 +229,11 @@ class _Watch:
 
     def _report(self) -> None:
         if self._step:
-            total = self._totals[self._step]
+            steps, total = tuple(_SHARES), self._totals[self._step]
             done = min(self._done, total)
-            # Mapping places photographs again and again, all at once or one by one.
-            said = f"{done / total:.0%}" if self._step == "mapping" else f"{done} of {total}"
-            self._reporter.progress(f"sfm-{self._step}", done / total, f"{said}{self._time_left()}")
-
-    def _time_left(self) -> str:
-        """Of the whole estimation, for the end of a message; empty where that cannot be told, as when a step begins."""
-        steps = tuple(_SHARES)
-        before = sum(_SHARES[step] for step in steps[: steps.index(self._step)])
-        share = before + _SHARES[self._step] * min(self._done / self._totals[self._step], 1.0)
-        if self._effort or not self._done or not _TELLING_SHARE <= share < 1.0:
-            return ""
-        elapsed = time.monotonic() - self._started
-        return f", {format_seconds(elapsed * (1.0 - share) / share)} left for the cameras"
+            before = sum(_SHARES[step] for step in steps[: steps.index(self._step)])
+            said = _DONE[self._step].format(done=done, total=total, share=done / total)
+            self._reporter.progress(CAMERAS, before + _SHARES[self._step] * done / total, said)
 
     def _receive(self, message: str | int) -> None:
         if isinstance(message, int):
@@ -248,7 +244,7 @@ class _Watch:
             self._effort += 1
             self._totals["matching"] = self._pairs
         text = _MESSAGES[self._step].format(count=self._totals["features"], pairs=self._totals["matching"])
-        self._reporter.status(f"sfm-{self._step}", f"{text}, with more effort" if self._effort else text)
+        self._reporter.status(CAMERAS, f"{text}, with more effort" if self._effort else text)
 
 
 def _parse(line: str) -> str | int | dict[str, Any] | None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 
+from ..runtime.time_model import TIME_MODEL
+
 DATABASE = "database.db"
 RESULT = "result"
 REFUSAL = "refusal"  # the key of a last message with what, where and remedy of an `InputError`
@@ -63,6 +65,12 @@ class SfmSettings:
         if self.matches_every_pair(count):
             return count * (count - 1) // 2
         return sum(max(count - distance, 0) for distance in self.distances) + self.alike * count
+
+    def seconds(self, count: int, width: int, height: int) -> float:
+        """Of estimating the cameras of `count` photographs on the reference machine, if the first try is enough."""
+        tried = self.first or self
+        pixels = min(width * height, tried.max_image_size**2)
+        return TIME_MODEL.estimation(count, pixels / 1e6, tried.pairs(count))
 
     @property
     def distances(self) -> tuple[int, ...]:

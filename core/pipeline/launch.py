@@ -18,7 +18,7 @@ from ..runs.folder import RunFolder, files_of_a_run
 from ..runs.layout import BLEND_FILE, CAPTURE_FOLDER, LOG_FILE, REPORT_PAGE
 from ..runs.report import latest_seconds, write_report
 from ..runtime.process import Event, Workers, blender_command
-from ..runtime.progress import Clock, RunProgress, format_seconds
+from ..runtime.progress import CAMERAS, STARTING, Clock, RunProgress, format_seconds
 from ..runtime.supervisor import CANCELLED, BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from ..settings import Settings
 from .continuation import CHECKPOINT_SECONDS, CheckpointRequest, checkpoint_folder, resumption
@@ -45,8 +45,9 @@ def run_in_console(settings: Settings, *, json_events: bool) -> int:
 def stages_of(settings: Settings) -> tuple[str, ...]:
     """The stages that a run with `settings` reports, in order."""
     return (
-        "start",
+        STARTING,
         "capture",
+        *(() if settings.resume else (CAMERAS,)),
         "enhance",
         *(() if settings.resume else ("geometry",)),
         "layers",

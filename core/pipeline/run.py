@@ -37,6 +37,7 @@ from .stages import Reconstruction, Stages
 # Longer side of the training images when --max-size is auto: what two cores train in minutes. The same on a graphics
 # card, so that what a scene is trained on does not depend on the machine.
 AUTO_MAX_SIZE = 640
+_USUAL_VIEWS = 40  # as long as nobody has counted them
 
 
 def run(
@@ -75,12 +76,15 @@ def run(
             capture = earlier.capture
         else:
             size = settings.max_size or AUTO_MAX_SIZE
+            recorder.forecast(_forecast(settings, _USUAL_VIEWS, size, size * 3 // 4))
             capture = _capture_of(settings, size, checkpoints, recorder)
             capture = replace(capture, metres_per_unit=settings.metres_per_unit or capture.metres_per_unit)
             write_capture(capture, folder / CAPTURE_FOLDER)
             if capture.estimate and capture.estimate.sheet is not None:
                 write_png(folder / CAPTURE_FOLDER / PLACED_FILE, capture.estimate.sheet)
-    recorder.forecast(_forecast(settings, capture, adds_layer=earlier is not None))
+    sides = [(view.camera.width, view.camera.height) for view in capture.views]
+    largest = map(max, zip(*sides, strict=True))
+    recorder.forecast(_forecast(settings, len(sides), *largest, adds_layer=earlier is not None))
     raster.load(device, recorder)
     split = _split(capture, settings.holdout, recorder)
     context = (settings, folder, recorder, capture, split, raster.Rasterizer(device))
@@ -140,13 +144,10 @@ def run(
     return earlier.extend(report) if earlier else report
 
 
-def _forecast(settings: Settings, capture: Capture, *, adds_layer: bool) -> dict[str, float]:
-    """Seconds of the stages on the reference machine."""
-    width, height = (
-        max(sides) for sides in zip(*((v.camera.width, v.camera.height) for v in capture.views), strict=True)
-    )
+def _forecast(settings: Settings, views: int, width: int, height: int, *, adds_layer: bool = False) -> dict[str, float]:
+    """Seconds of the stages on the reference machine, for views of this size."""
     return TIME_MODEL.stages(
-        *(settings.iterations, max(width, height), len(capture.views), width, height),
+        *(settings.iterations, max(width, height), views, width, height),
         adds_layer=adds_layer,
         scene_file=settings.blend,
         layers=len(settings.layers),

@@ -14,6 +14,9 @@ from .time_model import TIME_MODEL
 COMPILING = "kernels"
 """What a machine does once, before its first run."""
 
+CAMERAS = "cameras"
+"""Estimating those that did not come with the photographs; how long that takes is forecast as it begins."""
+
 STARTING = "start"
 """The stage before the work: interpreters start and libraries load. How long that takes says little about the rest."""
 
@@ -36,7 +39,8 @@ class RunProgress:
         stages: the stages that this run has, in order.
         stage: the one that it is in.
         message: what it last said.
-        expected: seconds by stage, of which the ratios count; None takes what the worker forecasts, once it does.
+        expected: seconds by stage, of which the ratios count; of those that are not there, and of all with None, what
+            the worker forecasts counts, once it does.
     """
 
     stages: tuple[str, ...]
@@ -56,7 +60,7 @@ class RunProgress:
     def update(self, event: Event) -> None:
         """Take in a status, progress or forecast event; others are ignored."""
         if event.get("event") == "forecast":
-            self._forecast = dict(event["seconds"])
+            self._forecast |= event["seconds"]
         if event.get("event") not in ("status", "progress"):
             return
         now = time.monotonic()
@@ -72,6 +76,7 @@ class RunProgress:
         if event["event"] == "progress":
             self._fraction = float(event["fraction"])
             self._stage_seconds_left = event.get("seconds_left")
+        self._reach()
 
     def stage_seconds(self) -> dict[str, float]:
         """Of the stages that were left, and of the present one, what it will have taken, where that can be told.
@@ -86,11 +91,14 @@ class RunProgress:
     @property
     def fraction(self) -> float:
         """Of the whole run, in [0, 1]; it stands still in a stage that was not expected."""
+        self._reach()
+        return self._reached
+
+    def _reach(self) -> None:
         if self.stage in self.stages:
             before = self._share_of(self.stages[: self.stages.index(self.stage)])
             here = self._share_of((self.stage,)) * self._fraction
             self._reached = max(self._reached, min(before + here, 1.0))
-        return self._reached
 
     @property
     def seconds_left(self) -> float | None:
@@ -110,18 +118,19 @@ class RunProgress:
         share = self._share_of((self.stage,)) * (1.0 - self._fraction)
         if share <= LEAST_SHARE and pace is None:
             return None
-        later = self._share_of(self.stages[self.stages.index(self.stage) + 1 :])
+        # Where cameras are estimated, reading the capture goes on after that.
+        later = min(self._share_of(self.stages[self.stages.index(self.stage) + 1 :]), 1.0 - self.fraction)
         return in_stage + (in_stage / share if pace is None else pace) * later
 
     @property
     def _seconds_worked(self) -> float:
         """Time in the stages whose shares are known, from which the pace is taken."""
-        working = self.stage in self.stages and self.stage != STARTING
+        working = self.stage != STARTING and self._share_of((self.stage,)) > 0.0
         return self._worked + (time.monotonic() - self._updated if working else 0.0)
 
     def _share_of(self, stages: tuple[str, ...]) -> float:
         """Of the run's time, in [0, 1]."""
-        seconds = {**STAGE_SECONDS, **self._forecast} if self.expected is None else self.expected
+        seconds = {**STAGE_SECONDS, **self._forecast} if self.expected is None else {**self._forecast, **self.expected}
         total = sum(seconds.get(name, 0.0) for name in self.stages) or 1.0
         return sum(seconds.get(name, 0.0) for name in stages if name in self.stages) / total
 

@@ -106,6 +106,7 @@ class JsonReporter(Reporter):
         self._last = 0.0
         self._stage = ""
         self._stage_started = 0.0
+        self._fraction, self._reached = 0.0, 0.0  # of the stage, and when it was first told
 
     def emit(self, event: str, **fields: Any) -> None:
         """Write one event now."""
@@ -115,6 +116,7 @@ class JsonReporter(Reporter):
     def _enter(self, stage: str) -> None:
         if stage != self._stage:
             self._stage, self._stage_started, self._last = stage, time.monotonic(), 0.0
+            self._fraction, self._reached = 0.0, self._stage_started
 
     def status(self, stage: str, message: str) -> None:
         self._enter(stage)
@@ -123,15 +125,24 @@ class JsonReporter(Reporter):
     def progress(self, stage: str, fraction: float, message: str = "") -> None:
         self._enter(stage)
         now = time.monotonic()
+        fraction = min(max(float(fraction), 0.0), 1.0)
+        if fraction != self._fraction:
+            self._fraction, self._reached = fraction, now
         if now - self._last < self._interval and fraction < 1.0:
             return
         self._last = now
-        fraction = min(max(float(fraction), 0.0), 1.0)
-        elapsed = now - self._stage_started
-        left = elapsed / fraction * (1.0 - fraction) if fraction > LEAST_SHARE and elapsed > 0.5 else None
+        left = self._seconds_left(now)
         self.emit(
             "progress", stage=stage, fraction=round(fraction, 4), seconds_left=left and round(left, 1), message=message
         )
+
+    def _seconds_left(self, now: float) -> float | None:
+        """Of the stage by its pace so far; where it stands still they pass, and once they are over nobody knows."""
+        elapsed, fraction = self._reached - self._stage_started, self._fraction
+        if fraction <= LEAST_SHARE or elapsed <= 0.5:
+            return None
+        left = elapsed / fraction * (1.0 - fraction) - (now - self._reached)
+        return max(left, 0.0) if left > 0.0 or fraction == 1.0 else None
 
     def warning(self, name: str, message: str) -> None:
         self.emit("warning", name=name, message=message)

@@ -267,8 +267,8 @@ class BarDisplay:
 
     def __call__(self, event: Event) -> None:
         kind = event["event"]
+        self._progress.update(event)
         if kind in ("status", "progress"):
-            self._progress.update(event)
             self._show()
         elif kind == "warning":
             self._say(f"note: {event['message']}")

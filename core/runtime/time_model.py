@@ -15,6 +15,10 @@ class TimeModel:
     Attributes:
         start: of the processes.
         open, read: of looking at the capture, and a megapixel of photographs, at their full size, besides.
+        cameras: of estimating cameras, whatever they are.
+        cameras_view, cameras_pixels: each of the photographs, and a megapixel of all of them, at the size in which
+            features are sought.
+        cameras_pair, cameras_pair_pixels: a pair that is matched, and a megapixel of all first ones of pairs.
         check, check_view: of looking whether the cameras' focal length is right, and a view besides.
         enhance, enhance_views, enhance_pixels: of fitting the colours of a layer, and each of the views and a megapixel
             of all of them besides.
@@ -29,6 +33,11 @@ class TimeModel:
     start: float = 3.8
     open: float = 0.25
     read: float = 0.2
+    cameras: float = 1.5
+    cameras_view: float = 0.1
+    cameras_pixels: float = 0.55
+    cameras_pair: float = 0.005
+    cameras_pair_pixels: float = 0.04
     check: float = 2.55
     check_view: float = 88.0
     enhance: float = 6.2
@@ -43,6 +52,12 @@ class TimeModel:
     evaluate_views: float = 0.066
     evaluate_pixels: float = 0.67
     blender: float = 24.0
+
+    def estimation(self, photographs: int, megapixels: float, pairs: int) -> float:
+        """Of estimating the cameras of photographs of so many megapixels each, of which so many pairs are matched."""
+        found = self.cameras_view + self.cameras_pixels * megapixels
+        matched = self.cameras_pair + self.cameras_pair_pixels * megapixels
+        return self.cameras + photographs * found + pairs * matched
 
     def stages(
         self,

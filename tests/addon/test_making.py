@@ -349,3 +349,10 @@ def test_the_estimate_follows_what_runs_have_taken(capture, worker, run_folder, 
     capture.cvdgs.run.start_over = True
     assert addon.stage_speeds
     assert making.estimated_seconds(capture, quality) < before
+
+
+def test_the_estimate_includes_cameras_that_have_to_be_found(capture):
+    quality = making.quality_called(capture.cvdgs.run.quality)
+    with_cameras = making.estimated_seconds(capture, quality)
+    capture.cvdgs.capture.format = "sfm"
+    assert making.estimated_seconds(capture, quality) > with_cameras + 1.0

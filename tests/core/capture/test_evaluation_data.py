@@ -15,6 +15,7 @@ from cvdgs.core.capture.model import Capture
 from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.capture.undistort import choose_pinhole, source_pixels
 from cvdgs.core.errors import InputError
+from cvdgs.core.runtime.progress import CAMERAS
 from cvdgs.core.runtime.protocol import Reporter
 
 DATA = ROOT.parent / "shared" / "data"
@@ -159,7 +160,7 @@ def test_sfm_finds_the_cameras_of_kermit(tmp_path: Path) -> None:
             self.fractions: list[float] = []
 
         def progress(self, stage: str, fraction: float, message: str = "") -> None:
-            if stage.startswith("sfm"):
+            if stage == CAMERAS:
                 self.fractions.append(fraction)
 
     shutil.copytree(DATA / "kermit" / "images", tmp_path / "kermit")

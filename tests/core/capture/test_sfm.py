@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,6 +23,7 @@ from cvdgs.core.capture.sfm import estimate_cameras, number_cameras
 from cvdgs.core.capture.sfm_verdict import Frame
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import Cancelled, InputError
+from cvdgs.core.runtime.progress import CAMERAS
 from cvdgs.core.runtime.protocol import Reporter
 
 from .make_captures import save
@@ -35,16 +37,19 @@ def save_noise(folder: Path, count: int, size: int) -> None:
         save(folder / f"{index}.png", coarse.repeat(4, axis=0).repeat(4, axis=1))
 
 
-def temporary_files() -> set[str]:
-    return {path.name for path in Path(tempfile.gettempdir()).glob("cvdgs-sfm-*")}
+@pytest.fixture
+def temporary(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where temporary files of this test lie, and no others."""
+    folder = tmp_path_factory.mktemp("temporary")
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
 
 
-def test_photographs_that_do_not_overlap_are_refused_and_nothing_is_left(tmp_path: Path) -> None:
+def test_photographs_that_do_not_overlap_are_refused_and_nothing_is_left(tmp_path: Path, temporary: Path) -> None:
     save_noise(tmp_path, 3, 128)
-    before = temporary_files()
     with pytest.raises(InputError, match="no cameras could be estimated"):
         read_capture(tmp_path, max_size=None, cameras="estimate")
-    assert temporary_files() <= before
+    assert not list(temporary.iterdir())
     assert len(list(tmp_path.iterdir())) == 3
 
 
@@ -52,10 +57,11 @@ def test_photographs_that_do_not_overlap_are_refused_and_nothing_is_left(tmp_pat
 def test_progress_is_reported_step_by_step(tmp_path: Path, size: int | None) -> None:
     class Recorder(Reporter):
         def __init__(self) -> None:
-            self.stages: list[str] = []
+            self.said: list[str] = []
 
         def status(self, stage: str, message: str) -> None:
-            self.stages.append(stage)
+            if stage == CAMERAS:
+                self.said.append(message)
 
         def progress(self, stage: str, fraction: float, message: str = "") -> None:
             assert 0.0 <= fraction <= 1.0
@@ -64,9 +70,15 @@ def test_progress_is_reported_step_by_step(tmp_path: Path, size: int | None) -> 
     recorder = Recorder()
     with pytest.raises(InputError):
         read_capture(tmp_path, max_size=size, cameras="estimate", reporter=recorder)
-    steps = ["sfm-features", "sfm-matching", "sfm-mapping"]
-    tried = ["sfm-reading", *steps, *steps]  # the second time with more effort
-    assert recorder.stages == ["capture", *(tried if size is None else ["sfm-reading", *steps, *tried])]
+    steps = [
+        "finding features in 2 photographs",
+        "matching up to 1 pairs of photographs",
+        "estimating the cameras of 2 photographs",
+    ]
+    again = [f"{step}, with more effort" for step in steps]
+    reading = "reading 2 photographs"
+    tried = [reading, *steps, *again]
+    assert recorder.said == (tried if size is None else [reading, *steps, reading, *again, *again])
 
 
 def test_frames_without_exif_share_a_camera_whose_focal_length_is_found_every_time_the_same(
@@ -138,39 +150,31 @@ def test_names_may_hold_spaces_and_lie_in_folders(tmp_path: Path) -> None:
     assert (capture.estimate.photographs, capture.estimate.placed, capture.estimate.sheet) == (10, 10, None)
 
 
-def test_progress_goes_on_while_photographs_are_placed_and_the_time_left_is_said(tmp_path: Path) -> None:
+def test_progress_goes_on_from_step_to_step_and_the_time_is_forecast(tmp_path: Path) -> None:
     class Recorder(Reporter):
         def __init__(self) -> None:
-            self.steps: dict[str, list[float]] = {}
-            self.messages: list[str] = []
+            self.fractions: list[float] = []
+            self.said: list[str] = []
+            self.seconds: dict[str, float] = {}
 
         def progress(self, stage: str, fraction: float, message: str = "") -> None:
-            self.steps.setdefault(stage, []).append(fraction)
-            self.messages.append(message)
+            if stage == CAMERAS:
+                self.fractions.append(fraction)
+                self.said.append(message)
 
-    for path in sorted((SHOWROOM / "images").iterdir())[::4]:
-        shutil.copy(path, tmp_path)
-    recorder = Recorder()
-    read_capture(tmp_path, max_size=160, cameras="estimate", reporter=recorder)
-    mapping = recorder.steps["sfm-mapping"]
-    assert mapping == sorted(mapping)
-    assert len({fraction for fraction in mapping if 0.0 < fraction < 1.0}) >= 3
-    assert mapping[-1] == 1.0
-    assert any("left for the cameras" in message for message in recorder.messages)
-    assert not any(message.startswith("0 of") and "left for" in message for message in recorder.messages)
-
-
-def test_progress_goes_on_while_pairs_are_matched(tmp_path: Path) -> None:
-    said: list[str] = []
-
-    class Ears(Reporter):
-        def progress(self, stage: str, fraction: float, message: str = "") -> None:
-            said.append(message)
+        def forecast(self, seconds: Mapping[str, float]) -> None:
+            self.seconds |= seconds
 
     for path in sorted((SHOWROOM / "images").iterdir())[::2]:
         shutil.copy(path, tmp_path)
-    read_capture(tmp_path, max_size=160, cameras="estimate", reporter=Ears())
-    assert any(message.startswith("100 of 190") for message in said)
+    recorder = Recorder()
+    read_capture(tmp_path, max_size=None, cameras="estimate", reporter=recorder)
+    assert recorder.fractions == sorted(recorder.fractions)
+    assert recorder.fractions[-1] == pytest.approx(1.0)
+    assert "100 of 190 pairs matched" in recorder.said
+    assert len({said for said in recorder.said if said.startswith("photographs placed to")}) >= 3
+    assert set(recorder.seconds) == {CAMERAS}
+    assert recorder.seconds[CAMERAS] > 1.0
 
 
 def test_a_photograph_that_is_cut_is_named_and_refused(tmp_path: Path) -> None:
@@ -244,18 +248,18 @@ def test_strays_are_left_out_shown_and_named(tmp_path: Path) -> None:
     assert not vermilion[: len(vermilion) // 2].any()
 
 
-def test_cancelling_stops_at_the_next_picture_and_leaves_nothing(tmp_path: Path) -> None:
+def test_cancelling_stops_at_the_next_picture_and_leaves_nothing(tmp_path: Path, temporary: Path) -> None:
     class Impatient(Reporter):
         asked = 0
 
         def progress(self, stage: str, fraction: float, message: str = "") -> None:
-            if stage.startswith("sfm"):
+            if stage == CAMERAS:
                 self.asked += 1
                 raise Cancelled
 
     save_noise(tmp_path, 12, 1000)
-    before, reporter = temporary_files(), Impatient()
+    reporter = Impatient()
     with pytest.raises(Cancelled):
         read_capture(tmp_path, max_size=None, cameras="estimate", reporter=reporter)
     assert reporter.asked == 1
-    assert temporary_files() <= before
+    assert not list(temporary.iterdir())

@@ -15,6 +15,7 @@ from cvdgs.core.errors import Cancelled, InputError
 from cvdgs.core.pipeline.continuation import CheckpointRequest, broken_off, continued, describe_run, resumption
 from cvdgs.core.pipeline.launch import run, stages_of
 from cvdgs.core.runtime.process import Workers
+from cvdgs.core.runtime.progress import CAMERAS
 from cvdgs.core.runtime.supervisor import WorkerKilled
 from cvdgs.core.settings import Layer, Settings
 
@@ -108,7 +109,7 @@ def test_a_run_that_was_killed_before_it_trained_estimates_no_cameras_again(phot
     assert sorted(path.name for path in (out / ".checkpoint").iterdir()) == ["capture.safetensors", "run.json"]
     heard = []
     report = run(Settings(str(photographs), str(out), blend=False, enhancer="lut", resume=True), heard.append)
-    assert not any(event.get("stage", "").startswith("sfm") for event in heard)
+    assert not any(event.get("stage") == CAMERAS for event in heard)
     assert report["settings"]["max_size"] == 96
     assert report["capture"]["estimate"]["placed"] == 10
     assert "cameras-estimated" in {warning["name"] for warning in report["warnings"]}

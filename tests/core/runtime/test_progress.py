@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from cvdgs.core.runtime import progress
-from cvdgs.core.runtime.progress import RunProgress, format_seconds
+from cvdgs.core.runtime.progress import CAMERAS, RunProgress, format_seconds
 
 STAGES = ("start", "capture", "geometry", "enhance", "layers", "evaluate", "blender")
 
@@ -62,7 +62,7 @@ def test_the_time_of_a_stage_that_was_not_expected_does_not_count_for_the_rest(c
     run = RunProgress(("capture", "geometry"), expected={"capture": 0.25, "geometry": 0.75})
     run.update({"event": "status", "stage": "capture"})
     clock.now += 5.0
-    run.update({"event": "status", "stage": "sfm"})
+    run.update({"event": "status", "stage": "lens"})
     clock.now += 500.0
     run.update({"event": "status", "stage": "capture"})
     clock.now += 5.0
@@ -75,8 +75,7 @@ def test_what_a_stage_that_was_not_expected_still_takes_comes_on_top_of_the_rest
     run.update({"event": "progress", "stage": "capture", "fraction": 0.0})
     clock.now += 10.0
     run.update({"event": "progress", "stage": "capture", "fraction": 1.0})
-    assert run.fraction == pytest.approx(0.25)
-    run.update({"event": "progress", "stage": "sfm-matching", "fraction": 0.1, "seconds_left": 90.0})
+    run.update({"event": "progress", "stage": "lens", "fraction": 0.1, "seconds_left": 90.0})
     assert run.seconds_left == pytest.approx(120.0)
     clock.now += 80.0
     assert run.seconds_left == pytest.approx(40.0)
@@ -104,7 +103,7 @@ def test_a_stage_that_was_not_expected_does_not_move_the_bar():
     run = RunProgress(STAGES)
     run.update({"event": "progress", "stage": "capture", "fraction": 1.0, "seconds_left": 0.0})
     reached = run.fraction
-    run.update({"event": "progress", "stage": "sfm", "fraction": 0.9, "seconds_left": 5.0})
+    run.update({"event": "progress", "stage": "lens", "fraction": 0.9, "seconds_left": 5.0})
     assert run.fraction == reached
 
 
@@ -118,6 +117,36 @@ def test_what_the_worker_forecasts_for_its_capture_tells_how_long_the_rest_takes
     run.update({"event": "progress", "stage": "enhance", "fraction": 1.0})
     assert run.fraction == pytest.approx(110 / 310)
     assert run.seconds_left == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("expected", [None, {"capture": 10.0, "geometry": 30.0}])
+def test_the_bar_moves_while_cameras_are_estimated_once_it_is_forecast_how_long_that_takes(clock, expected):
+    run = RunProgress(("capture", CAMERAS, "geometry"), expected=expected)
+    run.update({"event": "forecast", "seconds": {"capture": 10.0, "geometry": 30.0}})
+    run.update({"event": "progress", "stage": "capture", "fraction": 0.0})
+    clock.now += 10.0
+    run.update({"event": "progress", "stage": "capture", "fraction": 1.0})
+    run.update({"event": "forecast", "seconds": {CAMERAS: 60.0}})
+    run.update({"event": "progress", "stage": CAMERAS, "fraction": 0.0})
+    clock.now += 30.0
+    run.update({"event": "progress", "stage": CAMERAS, "fraction": 0.5, "seconds_left": 30.0})
+    assert run.fraction == pytest.approx(0.4)
+    assert run.seconds_left == pytest.approx(60.0)
+    clock.now += 30.0
+    run.update({"event": "progress", "stage": CAMERAS, "fraction": 1.0, "seconds_left": 0.0})
+    run.update({"event": "progress", "stage": "capture", "fraction": 1.0, "seconds_left": 0.0})
+    assert run.fraction == pytest.approx(0.7)
+    assert run.seconds_left == pytest.approx(30.0)
+
+
+def test_a_stage_of_which_nobody_knows_how_long_it_takes_does_not_count_for_the_rest(clock):
+    run = RunProgress(("capture", CAMERAS, "geometry"), expected={"capture": 10.0, "geometry": 30.0})
+    run.update({"event": "progress", "stage": CAMERAS, "fraction": 0.0})
+    clock.now += 500.0
+    run.update({"event": "progress", "stage": "capture", "fraction": 0.0})
+    clock.now += 10.0
+    run.update({"event": "progress", "stage": "capture", "fraction": 1.0})
+    assert run.seconds_left == pytest.approx(30.0)
 
 
 def test_a_forecast_changes_nothing_where_more_is_known_of_the_machine():

@@ -28,6 +28,17 @@ def test_no_time_is_estimated_from_the_first_steps_after_a_long_preparation(monk
     assert [event.get("seconds_left") for event in events_of(stream)] == [None, None, None, 30.0]
 
 
+def test_where_a_stage_stands_still_its_time_passes_until_nobody_knows(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(protocol, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    stream = io.StringIO()
+    reporter = JsonReporter(stream)
+    reporter.status("cameras", "matching")
+    for now[0], fraction in ((10.0, 0.5), (14.0, 0.5), (21.0, 0.5), (30.0, 0.75), (40.0, 1.0)):
+        reporter.progress("cameras", fraction)
+    assert [event.get("seconds_left") for event in events_of(stream)] == [None, 10.0, 6.0, None, 10.0, 0.0]
+
+
 def test_a_forecast_is_heard_as_it_was_said():
     stream = io.StringIO()
     JsonReporter(stream).forecast({"enhance": 12.34, "geometry": 200.0})

@@ -170,6 +170,15 @@ class Interrupting(CaptureFolder):
         raise InputError("no more than an example")
 
 
+@pytest.fixture
+def interruptible():
+    """As in a terminal: what a shell starts in the background ignores Ctrl-C, and so does what that starts."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_ends_a_study_and_the_trial_that_it_interrupts_is_not_stored(tmp_path):
     interrupting, later = (Interrupting(name, tmp_path / name, 96) for name in ("interrupting", "later"))
     with pytest.raises(KeyboardInterrupt):
