@@ -14,6 +14,7 @@ import bpy
 from ..core.capture.sfm_job import SfmSettings
 from ..core.color.matrices import check_simulation
 from ..core.errors import InputError
+from ..core.intake.sampling import likely_frames
 from ..core.pipeline import launch
 from ..core.pipeline.continuation import broken_off
 from ..core.runs.layout import CAPTURE_FOLDER
@@ -191,10 +192,11 @@ def has_layer(scene: bpy.types.Scene) -> bool:
 def _reference_seconds(scene: bpy.types.Scene, quality: Quality) -> dict[str, float]:
     """Seconds by stage that the button takes on the reference machine."""
     capture, adds = scene.cvdgs.capture, adds_to_run(scene)
+    views = capture.views + likely_frames(capture.seconds)
     seconds = TIME_MODEL.stages(
         quality.iterations,
         quality.max_size,
-        capture.views,
+        views,
         capture.width,
         capture.height,
         adds_layer=adds,
@@ -202,7 +204,7 @@ def _reference_seconds(scene: bpy.types.Scene, quality: Quality) -> dict[str, fl
     )
     if capture.format == "sfm" and not adds:
         estimation = SfmSettings.for_views(quality.max_size)
-        seconds[CAMERAS] = estimation.seconds(capture.views, capture.width, capture.height)
+        seconds[CAMERAS] = estimation.seconds(views, capture.width, capture.height)
     return seconds
 
 

@@ -48,7 +48,7 @@ _DONE = {
     "reading": "{done} of {total} photographs read",
     "features": "features found in {done} of {total} photographs",
     "matching": "{done} of {total} pairs matched",
-    "mapping": "photographs placed to {share:.0%}",
+    "mapping": "{share:.0%} of the photographs placed",
 }
 _FULL_DISK = 1 << 20  # bytes that are left of one that is full
 

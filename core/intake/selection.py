@@ -11,10 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .motion import Followed, Motion, motion_between
-from .sampling import evenly_spread
-
-MOST_FRAMES = 150
-"""Of all videos of a capture; more take SfM and training longer than they improve them."""
+from .sampling import MOST_FRAMES, evenly_spread
 
 # What makes a frame worth having since the last one: a share of the picture has moved on or is lost from sight, or the
 # camera has moved enough for depths to be seen, in longer sides of the picture.

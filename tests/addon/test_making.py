@@ -356,3 +356,11 @@ def test_the_estimate_includes_cameras_that_have_to_be_found(capture):
     with_cameras = making.estimated_seconds(capture, quality)
     capture.cvdgs.capture.format = "sfm"
     assert making.estimated_seconds(capture, quality) > with_cameras + 1.0
+
+
+def test_the_estimate_of_a_video_goes_by_the_frames_that_it_is_likely_to_give(capture):
+    properties, quality = capture.cvdgs.capture, making.quality_called(capture.cvdgs.run.quality)
+    properties.format, properties.views, properties.videos = "sfm", 100, 0
+    of_photographs = making.estimated_seconds(capture, quality)
+    properties.views, properties.videos, properties.seconds = 0, 1, 25.0
+    assert making.estimated_seconds(capture, quality) == pytest.approx(of_photographs)

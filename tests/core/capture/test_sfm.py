@@ -172,7 +172,7 @@ def test_progress_goes_on_from_step_to_step_and_the_time_is_forecast(tmp_path: P
     assert recorder.fractions == sorted(recorder.fractions)
     assert recorder.fractions[-1] == pytest.approx(1.0)
     assert "100 of 190 pairs matched" in recorder.said
-    assert len({said for said in recorder.said if said.startswith("photographs placed to")}) >= 3
+    assert len({said for said in recorder.said if said.endswith("of the photographs placed")}) >= 3
     assert set(recorder.seconds) == {CAMERAS}
     assert recorder.seconds[CAMERAS] > 1.0
 
