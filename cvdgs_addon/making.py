@@ -234,9 +234,10 @@ def _take_over(
     if seconds:
         told = job.progress.stage_seconds()
         start = max(seconds - told.get(COMPILING, 0.0) - sum(part or 0.0 for part in by_stage.values()), 0.0)
-        cameras = told.get(CAMERAS, 0.0)  # in a report part of reading the capture
-        reading = max((by_stage.get("capture") or 0.0) - cameras, 0.0)
-        _learn(reference, {**by_stage, STARTING: start, CAMERAS: cameras or None, "capture": reading})
+        taken = {**by_stage, STARTING: start}
+        if cameras := told.get(CAMERAS, 0.0):  # in a report part of reading the capture
+            taken |= {CAMERAS: cameras, "capture": max((by_stage.get("capture") or 0.0) - cameras, 0.0)}
+        _learn(reference, taken)
     shrink_cache()
     scene = scene_by_uid(scene_uid)
     if scene is None:

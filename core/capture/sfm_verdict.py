@@ -118,8 +118,12 @@ def _passages(names: Sequence[str], with_place: set[str], frames: Mapping[str, F
             runs.append((times[-1] - times[0], video, times[0], times[-1]))
     longest = sorted(sorted(runs, reverse=True)[:_NAMED], key=lambda run: run[1:])
     return ", ".join(
-        f"{_clock(first)}-{_clock(ceil(last))}{f' of {video}' if several else ''}" for _, video, first, last in longest
+        _span(first, ceil(last)) + (f" of {video}" if several else "") for _, video, first, last in longest
     )
+
+
+def _span(first: float, last: float) -> str:
+    return "-".join(dict.fromkeys((_clock(first), _clock(last))))
 
 
 def _clock(seconds: float) -> str:

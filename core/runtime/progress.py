@@ -104,7 +104,7 @@ class RunProgress:
     def seconds_left(self) -> float | None:
         """Of the whole run: the stage's own estimate, and its pace for what follows. None while nothing is known.
 
-        What a stage that was not expected takes, such as estimating cameras, comes on top of what was.
+        What a stage that was not expected still takes, such as checking cameras, comes on top of what was.
         """
         done = self.fraction - self._share_of((STARTING,))
         worked = self._seconds_worked

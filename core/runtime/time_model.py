@@ -18,7 +18,7 @@ class TimeModel:
         cameras: of estimating cameras, whatever they are.
         cameras_view, cameras_pixels: each of the photographs, and a megapixel of all of them, at the size in which
             features are sought.
-        cameras_pair, cameras_pair_pixels: a pair that is matched, and a megapixel of all first ones of pairs.
+        cameras_pair, cameras_pair_pixels: each pair that is matched, and a megapixel of one of its photographs.
         check, check_view: of looking whether the cameras' focal length is right, and a view besides.
         enhance, enhance_views, enhance_pixels: of fitting the colours of a layer, and each of the views and a megapixel
             of all of them besides.

@@ -75,6 +75,7 @@ def test_passages_of_a_film_without_a_place_are_named_by_their_times() -> None:
     placed = Placed([name for index, name in enumerate(names) if not 24 <= index <= 30])
     assert say_left_out(placed, names, frames) == "33 of 40 frames could be connected; film more slowly at 0:12-0:15"
     assert say_left_out(Placed(names), names, frames) == ""
+    assert say_left_out(Placed(names[:-8] + names[-7:]), names, frames).endswith("more slowly at 0:16")
     assert "without a place, and left out: 24.jpg" in say_left_out(placed, names, {})
 
 

@@ -16,27 +16,25 @@ def events_of(stream: io.StringIO) -> list[dict]:
     return [json.loads(line) for line in stream.getvalue().splitlines()]
 
 
-def test_no_time_is_estimated_from_the_first_steps_after_a_long_preparation(monkeypatch):
+def seconds_left(monkeypatch, *steps: tuple[float, float]) -> list[float | None]:
+    """What is told at each of the `steps` of a stage: seconds since it began, and the fraction that is done."""
     now = [0.0]
     monkeypatch.setattr(protocol, "time", SimpleNamespace(monotonic=lambda: now[0]))
     stream = io.StringIO()
     reporter = JsonReporter(stream)
     reporter.status("layers", "fitting")
-    for seconds, fraction in ((25.0, 0.001), (26.0, 0.01), (30.0, 0.5)):
-        now[0] = seconds
+    for now[0], fraction in steps:
         reporter.progress("layers", fraction)
-    assert [event.get("seconds_left") for event in events_of(stream)] == [None, None, None, 30.0]
+    return [event["seconds_left"] for event in events_of(stream)[1:]]
+
+
+def test_no_time_is_estimated_from_the_first_steps_after_a_long_preparation(monkeypatch):
+    assert seconds_left(monkeypatch, (25.0, 0.001), (26.0, 0.01), (30.0, 0.5)) == [None, None, 30.0]
 
 
 def test_where_a_stage_stands_still_its_time_passes_until_nobody_knows(monkeypatch):
-    now = [0.0]
-    monkeypatch.setattr(protocol, "time", SimpleNamespace(monotonic=lambda: now[0]))
-    stream = io.StringIO()
-    reporter = JsonReporter(stream)
-    reporter.status("cameras", "matching")
-    for now[0], fraction in ((10.0, 0.5), (14.0, 0.5), (21.0, 0.5), (30.0, 0.75), (40.0, 1.0)):
-        reporter.progress("cameras", fraction)
-    assert [event.get("seconds_left") for event in events_of(stream)] == [None, 10.0, 6.0, None, 10.0, 0.0]
+    steps = ((10.0, 0.5), (14.0, 0.5), (21.0, 0.5), (30.0, 0.75), (40.0, 1.0))
+    assert seconds_left(monkeypatch, *steps) == [10.0, 6.0, None, 10.0, 0.0]
 
 
 def test_a_forecast_is_heard_as_it_was_said():
