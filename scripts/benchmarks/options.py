@@ -213,10 +213,14 @@ def made_by(
         views: which were used, if their size is not that of the options throughout.
     """
     views = views or f"Views of at most {options.max_size} pixels"
-    count = f"{options.seeds} seeds" if options.seeds > 1 else "one seed"
-    training = f", {options.iterations:,} steps, {count}"
+    training = f", {options.iterations:,} steps, {counted(options.seeds)}"
     took = "" if trials is None else f" {trials_took(trials, options.processes)}"
     return [f"{views}{training}.{took}"]
+
+
+def counted(seeds: int) -> str:
+    """The number of seeds, as texts name it."""
+    return f"{seeds} seeds" if seeds > 1 else "one seed"
 
 
 def trials_took(trials: pd.DataFrame, processes: int) -> str:

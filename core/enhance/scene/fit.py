@@ -167,6 +167,11 @@ class _View:
         shown = network(self.colors, self.features if whole else None)
         return shown.T.reshape(self.objective.image.shape)
 
+    def change(self, network: SceneNetwork, *, whole: bool) -> float:
+        """Mean ΔE00 by which a network changes the view; `whole` as above."""
+        judged = self.objective.judged
+        return self.objective.change_of(network(self.colors[judged], self.features[judged] if whole else None))
+
 
 class _Fit:
     """One fit."""
@@ -217,8 +222,9 @@ class _Fit:
         elif self._settings.steps:
             # A short fit ends before the weight of naturalness has found what the scene needs. With a budget far below
             # that, it may end with less contrast than it began with.
-            ends = [self._best_scaled(network, self._settings.objective), start]
-            network = min(ends, key=lambda one: self._score(one, self._settings.objective))
+            weights = self._settings.objective
+            ends = [self._best_scaled(network, weights), start]
+            network = min(ends, key=lambda one: self._score(self._shown(one), weights))
         self._reporter.progress(STAGE, 1.0)
         return FittedNetwork(network.requires_grad_(False), table, self._budget, self._change(network, whole=True))
 
@@ -300,28 +306,33 @@ class _Fit:
         scaled = [self._at_budget(start, whole=True, least=_LEAST_SCALE, most=_MOST_SCALE) for start in starts]
         if len(scaled) == 1:
             return scaled[0]
-        return min(scaled, key=lambda one: self._score(one, weights))
+        return min(scaled, key=lambda one: self._score(self._shown(one), weights))
 
     def _best_scaled(self, network: SceneNetwork, weights: ObjectiveWeights) -> SceneNetwork:
         """A copy whose change is scaled to the budget, or to a part of it where that is enough for the objective."""
-        whole = self._at_budget(network, whole=True, least=_LEAST_SCALE, most=_MOST_SCALE)
-        scaled = []
-        for part in _BUDGET_PARTS:
-            copy = SceneNetwork(self._observer)
-            copy.load_state_dict(whole.state_dict())
-            copy.scale(part)
-            scaled.append(copy)
-        return min(scaled, key=lambda one: self._score(one, weights))
+        copy = self._at_budget(network, whole=True, least=_LEAST_SCALE, most=_MOST_SCALE)
+        ends = [(view.objective.image, shown) for view, shown in zip(self._views, self._shown(copy), strict=True)]
 
-    def _score(self, network: SceneNetwork, weights: ObjectiveWeights) -> float:
-        """The objective of all views, with some weights of its terms."""
+        def score(part: float) -> float:
+            return self._score([torch.lerp(original, shown, part) for original, shown in ends], weights)
+
+        copy.scale(min(_BUDGET_PARTS, key=score))
+        return copy
+
+    def _shown(self, network: SceneNetwork) -> list[Tensor]:
+        """The views as the whole network enhances them."""
+        with torch.no_grad():
+            return [view.shown(network, whole=True) for view in self._views]
+
+    def _score(self, shown: Sequence[Tensor], weights: ObjectiveWeights) -> float:
+        """The objective of all enhanced views, with some weights of its terms."""
         with torch.no_grad():
             return sum(
-                float(view.objective(view.shown(network, whole=True), _LAX_WEIGHT, weights=weights))
-                for view in self._views
+                float(view.objective(one, _LAX_WEIGHT, weights=weights))
+                for view, one in zip(self._views, shown, strict=True)
             )
 
     def _change(self, network: SceneNetwork, *, whole: bool) -> float:
         with torch.no_grad():
-            changes = [view.objective.change(view.shown(network, whole=whole)) for view in self._views]
+            changes = [view.change(network, whole=whole) for view in self._views]
         return sum(changes) / len(changes)

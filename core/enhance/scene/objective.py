@@ -82,6 +82,9 @@ class Objective:
         coverage: (H, W) in [0, 1]; None where all is covered.
         generator: draws the random pairs.
         weights: of the terms.
+
+    Attributes:
+        judged: (J,) some 2,000 of the covered pixels, as flat indices; on these the change is measured.
     """
 
     def __init__(
@@ -111,7 +114,7 @@ class Objective:
         self._grey = self._coverage * torch.sigmoid(_GREY_CHROMA - torch.hypot(self._lab[1], self._lab[2]))
         self._structure = _Structure(image, self._coverage)
         pixels = torch.nonzero(self._coverage.flatten())[:, 0]
-        self._judged = pixels[:: max(len(pixels) // _JUDGED, 1)]
+        self.judged = pixels[:: max(len(pixels) // _JUDGED, 1)]
 
     def __call__(
         self, shown: Tensor, naturalness: float, structure: float = 1.0, weights: ObjectiveWeights | None = None
@@ -153,10 +156,14 @@ class Objective:
         }
 
     def change(self, shown: Tensor) -> float:
-        """Mean ΔE00 of a picture over some 2,000 covered pixels; 0 where none is."""
-        if not len(self._judged):
+        """Mean ΔE00 of a picture on the judged pixels; `shown` as for the call."""
+        return self.change_of(shown.flatten(1)[:, self.judged].T)
+
+    def change_of(self, colors: Tensor) -> float:
+        """Mean ΔE00 of the judged pixels from their (J, 3) colours in a picture; 0 where none is judged."""
+        if not len(self.judged):
             return 0.0
-        original, enhanced = (picture.detach().flatten(1)[:, self._judged, None] for picture in (self.image, shown))
+        original, enhanced = self.image.flatten(1)[:, self.judged, None], colors.detach().T[:, :, None]
         return float(delta_e_2000(original, enhanced.clamp(0.0, 1.0)).mean())
 
 

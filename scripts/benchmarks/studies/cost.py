@@ -72,8 +72,9 @@ One thing grows at a time, everything else is the product's own. Views are sprea
 that it has; pixels are those of one photograph, up to its own. Each trial has a process to itself, so memory is the
 peak of that trial; the parts' seconds are by the clock, processor seconds are of all threads and all parts. A cost that
 grows as a power of the work is a line where both axes are logarithmic; its *exponent* is the slope (1: twice the work
-costs twice as much; 0: no more), fitted by least squares, *from* and *to* its {confidence:.0f} % interval by Student's
-t. The number of steps is fixed, as it is in a run, so the geometry's time does not follow the views."""
+costs twice as much; 0: no more), fitted by least squares to the means over seeds, *from* and *to* its {confidence:.0f}
+% interval by Student's t. The number of steps is fixed, as it is in a run, so the geometry's time does not follow the
+views."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +143,8 @@ def there_are(source: CaptureFolder, views: Sequence[int], sizes: Sequence[int])
 def exponents(trials: pd.DataFrame) -> pd.DataFrame:
     """How each figure grows with the work.
 
+    Through the geometric means over seeds, since what keeps a cost from being a power of the work is the same for all.
+
     Args:
         trials: as `measure_cost` returns them.
 
@@ -151,8 +154,8 @@ def exponents(trials: pd.DataFrame) -> pd.DataFrame:
     rows: list[dict[str, Any]] = []
     for (capture, over), mine in trials[trials.error == ""].groupby(["capture", "over"], sort=False):
         for name, title, _ in _FIGURES:
-            known = mine[mine[name] > 0.0]
-            exponent, low, high = power_law(known.amount, known[name])
+            known = mine[mine[name] > 0.0].groupby("amount")[name].apply(stats.gmean)
+            exponent, low, high = power_law(known.index, known)
             fitted = {"exponent": exponent, "low": low, "high": high, "points": len(known)}
             rows.append({"capture": capture, "over": OVER[str(over)], "figure": title.partition(",")[0], **fitted})
     return pd.DataFrame(rows, columns=[name for name, _, _ in _EXPONENTS])

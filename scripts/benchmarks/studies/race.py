@@ -12,8 +12,12 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
 
 from ....core.errors import InputError
 from ....core.pipeline.device import describe_processor
@@ -23,9 +27,9 @@ from ....core.settings import QUALITIES
 from ....core.splats import raster
 from ....core.splats.training.plan import TrainingPlan
 from ..charts import Curve, Theme, draw_curves, picture, write_charts
-from ..options import Part, add_study_arguments, chosen_sources, positive, with_quick_defaults, work_folder
+from ..options import Part, add_study_arguments, chosen_sources, counted, positive, with_quick_defaults, work_folder
 from ..provenance import fingerprint, trained_product
-from ..tables import Column, frame_of, markdown_table, write_csv, write_text
+from ..tables import Column, frame_of, markdown_table, means_and_deviations, tables_of_means, write_csv, write_text
 from ..timing.runs import train_once
 from ..timing.trainer import QUICK_PLAN
 from .captures import DEMO, Centred, SubjectSource
@@ -54,14 +58,12 @@ OURS = {
 """Plans of our trainings, measured often enough to read off when they reach a quality. But for the quick one everything
 is decided automatically."""
 _PANEL, _HEIGHT = 4.6, 4.0  # inches
+_KEYS: tuple[Column, ...] = (("capture", "capture", ""), ("label", "program", ""), ("iterations", "steps", "d"))
 _COLUMNS: tuple[Column, ...] = (
-    ("capture", "capture", ""),
-    ("label", "program", ""),
-    ("iterations", "steps", "d"),
     ("psnr", "PSNR", ".2f"),
     ("processor_seconds", "processor seconds", ".1f"),
     ("seconds", "by the clock", ".1f"),
-    ("gaussians", "Gaussians", "d"),
+    ("gaussians", "Gaussians", ".0f"),
 )
 _EQUAL: tuple[Column, ...] = (
     ("capture", "capture", ""),
@@ -72,6 +74,7 @@ _EQUAL: tuple[Column, ...] = (
     ("our_seconds", "took", ".1f"),
     ("times", "times less", ".1f"),
 )
+_RANGE: tuple[Column, ...] = (("least", "at least", ".1f"), ("most", "at most", ".1f"))
 _DEFINITIONS = """\
 All trainings of a capture one after the other on the same processor cores, in **processor seconds**: time by the clock
 depends on what else a machine does. Each program gets the same training views (every eighth is held out) and sparse
@@ -86,7 +89,13 @@ of*: the highest PSNR that was measured of a peer, and when; ours took as long a
 a dash: never. OpenSplat's own number of steps, 30,000, takes hours on a processor: it is given fewer, on which its
 schedules depend as they do for its users. Its *best settings* are those of four tried on fox: densification every 100
 steps from the 100th to the last (by default its Adam takes a step only every 32 once densification has ended,
-half-way), the first half at half size."""
+half-way), the first half at half size. Threads of all programs wait passively (`OMP_WAIT_POLICY`), as they do in our
+runs: with those that spin, the default, OpenSplat's best settings took 140 instead of 121 processor seconds on fox and
+125 instead of 91 in the room (one run each)."""
+_REPEATED = """\
+Programs take turns, seed by seed; OpenSplat's own seed is fixed, so its runs are repetitions. A seed's ratio is that of
+its own two runs. The first table has medians over the seeds, a run that never got there counting as endless, and the
+least and the largest ratio; the last ones have means and standard deviations, the chart has the first seed."""
 
 
 @dataclass(frozen=True)
@@ -95,6 +104,7 @@ class Finish:
 
     Attributes:
         capture, label: what was trained, and by which program and settings.
+        seed: of ours; which repetition it is of a program that has a fixed one.
         iterations: steps.
         psnr: of the held-out views, dB.
         seconds, processor_seconds: wall time, and processor time of all threads.
@@ -105,6 +115,7 @@ class Finish:
 
     capture: str
     label: str
+    seed: int
     iterations: int
     psnr: float
     seconds: float
@@ -128,7 +139,7 @@ class Equal:
     """When one of our runs had reached the best of a peer; NaN where it never did.
 
     Attributes:
-        capture, label: of the peer's `Finish`.
+        capture, label, seed: of the peer's `Finish`.
         psnr, processor_seconds: of its best.
         ours: label of our run.
         our_seconds: processor seconds of it, until that PSNR was first measured.
@@ -137,6 +148,7 @@ class Equal:
 
     capture: str
     label: str
+    seed: int
     psnr: float
     processor_seconds: float
     ours: str
@@ -173,20 +185,28 @@ def peer_finishes(
     store: FinishStore,
     reporter: Reporter,
     runs: Sequence[OpenSplatRun],
+    seed: int = 0,
 ) -> list[Finish]:
-    """OpenSplat's trainings of a capture; those that `store` has are not repeated."""
+    """OpenSplat's trainings of a capture; those that `store` has are not repeated.
+
+    Args:
+        seed: which repetition this is: OpenSplat's own seed is fixed.
+    """
     version = OpenSplat.at(program).version
 
     def train(run: OpenSplatRun) -> Finish:
         (peer,) = train_opensplat(program, source.name, source.load(), reporter, [run])
         trial = peer.trial
         cost = (trial.geometry_seconds, trial.processor_seconds)
-        return Finish(trial.capture, trial.label, trial.iterations, trial.psnr, *cost, trial.gaussians, peer.curve)
+        how = (trial.capture, trial.label, seed, trial.iterations)
+        return Finish(*how, trial.psnr, *cost, trial.gaussians, peer.curve)
 
-    return [store.get(_key(source, version, run), partial(train, run)) for run in runs]
+    return [store.get(_key(source, version, run, seed), partial(train, run)) for run in runs]
 
 
-def our_finishes(source: SubjectSource, store: FinishStore, iterations: int, reporter: Reporter) -> list[Finish]:
+def our_finishes(
+    source: SubjectSource, store: FinishStore, iterations: int, reporter: Reporter, seed: int = 0
+) -> list[Finish]:
     """Our trainings of a capture; those that `store` has are not repeated.
 
     Args:
@@ -194,26 +214,41 @@ def our_finishes(source: SubjectSource, store: FinishStore, iterations: int, rep
     """
 
     def train(label: str, plan: TrainingPlan) -> Finish:
-        reporter.status(NAME, f"{source.name}, {label}")
-        run = train_once(source.load().given, label, plan)
+        reporter.status(NAME, f"{source.name}, {label}, seed {seed}")
+        run = train_once(source.load().given, label, plan, seed=seed)
         curve = tuple(Point(run.busy * seconds, psnr) for seconds, psnr in run.curve)
         cost = (run.seconds, run.processor_seconds, run.gaussians)
-        return Finish(source.name, label, run.steps, run.psnr, *cost, curve, run.decided_on_held_out)
+        return Finish(source.name, label, seed, run.steps, run.psnr, *cost, curve, run.decided_on_held_out)
 
     plans = {**OURS, LONG: replace(OURS[LONG], steps=iterations)}
-    product = trained_product()
-    return [store.get(_key(source, product, name, plan), partial(train, name, plan)) for name, plan in plans.items()]
+    known = partial(_key, source, trained_product())
+    return [store.get(known(name, plan, seed), partial(train, name, plan)) for name, plan in plans.items()]
 
 
 def race(finish: Finish, ours: Sequence[Finish]) -> list[Equal]:
-    """When each of our trainings had reached the best of a peer's."""
+    """When each of our trainings of a seed had reached the best of a peer's."""
     found, best = [], finish.best
     for run in ours:
         seconds = run.seconds_to(best.psnr)
         times = math.nan if math.isnan(seconds) else best.processor_seconds / seconds
         equal = (best.psnr, best.processor_seconds, run.label, seconds, times)
-        found.append(Equal(finish.capture, finish.label, *equal))
+        found.append(Equal(finish.capture, finish.label, finish.seed, *equal))
     return found
+
+
+def over_seeds(equals: Sequence[Equal]) -> pd.DataFrame:
+    """The medians of `Equal` over the seeds, with the ``least`` and ``most`` of their ratios.
+
+    A run that never reached the peer counts as one that took endlessly; NaN where that is the median, or the least.
+    """
+    table = frame_of(Equal, equals)
+    endless = table.assign(our_seconds=table.our_seconds.fillna(np.inf), times=table.times.fillna(0.0))
+    groups = endless.groupby(["capture", "label", "ours"], sort=False)
+    medians = groups[["psnr", "processor_seconds", "our_seconds", "times"]].median()
+    found = medians.assign(least=groups.times.min(), most=groups.times.max()).replace(np.inf, np.nan)
+    ratios = ["times", "least", "most"]
+    found[ratios] = found[ratios].replace(0.0, np.nan)
+    return found.reset_index()
 
 
 def write_peers(folder: Path, finishes: Sequence[Finish], equals: Sequence[Equal], heading: Sequence[str]) -> str:
@@ -224,14 +259,17 @@ def write_peers(folder: Path, finishes: Sequence[Finish], equals: Sequence[Equal
     size = (_PANEL * len(captures), _HEIGHT)
     write_charts(folder, NAME, size, partial(_draw, finishes=finishes), formats=("svg",))
     alternative = "PSNR of held-out views over processor seconds, ours and others; the tables have the ends"
-    lines = ["# Time to equal quality", "", *heading, "", _DEFINITIONS, "", *optimistic(table)]
-    lines += [picture(NAME, alternative), ""]
-    lines += [*markdown_table(frame_of(Equal, equals), _EQUAL), "", "## All runs", ""]
-    return write_text(folder / f"{NAME}.md", [*lines, *markdown_table(table, _COLUMNS)])
+    repeated = table.seed.nunique() > 1
+    lines = ["# Time to equal quality", "", *heading, "", _DEFINITIONS, ""]
+    lines += [_REPEATED, ""] if repeated else []
+    lines += [*optimistic(table), picture(NAME, alternative), ""]
+    lines += [*markdown_table(over_seeds(equals), (*_EQUAL, *_RANGE) if repeated else _EQUAL), "", "## All runs", ""]
+    of_runs = means_and_deviations(table, [name for name, _, _ in _KEYS], _COLUMNS)
+    return write_text(folder / f"{NAME}.md", [*lines, *tables_of_means(*of_runs, _KEYS, _COLUMNS)])
 
 
 def _draw(figure: Figure, theme: Theme, finishes: Sequence[Finish]) -> None:
-    """A panel for each capture, a series for each program and settings."""
+    """A panel for each capture, a series for each program and settings, of the first seed."""
     curves = [
         Curve(
             finish.capture,
@@ -240,6 +278,7 @@ def _draw(figure: Figure, theme: Theme, finishes: Sequence[Finish]) -> None:
             [point.psnr for point in finish.curve],
         )
         for finish in finishes
+        if finish.seed == 0
     ]
     draw_curves(figure, theme, curves, y="PSNR of held-out views, dB", x="processor seconds", columns=2)
 
@@ -254,7 +293,7 @@ def _finish_of(entry: dict[str, Any]) -> Finish:
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=STANDARD, seeds=None, alone=True)
+    add_study_arguments(parser, captures=(DEMO,), max_size=SIZE, iterations=STANDARD, alone=True)
     add, steps = parser.add_argument, OPENSPLAT_ITERATIONS
     add("--opensplat", type=Path, metavar="FILE", help="OpenSplat's executable")
     add("--peer-iterations", type=positive, default=steps, metavar="N", help=f"steps of other programs ({steps})")
@@ -269,12 +308,13 @@ def _measure(options: argparse.Namespace) -> str:
     store = FinishStore(work_folder(options) / FINISHES_FILE, again=options.again)
     runs = opensplat_runs(options.peer_iterations)
     raster.load("cpu", reporter)  # compiles the kernels, which is no part of a training
-    for source in map(Centred, chosen_sources(options)):
-        peers = peer_finishes(options.opensplat, source, store, reporter, runs)
-        ours = our_finishes(source, store, options.iterations, reporter)
+    for source, seed in product(map(Centred, chosen_sources(options)), range(options.seeds)):
+        peers = peer_finishes(options.opensplat, source, store, reporter, runs, seed)
+        ours = our_finishes(source, store, options.iterations, reporter, seed)
         finishes += [*peers, *ours]
         equals += [equal for peer in peers for equal in race(peer, ours)]
-    return write_peers(options.out, finishes, equals, [f"Photographs of at most {options.max_size} pixels."])
+    heading = [f"Photographs of at most {options.max_size} pixels, {counted(options.seeds)}."]
+    return write_peers(options.out, finishes, equals, heading)
 
 
 PART = Part(

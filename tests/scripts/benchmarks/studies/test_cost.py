@@ -87,6 +87,15 @@ def test_each_figure_has_an_exponent_over_each_thing_that_grows():
     assert found["photographs", "Gaussians"] == pytest.approx(0.0)
 
 
+def test_further_seeds_of_the_same_amounts_make_no_interval_narrower():
+    once = trials()
+    bent = once.assign(geometry_seconds=once.geometry_seconds * np.where(once.amount == 20, 2.0, 1.0))
+    found = [exponents(pd.concat([bent] * seeds)).set_index(["over", "figure"]) for seeds in (1, 3)]
+    alone, repeated = (table.loc["photographs", "geometry"].drop("capture") for table in found)
+    assert alone.high - alone.low > 1.0
+    assert repeated.to_numpy() == pytest.approx(alone.to_numpy())
+
+
 def test_the_page_has_tables_a_chart_and_what_failed(tmp_path: Path):
     text = write_cost(tmp_path, trials(), ["By `a command`."])
     assert "| room | photographs | geometry | 1.00 | 1.00 | 1.00 | 3 |" in text
