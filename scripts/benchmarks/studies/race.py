@@ -90,8 +90,8 @@ a dash: never. OpenSplat's own number of steps, 30,000, takes hours on a process
 schedules depend as they do for its users. Its *best settings* are those of four tried on fox: densification every 100
 steps from the 100th to the last (by default its Adam takes a step only every 32 once densification has ended,
 half-way), the first half at half size. Threads of all programs wait passively (`OMP_WAIT_POLICY`), as they do in our
-runs: with those that spin, the default, OpenSplat's best settings took 140 instead of 121 processor seconds on fox and
-125 instead of 91 in the room (one run each)."""
+runs: with those that spin, the default, OpenSplat's best settings took 140 processor seconds instead of 121 on fox and
+125 instead of 94 in the room (one run each)."""
 _REPEATED = """\
 Programs take turns, seed by seed; OpenSplat's own seed is fixed, so its runs are repetitions. A seed's ratio is that of
 its own two runs. The first table has medians over the seeds, a run that never got there counting as endless, and the
