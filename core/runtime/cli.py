@@ -96,7 +96,7 @@ class ConsoleReporter(Reporter):
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
         self._terminal = stream.isatty()
-        self._stage, self._started, self._first, self._last = "", 0.0, 0.0, 0.0
+        self._stage, self._started, self._first, self._last, self._fraction = "", 0.0, 0.0, 0.0, 0.0
 
     def status(self, stage: str, message: str) -> None:
         self._stream.write(f"{stage}: {message}\n")
@@ -104,9 +104,10 @@ class ConsoleReporter(Reporter):
 
     def progress(self, stage: str, fraction: float, message: str = "") -> None:
         now = time.monotonic()
-        if stage != self._stage:
+        if stage != self._stage or fraction < self._fraction:  # another one, or the same once more
             # A resumed stage does not start at 0, so its pace counts from where it was first heard of.
             self._stage, self._started, self._first, self._last = stage, now, fraction, now
+        self._fraction = fraction
         interval = _LIVELY_INTERVAL if self._terminal else _QUIET_INTERVAL
         if now - self._last < interval and fraction < 1.0:
             return
