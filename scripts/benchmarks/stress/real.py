@@ -38,7 +38,7 @@ _UNUSABLE = 2  # exit code
 _METHOD = "layers"
 _SCRIPT = ROOT / "scripts" / "run.py"
 _HOLDOUT_MARK = "@"
-_FIGURES = ["views", "psnr", "rwe", "ccpr", "ccpr_input", "gaussians", "seconds"]
+_FIGURES = ["views", "psnr", "rwe", "ccpr", "ccpr_input", "gaussians"]
 _COLUMNS: tuple[Column, ...] = (
     ("value", "capture", ""),
     ("views", "views", ".0f"),
@@ -49,7 +49,6 @@ _COLUMNS: tuple[Column, ...] = (
     ("ccpr_deviation", "σ of CCPR", ".3f"),
     ("ccpr_input", "CCPR of the input", ".3f"),
     ("gaussians", "Gaussians", ".0f"),
-    ("seconds", "seconds", ".0f"),
     ("failed", "failed", ""),
     ("warnings", "warnings", ""),
 )
@@ -110,7 +109,7 @@ def run_real(
 
     Returns:
         A row for each capture: the columns of `failure.standings` that need no untouched capture, and the means of
-        ``views``, ``gaussians`` and ``seconds``; the name of the capture is in ``value``.
+        ``views`` and ``gaussians``; the name of the capture is in ``value``.
     """
     rows = []
     for level, capture in enumerate(captures):
@@ -216,7 +215,6 @@ def _figures(report: dict[str, Any]) -> dict[str, float]:
         "ccpr": layer["ccpr"]["rendered"],
         "ccpr_input": layer["ccpr"]["input"],
         "gaussians": report["gaussians"],
-        "seconds": report["seconds"]["total"],
     }
     return {name: NOT_MEASURED if value is None else value for name, value in found.items()}
 

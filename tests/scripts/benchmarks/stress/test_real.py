@@ -30,7 +30,6 @@ def report(*, psnr: float | None = 31.0, rwe: float = 0.7, ccpr: float = 0.9, wa
         "reconstruction": {"psnr": psnr},
         "layers": {"deutan-1.0": layer},
         "gaussians": 900,
-        "seconds": {"total": 40.0},
         "warnings": [{"name": name, "message": ""} for name in warned],
     }
 
