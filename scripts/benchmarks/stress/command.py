@@ -23,7 +23,7 @@ from .real import FAR, LEAST_PSNR, real_captures, run_real, write_real
 from .real import NAME as REAL_NAME
 
 QUICK_AXES = ("views", "drift")
-_OF_CONDITIONS = ("axes", "levels", "seeds", "processes")  # options that captures of the real world have no use for
+_OF_CONDITIONS = ("axes", "levels", "processes")  # options that captures of the real world have no use for
 _SIZE, _ITERATIONS, _SEEDS = 128, 300, 3
 _QUICK_SIZE, _QUICK_ITERATIONS, _QUICK_LEVEL = 80, 60, 3
 
@@ -51,11 +51,12 @@ def _measure(options: argparse.Namespace) -> str:
     reporter = ConsoleReporter(sys.stderr)
     if options.real:
         if given := [name for name in _OF_CONDITIONS if getattr(options, name) is not None]:
-            remedy = "leave it out: captures are tried once each, as they are"
+            remedy = "leave it out: captures are tried as they are, one after the other"
             raise InputError("it has no meaning with --real", where=flag(given[0]), remedy=remedy)
-        asked = (real_captures(options.real), options.max_size, options.iterations)
-        found = run_real(*asked, work_folder(options), reporter, again=options.again)
-        return write_real(options.out, found, *asked[1:])
+        captures, how = real_captures(options.real), (options.max_size, options.iterations)
+        seeds = options.seeds
+        found = run_real(captures, *how, work_folder(options), reporter, seeds=seeds, again=options.again)
+        return write_real(options.out, found, *how, seeds)
     options = filled(options)
     plan = _plan(options)
     results = run_stress(plan, work_folder(options), reporter, processes=options.processes, again=options.again)

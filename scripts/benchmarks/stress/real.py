@@ -20,7 +20,7 @@ from ....core.evaluate.advice import AdviceThresholds
 from ....core.runs.report import REPORT_FILE
 from ....core.runtime.protocol import Reporter
 from ....core.settings import Settings
-from ..options import names
+from ..options import counted, names
 from ..provenance import digest_of, fingerprint, trained_product
 from ..studies.captures import CaptureFolder
 from ..studies.recipe import DEUTAN, NOT_MEASURED
@@ -38,15 +38,17 @@ _UNUSABLE = 2  # exit code
 _METHOD = "layers"
 _SCRIPT = ROOT / "scripts" / "run.py"
 _HOLDOUT_MARK = "@"
+_FIGURES = ["views", "psnr", "rwe", "ccpr", "ccpr_input", "gaussians"]
 _COLUMNS: tuple[Column, ...] = (
     ("value", "capture", ""),
     ("views", "views", ".0f"),
     ("psnr", "PSNR", ".2f"),
+    ("psnr_deviation", "σ of PSNR", ".2f"),
     ("rwe", "RWE", ".2f"),
     ("ccpr", "CCPR", ".3f"),
+    ("ccpr_deviation", "σ of CCPR", ".3f"),
     ("ccpr_input", "CCPR of the input", ".3f"),
     ("gaussians", "Gaussians", ".0f"),
-    ("seconds", "seconds", ".0f"),
     ("failed", "failed", ""),
     ("warnings", "warnings", ""),
 )
@@ -96,25 +98,30 @@ def run_real(
     folder: Path,
     reporter: Reporter,
     *,
+    seeds: int = 1,
     again: bool = False,
 ) -> pd.DataFrame:
-    """One run of the product for each capture; finished ones that `folder` has from an earlier call are not repeated.
+    """Runs of the product for each capture; finished ones that `folder` has from an earlier call are not repeated.
 
     Args:
+        seeds: how many runs each capture gets; they differ in their random seeds.
         again: repeat all of them.
 
     Returns:
-        The columns of `failure.standings` that a single run has, and ``views``, ``gaussians``, ``seconds``; the name of
-        the capture is in ``value``.
+        A row for each capture: the columns of `failure.standings` that need no untouched capture, and the means of
+        ``views`` and ``gaussians``; the name of the capture is in ``value``.
     """
     rows = []
     for level, capture in enumerate(captures):
-        reporter.progress(NAME, level / len(captures), capture.name)
         key = fingerprint(capture.key(max_size), partial(_shaping, iterations))
-        place = folder / REAL / f"{capture.name}-{key}"
-        if again and place.exists():
-            shutil.rmtree(place)
-        rows.append({"level": level, **_row(capture, _report(capture, place, max_size, iterations))})
+        reports = []
+        for seed in range(seeds):
+            reporter.progress(NAME, (level + seed / seeds) / len(captures), f"{capture.name}, seed {seed}")
+            place = folder / REAL / f"{capture.name}-{key}-{seed}"
+            if again and place.exists():
+                shutil.rmtree(place)
+            reports.append(_report(capture, place, max_size, iterations, seed))
+        rows.append({"level": level, **_row(capture, reports)})
     reporter.progress(NAME, 1.0)
     return pd.DataFrame(rows)
 
@@ -132,14 +139,15 @@ def margins_of_real(items: pd.DataFrame) -> pd.Series:
     return shares.min(axis=1, skipna=False).clip(0.0, 1.0)
 
 
-def write_real(folder: Path, items: pd.DataFrame, max_size: int, iterations: int) -> str:
+def write_real(folder: Path, items: pd.DataFrame, max_size: int, iterations: int, seeds: int = 1) -> str:
     """Write ``stress-real.csv`` and ``stress-real.md``; returns the text of the latter."""
     write_csv(folder / f"{NAME}.csv", items)
     lines = [
         "# Where it fails: captures of the real world",
         "",
         f"What `run.py` makes of captures as people take them, at {max_size} pixels with {iterations:,} steps; cameras "
-        "are estimated where there are none. A capture has failed where the held-out views have a PSNR below "
+        f"are estimated where there are none. Figures are means of {counted(seeds)}, σ their standard deviation. "
+        "A capture has failed where the held-out views have a PSNR below "
         f"{LEAST_PSNR:g} dB, from where on a run says itself that details can hardly be recognised, an RWE above "
         f"{MOST_RWE:g}, or the scene a CCPR below that of the photographs; or where it was refused, for the reason "
         "below the table: that is right where photographs do not suffice. They are in "
@@ -157,12 +165,13 @@ def _shaping(iterations: int) -> tuple[Any, ...]:
     return iterations, *trained_product()
 
 
-def _report(capture: RealCapture, place: Path, max_size: int, iterations: int) -> dict[str, Any] | str:
+def _report(capture: RealCapture, place: Path, max_size: int, iterations: int, seed: int) -> dict[str, Any] | str:
     """The report of a run, kept in `place`, or the line with which it was refused: that may be for a missing tool."""
     if not (place / REPORT_FILE).is_file():
         place.parent.mkdir(parents=True, exist_ok=True)
         words = [sys.executable, str(_SCRIPT), str(capture.folder), "--out", str(place), "--no-blend"]
         words += ["--max-size", str(max_size), "--iterations", str(iterations), "--holdout", str(capture.holdout)]
+        words += ["--seed", str(seed)]
         ended = subprocess.run(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, check=False)
         last = next((line for line in reversed(ended.stderr.splitlines()) if line.strip()), "")
         if ended.returncode == _UNUSABLE:
@@ -173,36 +182,45 @@ def _report(capture: RealCapture, place: Path, max_size: int, iterations: int) -
     return report
 
 
-def _row(capture: RealCapture, report: dict[str, Any] | str) -> dict[str, Any]:
-    row = {
+def _row(capture: RealCapture, reports: Sequence[dict[str, Any] | str]) -> dict[str, Any]:
+    """The row of a capture of which a run of each seed has a report, or the line with which it was refused."""
+    refusals = [report for report in reports if isinstance(report, str)]
+    finished = [report for report in reports if not isinstance(report, str)]
+    runs = pd.DataFrame([_figures(report) for report in finished], columns=_FIGURES, dtype=float)
+    means, deviations = runs.mean(), runs.std()
+    failed = _exceeded(means) if finished else []
+    if refusals:
+        some = f"{REFUSED} with {len(refusals)} of {len(reports)} seeds"
+        failed = [some, *failed] if finished else [REFUSED]
+    return {
         "method": _METHOD,
         "axis": REAL,
         "value": capture.name,
-        "seeds": 0,
-        "errors": "",
-        "failed": "",
-        "warnings": "",
+        "seeds": len(finished),
+        "errors": "; ".join(sorted(set(refusals))),
+        "failed": "; ".join(failed),
+        "warnings": " ".join(sorted({warning["name"] for report in finished for warning in report["warnings"]})),
+        **means,
+        **{f"{name}_deviation": deviations[name] for name in ("psnr", "rwe", "ccpr")},
     }
-    numbers = ("views", "psnr", "rwe", "ccpr", "ccpr_input", "gaussians", "seconds")
-    if isinstance(report, str):
-        return {**row, **dict.fromkeys(numbers, NOT_MEASURED), "errors": report, "failed": REFUSED}
+
+
+def _figures(report: dict[str, Any]) -> dict[str, float]:
+    """What a run measured; NaN where it could not."""
     layer = report["layers"][DEUTAN.name]
-    figures = {
+    found = {
         "views": report["capture"]["views"],
         "psnr": report["reconstruction"]["psnr"],
         "rwe": layer["rwe"]["ratio"],
         "ccpr": layer["ccpr"]["rendered"],
         "ccpr_input": layer["ccpr"]["input"],
         "gaussians": report["gaussians"],
-        "seconds": report["seconds"]["total"],
     }
-    figures = {name: NOT_MEASURED if value is None else value for name, value in figures.items()}
-    said = sorted({warning["name"] for warning in report["warnings"]})
-    return {**row, **figures, "seeds": 1, "failed": "; ".join(_exceeded(figures)), "warnings": " ".join(said)}
+    return {name: NOT_MEASURED if value is None else value for name, value in found.items()}
 
 
-def _exceeded(figures: dict[str, float]) -> list[str]:
-    """The criteria that a run fails."""
+def _exceeded(figures: pd.Series) -> list[str]:
+    """The criteria that the means fail."""
     found = []
     if not figures["psnr"] >= LEAST_PSNR:
         found.append(f"PSNR {figures['psnr']:.1f} dB")

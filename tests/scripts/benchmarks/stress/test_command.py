@@ -30,7 +30,7 @@ def options(*arguments: str) -> argparse.Namespace:
         (("--axes", "views,weather"), "unknown axis 'weather'"),
         (("--levels", "1"), "1 is out of range"),
         (("--levels", "6"), "6 is out of range"),
-        (("--real", f"a={ROOT}", "--seeds", "3"), "--seeds: it has no meaning with --real"),
+        (("--real", f"a={ROOT}", "--processes", "3"), "--processes: it has no meaning with --real"),
         (("--real", f"a={ROOT}", "--axes", "views"), "--axes: it has no meaning with --real"),
     ],
 )

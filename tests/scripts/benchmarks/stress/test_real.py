@@ -30,34 +30,35 @@ def report(*, psnr: float | None = 31.0, rwe: float = 0.7, ccpr: float = 0.9, wa
         "reconstruction": {"psnr": psnr},
         "layers": {"deutan-1.0": layer},
         "gaussians": 900,
-        "seconds": {"total": 40.0},
         "warnings": [{"name": name, "message": ""} for name in warned],
     }
 
 
 @pytest.fixture
 def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A stand-in for run.py: makes the report that lies in the capture, or refuses it; notes that it was called."""
+    """A stand-in for run.py: makes the report that the capture has for the seed, or refuses it; notes its calls."""
     script = tmp_path / "run.py"
     script.write_text(
         "import pathlib, shutil, sys\n"
         "capture, out = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[3])\n"
         f"open({str(tmp_path / 'calls')!r}, 'a').write(' '.join(sys.argv[1:]) + '\\n')\n"
-        "if not (capture / 'report.json').exists():\n"
+        "report = capture / f'report-{sys.argv[-1]}.json'\n"
+        "if not report.exists():\n"
         "    sys.stderr.write(f'run.py: {capture}: too few views\\n')\n"
         "    sys.exit(2)\n"
         "out.mkdir(parents=True)\n"
-        "shutil.copy(capture / 'report.json', out)\n",
+        "shutil.copy(report, out / 'report.json')\n",
         encoding="utf-8",
     )
     monkeypatch.setattr(real, "_SCRIPT", script)
     return tmp_path
 
 
-def capture(folder: Path, name: str, **figures) -> RealCapture:
+def capture(folder: Path, name: str, *, seeds: tuple[int, ...] = (0,), **figures) -> RealCapture:
     place = folder / name
-    place.mkdir()
-    (place / "report.json").write_text(json.dumps(report(**figures)), encoding="utf-8")
+    place.mkdir(exist_ok=True)
+    for seed in seeds:
+        (place / f"report-{seed}.json").write_text(json.dumps(report(**figures)), encoding="utf-8")
     return RealCapture(name, place, holdout=7)
 
 
@@ -77,6 +78,27 @@ def test_each_line_fails_a_capture_and_a_refusal_is_quoted_without_its_folder(ru
     assert found.errors["none"] == "none: too few views"
     text = write_real(runs, found.reset_index(), 240, 100)
     assert "- none: none: too few views" in text
+
+
+def test_the_means_of_the_seeds_decide_and_every_warning_is_kept(runs: Path) -> None:
+    sharp = capture(runs, "grainy", seeds=(0, 1), psnr=20.5, warned=("few-views",))
+    capture(runs, "grainy", seeds=(2,), psnr=19.3, warned=("few-views", "noise"))
+    found = run_real([sharp], 240, 100, runs / "work", Reporter(), seeds=3).iloc[0]
+    assert (found.seeds, found.failed, found.warnings) == (3, "", "few-views noise")
+    assert (found.psnr, found.psnr_deviation) == (
+        pytest.approx(20.1),
+        pytest.approx(np.std([20.5, 20.5, 19.3], ddof=1)),
+    )
+    assert run_real([sharp], 240, 100, runs / "work", Reporter(), seeds=3).iloc[0].equals(found)
+    assert len((runs / "calls").read_text(encoding="utf-8").splitlines()) == 3
+    assert "means of 3 seeds" in write_real(runs, found.to_frame().T, 240, 100, 3)
+
+
+def test_a_capture_that_some_seeds_refuse_has_failed_and_keeps_the_figures_of_the_others(runs: Path) -> None:
+    asked = [capture(runs, "sometimes", seeds=(1, 2))]
+    found = run_real(asked, 240, 100, runs / "work", Reporter(), seeds=3).iloc[0]
+    assert (found.seeds, found.psnr, found.failed) == (2, 31.0, "refused with 1 of 3 seeds")
+    assert found.errors == "sometimes: too few views"
 
 
 def test_a_run_that_was_made_before_is_made_again_for_other_settings_or_photographs_or_if_asked(runs: Path) -> None:
