@@ -180,24 +180,23 @@ def write_ablation(
     write_csv(folder / "ablation.csv", trials)
     trials = with_derived(trials)
     lines = ["# Ablations", "", *heading, "", _definitions(trials), "", *optimistic(trials)]
-    for setting in SETTINGS:
-        titles = {setting.label(variant): variant.title for variant in (DEFAULT, *setting.variants)}
-        lines += [f"## {setting.title}", "", *_tables(trials, titles), ""]
-    if weights:
-        titles = {setting.label(DEFAULT): setting.title for setting in _weight_settings(weights)}
-        titles = {SETTINGS[0].label(DEFAULT): "the product's scene network", **titles}
-        lines += ["## Other networks", "", *_tables(trials, titles, _ENHANCED), ""]
+    for capture, mine in trials.groupby("capture", sort=False):
+        lines += [f"## {capture}", ""]
+        for setting in SETTINGS:
+            titles = {setting.label(variant): variant.title for variant in (DEFAULT, *setting.variants)}
+            lines += [f"### {setting.title}", "", *_tables(mine, titles), ""]
+        if weights:
+            titles = {setting.label(DEFAULT): setting.title for setting in _weight_settings(weights)}
+            titles = {SETTINGS[0].label(DEFAULT): "the product's scene network", **titles}
+            lines += ["### Other networks", "", *_tables(mine, titles, _ENHANCED), ""]
     return [*lines, *failures(trials)]
 
 
 def _definitions(trials: pd.DataFrame) -> str:
-    """What the tables have, by what was repeated."""
-    repeated = [name for name in ("capture", "seed") if trials[name].nunique() > 1]
+    """What the tables have, by whether there is more than one seed."""
     differences = "their differences to it"
-    if repeated:
-        pairs = ", ".join(f"{name} by {name}" for name in repeated)
-        spread = " and ".join(f"{name}s" for name in repeated)
-        differences = f"the means of {differences}, {pairs}; second tables have the standard deviations over {spread}"
+    if trials.seed.nunique() > 1:
+        differences = f"the means of {differences}, seed by seed; second tables have the standard deviations over seeds"
     return _DEFINITIONS.format(differences=differences)
 
 
@@ -205,12 +204,13 @@ def _tables(trials: pd.DataFrame, titles: Mapping[str, str], *absolute: Column) 
     """Tables of the first label's own figures and of how the others differ from it.
 
     Args:
+        trials: of one capture.
         titles: of the rows, by the trials' labels.
         absolute: columns that have their own figures in all rows.
     """
     columns = (*_DIFFERENCES, *_RATIOS, *absolute)
     differing, ratios = ([name for name, _, _ in some] for some in (_DIFFERENCES, _RATIOS))
-    keyed = trials.assign(title=trials.label.map(titles)).set_index(["capture", "seed"])
+    keyed = trials.assign(title=trials.label.map(titles)).set_index("seed")
     kept = ["title", *(name for name, _, _ in columns)]
     default, *others = (keyed.loc[keyed.label == label, kept].copy() for label in titles)
     for changed in others:

@@ -164,19 +164,30 @@ def test_an_ablation_differs_from_the_default_in_one_thing_and_is_reported_by_it
 
 
 @pytest.mark.parametrize(
-    ("captures", "seeds", "said"),
+    ("seeds", "said"),
     [
-        (["demo"], 1, "the others their differences to it. Figures"),
-        (["demo"], 2, "seed by seed; second tables have the standard deviations over seeds."),
-        (["demo", "room"], 2, "capture by capture, seed by seed; second tables have the standard deviations over"),
+        (1, "the others their differences to it. Figures"),
+        (2, "seed by seed; second tables have the standard deviations over seeds."),
     ],
 )
-def test_an_ablation_speaks_of_deviations_only_over_what_was_repeated(tmp_path, captures, seeds, said):
+def test_an_ablation_speaks_of_deviations_only_over_seeds(tmp_path, seeds, said):
     (job,) = ablation_jobs([DEMO], 100, seeds=seeds)
-    trials = [replace(trial(r, **figures_of(r)), capture=name) for r in job.recipes for name in captures]
-    lines = write_ablation(tmp_path, frame_of(Trial, trials), HEADING)
+    lines = write_ablation(tmp_path, frame_of(Trial, [trial(r, **figures_of(r)) for r in job.recipes]), HEADING)
     assert said in "\n".join(lines)
-    assert ("Standard deviations:" in lines) == (len(trials) > len(ablation_jobs([DEMO], 100, seeds=1)[0].recipes))
+    assert ("Standard deviations:" in lines) == (seeds > 1)
+
+
+def test_an_ablation_has_every_captures_own_differences(tmp_path):
+    (job,) = ablation_jobs([DEMO], 100, seeds=1)
+    trials = []
+    for capture, without in (("demo", 30.2), ("room", 29.1)):
+        for recipe in job.recipes:
+            figures = figures_of(recipe) | ({"psnr": without} if recipe.label.startswith("no-pruning") else {})
+            trials.append(replace(trial(recipe, **figures), capture=capture))
+    lines = write_ablation(tmp_path, frame_of(Trial, trials), HEADING)
+    assert [line for line in lines if line.startswith("## ")] == ["## demo", "## room"]
+    gains = [cells(lines, "no pruning before the end", table=table)[1] for table in (0, 1)]
+    assert float(gains[0]) - float(gains[1]) == pytest.approx(30.2 - 29.1)
 
 
 def test_what_changes_the_geometry_alone_is_tried_with_one_enhancer():
