@@ -146,7 +146,7 @@ def write_real(folder: Path, items: pd.DataFrame, max_size: int, iterations: int
         "# Where it fails: captures of the real world",
         "",
         f"What `run.py` makes of captures as people take them, at {max_size} pixels with {iterations:,} steps; cameras "
-        f"are estimated where there are none. Figures are means of {counted(seeds)}, σ their standard deviation. "
+        f"are estimated where there are none. Figures are {_averaged(seeds)}. "
         "A capture has failed where the held-out views have a PSNR below "
         f"{LEAST_PSNR:g} dB, from where on a run says itself that details can hardly be recognised, an RWE above "
         f"{MOST_RWE:g}, or the scene a CCPR below that of the photographs; or where it was refused, for the reason "
@@ -158,6 +158,10 @@ def write_real(folder: Path, items: pd.DataFrame, max_size: int, iterations: int
     refused = items[items.errors != ""]
     lines += ["", *(f"- {item.value}: {item.errors}" for item in refused.itertuples())] if len(refused) else []
     return write_text(folder / f"{NAME}.md", lines)
+
+
+def _averaged(seeds: int) -> str:
+    return f"means of {counted(seeds)}, σ their standard deviations" if seeds > 1 else f"of {counted(seeds)}"
 
 
 def _shaping(iterations: int) -> tuple[Any, ...]:

@@ -92,6 +92,7 @@ def test_the_means_of_the_seeds_decide_and_every_warning_is_kept(runs: Path) -> 
     assert run_real([sharp], 240, 100, runs / "work", Reporter(), seeds=3).iloc[0].equals(found)
     assert len((runs / "calls").read_text(encoding="utf-8").splitlines()) == 3
     assert "means of 3 seeds" in write_real(runs, found.to_frame().T, 240, 100, 3)
+    assert "Figures are of one seed." in write_real(runs, found.to_frame().T, 240, 100)
 
 
 def test_a_capture_that_some_seeds_refuse_has_failed_and_keeps_the_figures_of_the_others(runs: Path) -> None:
