@@ -191,7 +191,7 @@ def _row(capture: RealCapture, reports: Sequence[dict[str, Any] | str]) -> dict[
     refusals = [report for report in reports if isinstance(report, str)]
     finished = [report for report in reports if not isinstance(report, str)]
     runs = pd.DataFrame([_figures(report) for report in finished], columns=_FIGURES, dtype=float)
-    means, deviations = runs.mean(), runs.std()
+    means, deviations = runs.mean(skipna=False), runs.std(skipna=False)  # no mean of what a seed lacks
     failed = _exceeded(means) if finished else []
     if refusals:
         some = f"{REFUSED} with {len(refusals)} of {len(reports)} seeds"

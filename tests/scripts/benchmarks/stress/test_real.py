@@ -95,6 +95,14 @@ def test_the_means_of_the_seeds_decide_and_every_warning_is_kept(runs: Path) -> 
     assert "Figures are of one seed." in write_real(runs, found.to_frame().T, 240, 100)
 
 
+def test_a_figure_that_one_seed_could_not_measure_fails_the_capture(runs: Path) -> None:
+    capture(runs, "unsure", seeds=(0, 2))
+    asked = [capture(runs, "unsure", seeds=(1,), psnr=None)]
+    found = run_real(asked, 240, 100, runs / "work", Reporter(), seeds=3).iloc[0]
+    assert np.isnan(found.psnr)
+    assert found.failed == "PSNR nan dB"
+
+
 def test_a_capture_that_some_seeds_refuse_has_failed_and_keeps_the_figures_of_the_others(runs: Path) -> None:
     asked = [capture(runs, "sometimes", seeds=(1, 2))]
     found = run_real(asked, 240, 100, runs / "work", Reporter(), seeds=3).iloc[0]
