@@ -2,6 +2,7 @@
 
 A recipe is the command and the constants that shape what it measures: the product's own and the study's. Its
 fingerprint changes with each of them, so a page tells which code it is about, and a test finds pages older than that.
+Code that is not a constant counts by `RESULTS`, which is raised by hand; a test of small runs finds when it has to be.
 """
 
 from __future__ import annotations
@@ -23,6 +24,10 @@ from ...core.bootstrap import ROOT
 Facts = Callable[[], tuple[Any, ...]]
 """Makes the constants that shape a study, when they are needed: some take seconds to import."""
 
+RESULTS = 1
+"""Revision of what a run makes of the same photographs and settings: raised when code, not a constant, changes it.
+
+Pages and stored trials of another revision are stale."""
 UNRECORDED = "unrecorded"
 STALE = "the recipe has changed since: not comparable with what the code makes now"
 BY_HAND = ("README.md", "observers.md", "timings.md", "training.md")
@@ -70,7 +75,7 @@ class Provenance:
 
 
 def enhanced_product() -> tuple[Any, ...]:
-    """The constants of enhancement, and the digest of the weights."""
+    """The revision of results, the constants of enhancement, and the digest of the weights."""
     from ...core.enhance.scene.fit import START_WEIGHTS
 
     return *_fitted_product(), START_WEIGHTS, weights_of_product()
@@ -82,7 +87,7 @@ def weights_of_product() -> str:
 
 
 def trained_product() -> tuple[Any, ...]:
-    """The constants of the fits of enhancement and reconstruction, and what a run does unless it is told otherwise.
+    """The revision of results, the constants of enhancement and reconstruction, and what a run does by default.
 
     Without the weights, which only the predicted network needs.
     """
@@ -96,7 +101,7 @@ def _fitted_product() -> tuple[Any, ...]:
     from ...core.enhance.lut_fit import LutSettings
     from ...core.enhance.scene.fit import FitSettings
 
-    return FitSettings(), LutSettings()
+    return RESULTS, FitSettings(), LutSettings()
 
 
 def fingerprint(command: str, facts: Facts) -> str:

@@ -23,6 +23,7 @@ from cvdgs.scripts.benchmarks.provenance import (
     UNRECORDED,
     Provenance,
     commit_of_code,
+    enhanced_product,
     fingerprint,
     is_honest,
     mark,
@@ -148,6 +149,13 @@ def test_a_constant_of_the_product_is_part_of_a_recipe(monkeypatch: pytest.Monke
     plans = Plans(layer=replace(Plans().layer, epochs=Plans().layer.epochs + 1))
     monkeypatch.setattr("cvdgs.core.pipeline.stages.Plans", lambda: plans)
     assert fingerprint(COMMAND, trained_product) != before
+
+
+def test_the_revision_of_results_is_part_of_a_recipe(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = [fingerprint(COMMAND, product) for product in (trained_product, enhanced_product)]
+    monkeypatch.setattr(provenance, "RESULTS", provenance.RESULTS + 1)
+    after = [fingerprint(COMMAND, product) for product in (trained_product, enhanced_product)]
+    assert all(old != new for old, new in zip(before, after, strict=True))
 
 
 def test_a_fingerprint_is_the_same_in_every_process() -> None:
