@@ -100,7 +100,8 @@ def all_or_nothing(folder: RunFolder, out: str, log_name: str) -> Iterator[None]
         raise WorkerDefect(f"{error} - this is a defect of ours; please report it with {kept}") from None
     except OSError as error:
         folder.abort()
-        what, remedy = f"cannot be written to ({error.strerror})", "free space or choose another folder with --out"
+        reason = error.strerror or error  # a pipe in a folder that is copied is Python's own refusal
+        what, remedy = f"cannot be written to ({reason})", "free space or choose another folder with --out"
         raise InputError(what, where=out, remedy=remedy) from None
     except BaseException:
         folder.abort()
