@@ -15,7 +15,7 @@ from ..settings import AUTO, OPTIONS, Settings, flag
 from .devices import explain_fault
 from .progress import format_seconds
 from .protocol import LEAST_SHARE, Reporter
-from .supervisor import EXIT_CANCELLED, EXIT_DONE, EXIT_INPUT
+from .supervisor import EXIT_CANCELLED, EXIT_DONE, EXIT_INPUT, write_while_possible
 
 
 def script_arguments() -> list[str]:
@@ -91,7 +91,7 @@ _LIVELY_INTERVAL = 0.2
 
 
 class ConsoleReporter(Reporter):
-    """Rewrites one line on a terminal; elsewhere says something now and then."""
+    """Rewrites one line on a terminal; elsewhere says something now and then, while the stream can be written to."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -99,8 +99,7 @@ class ConsoleReporter(Reporter):
         self._stage, self._started, self._first, self._last, self._fraction = "", 0.0, 0.0, 0.0, 0.0
 
     def status(self, stage: str, message: str) -> None:
-        self._stream.write(f"{stage}: {message}\n")
-        self._stream.flush()
+        write_while_possible(self._stream, f"{stage}: {message}\n")
 
     def progress(self, stage: str, fraction: float, message: str = "") -> None:
         now = time.monotonic()
@@ -117,11 +116,9 @@ class ConsoleReporter(Reporter):
         text = f"{stage} {fraction:4.0%}{left}  {message}"
         if self._terminal:
             width = shutil.get_terminal_size().columns - 1
-            self._stream.write("\r" + text[:width].ljust(width) + ("\n" if fraction >= 1.0 else ""))
+            write_while_possible(self._stream, "\r" + text[:width].ljust(width) + ("\n" if fraction >= 1.0 else ""))
         else:
-            self._stream.write(text.rstrip() + "\n")
-        self._stream.flush()
+            write_while_possible(self._stream, text.rstrip() + "\n")
 
     def warning(self, name: str, message: str) -> None:
-        self._stream.write(f"note: {message}\n")
-        self._stream.flush()
+        write_while_possible(self._stream, f"note: {message}\n")
