@@ -123,7 +123,8 @@ def run(
         seconds.update(clock.seconds, total=clock.total)
         write_report(folder.staging, report)
         finish(workers.start_page({"job": "report-page", "folder": str(folder.staging)}, log.line), log.event)
-    shutil.rmtree(checkpoints, ignore_errors=True)
+    if not settings.resume:  # else the checkpoint there is of a training that this run has not replaced
+        shutil.rmtree(checkpoints, ignore_errors=True)
     return report
 
 

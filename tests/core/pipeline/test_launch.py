@@ -11,6 +11,7 @@ import pytest
 
 from cvdgs.core.errors import InputError
 from cvdgs.core.pipeline import launch
+from cvdgs.core.pipeline.continuation import describe_run
 from cvdgs.core.runtime.process import Workers
 from cvdgs.core.settings import Settings
 
@@ -109,6 +110,20 @@ def test_a_resumed_run_adds_to_the_files_and_to_the_log(run, earlier):
     assert report["seconds"]["total"] is None  # the first run's own
     assert report["resumed"][0]["seconds"]["total"] > 0
     assert "lacks the new layers" in result.err
+
+
+def test_a_layer_that_is_added_leaves_the_checkpoint_of_another_training_in_the_folder(run, earlier):
+    checkpoint = earlier / ".checkpoint"
+    checkpoint.mkdir()
+    fine = Settings("photos", str(earlier), iterations=7000, blend=False)
+    (checkpoint / "run.json").write_text(json.dumps(describe_run(fine)))
+    (checkpoint / "state.safetensors").write_bytes(b"an hour's work")
+    result = run("emit('result', report=REPORT)", "--resume", "--cvd", "protan")
+    assert result.returncode == 0, result.err
+    assert (checkpoint / "state.safetensors").read_bytes() == b"an hour's work"
+    result = run("emit('result', report=REPORT)")
+    assert result.returncode == 0, result.err
+    assert not checkpoint.exists(), "a training that succeeds replaces it"
 
 
 @pytest.mark.parametrize(
