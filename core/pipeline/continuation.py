@@ -90,22 +90,14 @@ def resumption(asked: Settings) -> Resumption:
     Options that were left at their default take the value that the broken-off run has, unless there is a finished run,
     to which ``--resume`` may just as well mean to add a layer.
     """
-    if not asked.resume or not _has_checkpoint(asked.out):
+    if not asked.resume:
         return Resumption(asked)
     finished = (Path(asked.out) / REPORT_FILE).exists()
-    try:
-        version, own = _described(asked.out)
-    except (KeyError, TypeError, InputError) as error:
-        difference = f"is damaged{explained(error)}"
-    else:
-        difference = _difference(asked, own, exactly=finished)
-        if version != __version__:
-            difference = f"was made by version {str(version)[:20]}"
-        if not difference:
-            later = {name: getattr(asked, name) for name in _LATER}
-            return Resumption(replace(own, capture=asked.capture, out=asked.out, **later), continues=True)
-    note = f"the checkpoint of a run that was broken off here {difference}; it is not used"
-    return Resumption(asked if finished else replace(asked, resume=False), note=note)
+    own, note = _usable_checkpoint(asked, exactly=finished)
+    if own is not None:
+        later = {name: getattr(asked, name) for name in _LATER}
+        return Resumption(replace(own, capture=asked.capture, out=asked.out, **later), continues=True)
+    return Resumption(replace(asked, resume=False) if note and not finished else asked, note=note)
 
 
 def broken_off(out: str | Path) -> Settings | None:
@@ -120,9 +112,9 @@ def broken_off(out: str | Path) -> Settings | None:
 
 
 def continued(asked: Settings) -> Settings:
-    """`asked` with ``resume`` where that goes on with a run that was broken off."""
-    resuming = replace(asked, resume=True)
-    return resuming if resumption(resuming).continues else asked
+    """`asked`, every option of which counts, with ``resume`` where that goes on with a run that was broken off."""
+    own, _ = _usable_checkpoint(asked, exactly=True)
+    return asked if own is None else replace(asked, resume=True)
 
 
 def _has_checkpoint(out: str | Path) -> bool:
@@ -135,6 +127,26 @@ def _described(out: str | Path) -> tuple[str, Settings]:
     """Version and settings of the run whose checkpoint is in `out`."""
     described = read_json(checkpoint_folder(out) / CHECKPOINT_RUN_FILE)
     return described["version"], Settings.from_dict({**described["settings"], "resume": False})
+
+
+def _usable_checkpoint(asked: Settings, *, exactly: bool) -> tuple[Settings | None, str]:
+    """Settings of the run that was broken off, where `asked` can go on with it; else why its checkpoint is not used.
+
+    The reason is "" where there is no checkpoint.
+    """
+    if not _has_checkpoint(asked.out):
+        return None, ""
+    try:
+        version, own = _described(asked.out)
+    except (KeyError, TypeError, InputError) as error:
+        difference = f"is damaged{explained(error)}"
+    else:
+        difference = _difference(asked, own, exactly=exactly)
+        if version != __version__:
+            difference = f"was made by version {str(version)[:20]}"
+        if not difference:
+            return own, ""
+    return None, f"the checkpoint of a run that was broken off here {difference}; it is not used"
 
 
 def _difference(asked: Settings, own: Settings, *, exactly: bool) -> str:

@@ -188,6 +188,8 @@ def test_a_batch_goes_on_by_itself(broken_off_run):
     settings = broken_off_run(iterations=700)
     assert continued(settings).resume
     assert not continued(replace(settings, iterations=800)).resume
+    assert not continued(Settings("photos", settings.out)).resume, "the usual value is one of its own, too"
+    assert resumption(continued(settings)).continues
 
 
 def test_a_folder_says_what_goes_on_with_its_run_whatever_it_was_made_with(broken_off_run, tmp_path):
