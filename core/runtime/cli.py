@@ -8,6 +8,7 @@ import sys
 import time
 import typing
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import NoReturn, TextIO
 
 from ..errors import InputError, one_line
@@ -57,23 +58,25 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 def add_settings(parser: argparse.ArgumentParser, names: Iterable[str]) -> None:
-    """Declare the command line's options for the fields `names` of `Settings`, whose ranges it checks itself."""
+    """Declare the command line's options for the fields `names` of `Settings`, whose ranges it checks itself.
+
+    What is parsed has only those that are given; the others' defaults are those of `Settings`.
+    """
+    add = partial(parser.add_argument, default=argparse.SUPPRESS)
     hints = typing.get_type_hints(Settings)
     for name in names:
         option, default = OPTIONS[name], getattr(Settings, name)
         text = f"{option.text}: {'|'.join(option.choices)}" if option.choices else option.text
         shown = text if default == "" else f"{text} ({AUTO if default is None else default})"
-        if hints[name] is bool and default:
-            parser.add_argument(flag(f"no-{name}"), dest=name, action="store_false", help=f"do not {option.text}")
-        elif hints[name] is bool:
-            parser.add_argument(flag(name), action="store_true", help=option.text)
-        elif bool in typing.get_args(hints[name]):
-            parser.add_argument(flag(name), action=argparse.BooleanOptionalAction, help=shown)
+        if hints[name] is bool and not default:
+            add(flag(name), action="store_true", help=option.text)
+        elif bool in (hints[name], *typing.get_args(hints[name])):
+            add(flag(name), action=argparse.BooleanOptionalAction, help=text if default else shown)
         else:
             kinds = typing.get_args(hints[name])
             kind = hints[name] if not kinds else _whole_or_auto if int in kinds else _number_or_auto
             metavar = option.metavar or name.upper()
-            parser.add_argument(flag(name), type=kind, default=default, metavar=metavar, help=shown)
+            add(flag(name), type=kind, metavar=metavar, help=shown)
 
 
 def _whole_or_auto(text: str) -> int | None:
