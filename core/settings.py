@@ -78,7 +78,7 @@ class Option:
         choices: the values it may have.
         low, high: the range of a number.
         in_batch: whether a batch file's ``[train]`` may hold it.
-        fixed: whether it shaped a finished run, so that ``--resume`` takes the run's own value.
+        fixed: whether it shaped a finished run, so that layers that ``--resume`` adds have to have the run's own value.
     """
 
     text: str

@@ -26,6 +26,7 @@ if __name__ == "__main__" and DOCTOR in sys.argv:
 
 bootstrap.require_python()
 from cvdgs.core.errors import InputError
+from cvdgs.core.pipeline.given import LAYERS
 from cvdgs.core.pipeline.launch import run_in_console
 from cvdgs.core.runtime.cli import OneLineParser, add_settings, script_arguments
 from cvdgs.core.settings import CVD_TYPES, OPTIONS, QUALITIES, Layer, Settings
@@ -58,12 +59,11 @@ def build_parser() -> argparse.ArgumentParser:
 
 def parse_options(arguments: list[str]) -> argparse.Namespace:
     """The options, with those that ``--quality`` stands for where they are not given themselves."""
-    parser = build_parser()
-    options = parser.parse_args(arguments)
+    options = build_parser().parse_args(arguments)
     for quality in QUALITIES:
         if quality.name.lower() == options.quality:
-            parser.set_defaults(iterations=quality.iterations, max_size=quality.max_size)
-            options = parser.parse_args(arguments)
+            usual = {"iterations": quality.iterations, "max_size": quality.max_size}
+            return argparse.Namespace(**{**usual, **vars(options)})
     return options
 
 
@@ -80,7 +80,13 @@ def parse_settings(options: argparse.Namespace) -> Settings:
             remedy="give one, or one per --cvd",
         )
     layers = tuple(Layer(cvd, severity) for cvd, severity in zip(types, severities, strict=True))
-    return Settings(options.capture, options.out, layers, **{name: getattr(options, name) for name in OPTIONS})
+    others = {name: value for name, value in vars(options).items() if name in OPTIONS}
+    return Settings(options.capture, options.out, layers, **others)
+
+
+def given_options(options: argparse.Namespace) -> set[str]:
+    """Names of the options that are given, as `run_in_console` takes them."""
+    return {name for name in OPTIONS if name in options} | ({LAYERS} if options.cvd or options.severity else set())
 
 
 def main(arguments: list[str]) -> int:
@@ -91,7 +97,7 @@ def main(arguments: list[str]) -> int:
     except InputError as error:
         print(f"run.py: {error}", file=sys.stderr)
         return 2
-    return run_in_console(settings, json_events=options.json)
+    return run_in_console(settings, json_events=options.json, given=given_options(options))
 
 
 if __name__ == "__main__":

@@ -98,7 +98,7 @@ def _side_of(number: int, seen: Sequence[Sighting]) -> float:
         InputError: the photographs disagree, or what they show is no square.
     """
     corners, used = _corners(seen)
-    for _ in range(len(seen)):
+    for _ in range(len(seen) - 1):  # one stays, whatever it is worth
         agreeing = [sighting for sighting in used if _off(sighting, corners) <= _OFF]
         if len(agreeing) == len(used):
             break

@@ -5,7 +5,7 @@ Standard library only.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -21,11 +21,12 @@ from ..runs.layout import (
     REPORT_FILE,
 )
 from ..settings import OPTIONS, Settings, flag, typed_value
+from .given import LAYERS, completed, completed_addition
 
 CHECKPOINT_SECONDS = 120.0
 """Between two checkpoints: what a run that is killed loses at most."""
 
-_LATER = ("blend", "turntable", "engine")  # options that may change, because they concern what follows
+_LATER = ("blend", "turntable", "engine")  # options that may differ, because they concern what follows
 
 
 @dataclass(frozen=True)
@@ -84,28 +85,38 @@ def checkpoint_folder(out: str | Path) -> Path:
     return Path(out) / CHECKPOINT_FOLDER
 
 
-def resumption(asked: Settings) -> Resumption:
+def resumption(asked: Settings, given: Collection[str] | None = None) -> Resumption:
     """Whether `asked` goes on with a run that was broken off; else it adds layers, or starts anew.
 
-    Options that were left at their default take the value that the broken-off run has, unless there is a finished run,
-    to which ``--resume`` may just as well mean to add a layer.
+    Options that are not given take the value that the run has, be it broken off or finished. Where there are both,
+    ``--resume`` may mean either, and a run goes on only if `asked` has all of its values.
+
+    Args:
+        asked: with the default of options that are not given.
+        given: names of those that are, with `given.LAYERS`; None: every one counts, but for adding layers those that
+            have to be as in the finished run and are at their default.
+
+    Raises:
+        InputError: an option that is given has to be as in the finished run, and is not.
     """
-    if not asked.resume or not _has_checkpoint(asked.out):
+    if not asked.resume:
         return Resumption(asked)
-    finished = (Path(asked.out) / REPORT_FILE).exists()
+    own, note = _usable_checkpoint(asked, given)
+    if own is not None:
+        settings = completed(asked, own, OPTIONS if given is None else given)
+        return Resumption(replace(settings, layers=own.layers, resume=False), continues=True)
+    if not _is_finished(asked.out):
+        return Resumption(replace(asked, resume=False) if note else asked, note=note)
     try:
-        version, own = _described(asked.out)
-    except (KeyError, TypeError, InputError) as error:
-        difference = f"is damaged{explained(error)}"
-    else:
-        difference = _difference(asked, own, exactly=finished)
-        if version != __version__:
-            difference = f"was made by version {str(version)[:20]}"
-        if not difference:
-            later = {name: getattr(asked, name) for name in _LATER}
-            return Resumption(replace(own, capture=asked.capture, out=asked.out, **later), continues=True)
-    note = f"the checkpoint of a run that was broken off here {difference}; it is not used"
-    return Resumption(asked if finished else replace(asked, resume=False), note=note)
+        own = Settings.from_dict({**read_json(Path(asked.out) / REPORT_FILE)["settings"], "resume": False})
+    except (KeyError, TypeError, InputError):
+        return Resumption(asked, note=note)  # the worker says what is wrong with the report
+    return Resumption(completed_addition(asked, own, given), note=note)
+
+
+def goes_on(asked: Settings, given: Collection[str] | None = None) -> bool:
+    """Whether `asked`, with ``resume``, goes on with a run that was broken off; `given`: as for `resumption`."""
+    return _usable_checkpoint(asked, given)[0] is not None
 
 
 def broken_off(out: str | Path) -> Settings | None:
@@ -120,9 +131,12 @@ def broken_off(out: str | Path) -> Settings | None:
 
 
 def continued(asked: Settings) -> Settings:
-    """`asked` with ``resume`` where that goes on with a run that was broken off."""
-    resuming = replace(asked, resume=True)
-    return resuming if resumption(resuming).continues else asked
+    """`asked`, every option of which counts, with ``resume`` where that goes on with a run that was broken off."""
+    return replace(asked, resume=True) if goes_on(asked) else asked
+
+
+def _is_finished(out: str) -> bool:
+    return (Path(out) / REPORT_FILE).exists()
 
 
 def _has_checkpoint(out: str | Path) -> bool:
@@ -137,10 +151,25 @@ def _described(out: str | Path) -> tuple[str, Settings]:
     return described["version"], Settings.from_dict({**described["settings"], "resume": False})
 
 
-def _difference(asked: Settings, own: Settings, *, exactly: bool) -> str:
-    """What of `asked` is not as in `own`, or as usual, among what shapes a run; "" where nothing is."""
-    usual = vars(own if exactly else Settings(asked.capture, asked.out))
-    for name in ("layers", *OPTIONS):
-        if name not in ("resume", *_LATER) and getattr(asked, name) not in (getattr(own, name), usual[name]):
-            return f"was made with another {'--cvd' if name == 'layers' else flag(name)}"
-    return ""
+def _usable_checkpoint(asked: Settings, given: Collection[str] | None) -> tuple[Settings | None, str]:
+    """Settings of the run that was broken off, where `asked` can go on with it; else why its checkpoint is not used.
+
+    The reason is "" where there is no checkpoint.
+    """
+    if not _has_checkpoint(asked.out):
+        return None, ""
+    compared = [name for name in (LAYERS, *OPTIONS) if name not in ("resume", *_LATER)]
+    if given is not None and not _is_finished(asked.out):
+        compared = [name for name in compared if name in given]
+    try:
+        version, own = _described(asked.out)
+    except (KeyError, TypeError, InputError) as error:
+        difference = f"is damaged{explained(error)}"
+    else:
+        other = next((name for name in compared if getattr(asked, name) != getattr(own, name)), "")
+        if version == __version__ and not other:
+            return own, ""
+        difference = f"was made with another {'--cvd' if other == LAYERS else flag(other)}"
+        if version != __version__:
+            difference = f"was made by version {str(version)[:20]}"
+    return None, f"the checkpoint of a run that was broken off here {difference}; it is not used"

@@ -6,8 +6,8 @@ import json
 import os
 import shutil
 import sys
+from collections.abc import Collection
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,24 +21,28 @@ from ..runtime.process import Event, Workers, blender_command
 from ..runtime.progress import CAMERAS, STARTING, Clock, RunProgress, format_seconds
 from ..runtime.supervisor import CANCELLED, BarDisplay, JsonDisplay, Listener, Log, all_or_nothing, finish, in_console
 from ..settings import Settings
-from .continuation import CHECKPOINT_SECONDS, CheckpointRequest, checkpoint_folder, resumption
+from .continuation import CHECKPOINT_SECONDS, CheckpointRequest, checkpoint_folder, goes_on, resumption
 
 
-def run_in_console(settings: Settings, *, json_events: bool) -> int:
+def run_in_console(settings: Settings, *, json_events: bool, given: Collection[str] | None = None) -> int:
     """Run `settings` with progress on the console; returns the exit code of the contract.
 
     Args:
         json_events: write the events to stdout as JSON lines instead of a progress bar on stderr.
+        given: as for `run`.
     """
 
     def work(listen: Listener) -> Event:
-        return {"out": settings.out, "report": run(settings, listen)}
+        return {"out": settings.out, "report": run(settings, listen, given=given)}
 
     def cancelled() -> str:
-        kept = resumption(replace(settings, resume=True)).continues
-        return "cancelled; the same with --resume goes on from here" if kept else CANCELLED
+        return "cancelled; the same with --resume goes on from here" if goes_on(settings, given) else CANCELLED
 
-    bar = BarDisplay(sys.stderr, "run.py", RunProgress(stages_of(resumption(settings).settings)), _summary)
+    try:
+        expected = resumption(settings, given).settings
+    except InputError:  # `run` is refused for it
+        expected = settings
+    bar = BarDisplay(sys.stderr, "run.py", RunProgress(stages_of(expected)), _summary)
     return in_console(work, JsonDisplay(sys.stdout) if json_events else bar, cancelled=cancelled)
 
 
@@ -62,6 +66,7 @@ def run(
     listen: Listener,
     workers: Workers | None = None,
     *,
+    given: Collection[str] | None = None,
     previews: bool = False,
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
 ) -> dict[str, Any]:
@@ -70,6 +75,7 @@ def run(
     Args:
         listen: receives every event of the workers.
         workers: does the work; None takes the interpreter that `runtime.process.find_python` finds.
+        given: names of the options that were given, for ``resume``; see `continuation.resumption`.
         previews: whether `listen` receives pictures of the run's progress.
         checkpoint_seconds: between two checkpoints of the geometry.
 
@@ -82,13 +88,13 @@ def run(
     listen({"event": "status", "stage": "start", "message": "starting"})
     workers = workers or Workers()
     workers.require_python()  # before a folder is made
-    if settings.blend:
-        require_blender()  # before minutes of work that would be lost without it
     folder = RunFolder(settings.out)
     with all_or_nothing(folder, settings.out, LOG_FILE), ExitStack() as stack:
         _refuse_to_replace_the_capture(settings)
-        resumed = resumption(settings)
+        resumed = resumption(settings, given)
         settings = resumed.settings
+        if settings.blend:
+            require_blender()  # before minutes of work that would be lost without it
         if settings.resume:
             folder.carry_over()
         log_file = stack.enter_context(open(folder.staging / LOG_FILE, "a", encoding="utf-8"))
@@ -114,7 +120,7 @@ def run(
             blender.pop("event")
             report["blender"] = blender
         elif report.get("blender"):
-            message = f"{BLEND_FILE} lacks the new layers; run again without --no-blend to add them"
+            message = f"{BLEND_FILE} lacks the new layers; the next run with --blend adds them"
             log.event({"event": "warning", "name": "old-scene", "message": message})
             report["warnings"].append({"name": "old-scene", "message": message})
         if settings.turntable:
@@ -123,7 +129,8 @@ def run(
         seconds.update(clock.seconds, total=clock.total)
         write_report(folder.staging, report)
         finish(workers.start_page({"job": "report-page", "folder": str(folder.staging)}, log.line), log.event)
-    shutil.rmtree(checkpoints, ignore_errors=True)
+    if not settings.resume:  # else the checkpoint there is of a training that this run has not replaced
+        shutil.rmtree(checkpoints, ignore_errors=True)
     return report
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,14 @@ from ..files.untrusted import MAX_JSON_BYTES, explained, is_file, is_there, pars
 from ..runs.layout import CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file, layer_still_file
 from ..runs.report import SCHEMA, check_report
 from ..runtime.protocol import Reporter, StageSpan
-from ..settings import AUTO, OPTIONS, Settings, flag
+from ..settings import Settings
 from ..splats.calibration.corrections import CORRECTED
 from ..splats.gaussians import Gaussians
 from ..splats.io.ply import read_ply
 from ..splats.training.given_cameras import GIVEN_POSES
 from ..splats.training.lens import FOCAL_LENGTH
+from .given import NEW_RUN, completed_addition
 
-_NEW_RUN = "make a new run in another folder"
 _POSE_TOLERANCE = 1e-6
 
 
@@ -63,15 +63,15 @@ class EarlierRun:
                 remedy="leave out --resume",
             )
         try:
-            report = parse_json(read_text(folder / REPORT_FILE, most_bytes=MAX_JSON_BYTES, remedy=_NEW_RUN))
+            report = parse_json(read_text(folder / REPORT_FILE, most_bytes=MAX_JSON_BYTES, remedy=NEW_RUN))
             schema = report["schema"]
             if schema != SCHEMA:
-                raise InputError(f"the run was made by another version ({schema})", where=out, remedy=_NEW_RUN)
+                raise InputError(f"the run was made by another version ({schema})", where=out, remedy=NEW_RUN)
             settings = _settings_of(report, out)
             check_report(report)
         except (ValueError, KeyError, TypeError) as error:
             what = f"the report of the finished run is damaged{explained(error)}"
-            raise InputError(what, where=out, remedy=_NEW_RUN) from None
+            raise InputError(what, where=out, remedy=NEW_RUN) from None
         # Its order decides which views are held out, and earlier versions wrote another one than `read_capture` has.
         capture = read_capture(folder / CAPTURE_FOLDER, max_size=None, keep_order=True)
         layers = frozenset(name for name in report["layers"] if is_file(folder / layer_gaussians_file(name)))
@@ -83,21 +83,13 @@ class EarlierRun:
         Raises:
             InputError: such an option has another value, or the run has one of the layers.
         """
-        usual = {field.name: field.default for field in fields(Settings)}
-        own = {name: getattr(self.settings, name) for name, option in OPTIONS.items() if option.fixed}
-        for name, value in own.items():
-            if getattr(asked, name) not in (value, usual[name]):
-                raise InputError(
-                    f"the finished run has {_shown(value)}, not {_shown(getattr(asked, name))}",
-                    where=flag(name),
-                    remedy=f"leave it out, or {_NEW_RUN}",
-                )
+        asked = completed_addition(asked, self.settings)
         present = sorted({layer.name for layer in asked.layers} & self.layers)
         if present:
             raise InputError(
                 f"the finished run has {', '.join(present)} already", where="--cvd", remedy="ask for other layers"
             )
-        return replace(asked, **own)
+        return asked
 
     def check_photographs(self, folder: Path, reporter: Reporter) -> None:
         """Make sure that `folder` is the capture that the run was made from, or the run's own copy of it.
@@ -185,11 +177,7 @@ def _settings_of(report: Mapping[str, Any], out: str) -> Settings:
         return Settings.from_dict({**report["settings"], "resume": False})
     except InputError as error:
         what = f"the report of the finished run is damaged ({error.where}: {error.what})"
-        raise InputError(what, where=out, remedy=_NEW_RUN) from None
-
-
-def _shown(value: Any) -> str:
-    return AUTO if value is None else str(value)
+        raise InputError(what, where=out, remedy=NEW_RUN) from None
 
 
 def _compare(
@@ -228,4 +216,4 @@ def _focal_lengths(view: View) -> tuple[float, float]:
 
 def _require(condition: bool, what: str, folder: Path) -> None:
     if not condition:
-        raise InputError(what, where=folder, remedy=f"give the run's own capture, or {_NEW_RUN}")
+        raise InputError(what, where=folder, remedy=f"give the run's own capture, or {NEW_RUN}")

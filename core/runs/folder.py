@@ -166,7 +166,7 @@ class RunFolder:
         """
         for path in self._earlier_files(source or self.out):
             if path.is_dir():
-                shutil.copytree(path, self.staging / path.name, symlinks=True)  # a run has none; cycles end here
+                _copy_folder(path, self.staging / path.name)
             elif path.is_file():
                 shutil.copy2(path, self.staging / path.name)
 
@@ -248,6 +248,21 @@ class RunFolder:
         for path in self._created:
             with contextlib.suppress(OSError):  # not empty, or never made
                 path.rmdir()
+
+
+def _copy_folder(source: Path, target: Path) -> None:
+    """Copy `source` to `target`, with links as links: a run has none, and cycles end there.
+
+    Raises:
+        OSError: what the system refused first; `shutil.copytree` goes on and keeps the reasons as texts alone.
+    """
+    target.mkdir()
+    with os.scandir(source) as entries:
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                _copy_folder(Path(entry.path), target / entry.name)
+            else:
+                shutil.copy2(entry.path, target / entry.name, follow_symlinks=False)
 
 
 def open_lock(path: Path) -> IO[str]:

@@ -8,6 +8,7 @@ import sys
 import time
 import typing
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import NoReturn, TextIO
 
 from ..errors import InputError, one_line
@@ -15,7 +16,7 @@ from ..settings import AUTO, OPTIONS, Settings, flag
 from .devices import explain_fault
 from .progress import format_seconds
 from .protocol import LEAST_SHARE, Reporter
-from .supervisor import EXIT_CANCELLED, EXIT_DONE, EXIT_INPUT
+from .supervisor import EXIT_CANCELLED, EXIT_DONE, EXIT_INPUT, write_while_possible
 
 
 def script_arguments() -> list[str]:
@@ -57,23 +58,25 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 def add_settings(parser: argparse.ArgumentParser, names: Iterable[str]) -> None:
-    """Declare the command line's options for the fields `names` of `Settings`, whose ranges it checks itself."""
+    """Declare the command line's options for the fields `names` of `Settings`, whose ranges it checks itself.
+
+    What is parsed has only those that are given; the others' defaults are those of `Settings`.
+    """
+    add = partial(parser.add_argument, default=argparse.SUPPRESS)
     hints = typing.get_type_hints(Settings)
     for name in names:
         option, default = OPTIONS[name], getattr(Settings, name)
         text = f"{option.text}: {'|'.join(option.choices)}" if option.choices else option.text
         shown = text if default == "" else f"{text} ({AUTO if default is None else default})"
-        if hints[name] is bool and default:
-            parser.add_argument(flag(f"no-{name}"), dest=name, action="store_false", help=f"do not {option.text}")
-        elif hints[name] is bool:
-            parser.add_argument(flag(name), action="store_true", help=option.text)
-        elif bool in typing.get_args(hints[name]):
-            parser.add_argument(flag(name), action=argparse.BooleanOptionalAction, help=shown)
+        if hints[name] is bool and not default:
+            add(flag(name), action="store_true", help=option.text)
+        elif bool in (hints[name], *typing.get_args(hints[name])):
+            add(flag(name), action=argparse.BooleanOptionalAction, help=text if default else shown)
         else:
             kinds = typing.get_args(hints[name])
             kind = hints[name] if not kinds else _whole_or_auto if int in kinds else _number_or_auto
             metavar = option.metavar or name.upper()
-            parser.add_argument(flag(name), type=kind, default=default, metavar=metavar, help=shown)
+            add(flag(name), type=kind, metavar=metavar, help=shown)
 
 
 def _whole_or_auto(text: str) -> int | None:
@@ -91,7 +94,7 @@ _LIVELY_INTERVAL = 0.2
 
 
 class ConsoleReporter(Reporter):
-    """Rewrites one line on a terminal; elsewhere says something now and then."""
+    """Rewrites one line on a terminal; elsewhere says something now and then, while the stream can be written to."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -99,8 +102,7 @@ class ConsoleReporter(Reporter):
         self._stage, self._started, self._first, self._last, self._fraction = "", 0.0, 0.0, 0.0, 0.0
 
     def status(self, stage: str, message: str) -> None:
-        self._stream.write(f"{stage}: {message}\n")
-        self._stream.flush()
+        write_while_possible(self._stream, f"{stage}: {message}\n")
 
     def progress(self, stage: str, fraction: float, message: str = "") -> None:
         now = time.monotonic()
@@ -117,11 +119,9 @@ class ConsoleReporter(Reporter):
         text = f"{stage} {fraction:4.0%}{left}  {message}"
         if self._terminal:
             width = shutil.get_terminal_size().columns - 1
-            self._stream.write("\r" + text[:width].ljust(width) + ("\n" if fraction >= 1.0 else ""))
+            write_while_possible(self._stream, "\r" + text[:width].ljust(width) + ("\n" if fraction >= 1.0 else ""))
         else:
-            self._stream.write(text.rstrip() + "\n")
-        self._stream.flush()
+            write_while_possible(self._stream, text.rstrip() + "\n")
 
     def warning(self, name: str, message: str) -> None:
-        self._stream.write(f"note: {message}\n")
-        self._stream.flush()
+        write_while_possible(self._stream, f"note: {message}\n")

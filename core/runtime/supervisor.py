@@ -100,7 +100,8 @@ def all_or_nothing(folder: RunFolder, out: str, log_name: str) -> Iterator[None]
         raise WorkerDefect(f"{error} - this is a defect of ours; please report it with {kept}") from None
     except OSError as error:
         folder.abort()
-        what, remedy = f"cannot be written to ({error.strerror})", "free space or choose another folder with --out"
+        reason = error.strerror or error  # a pipe in a folder that is copied is Python's own refusal
+        what, remedy = f"cannot be written to ({reason})", "free space or choose another folder with --out"
         raise InputError(what, where=out, remedy=remedy) from None
     except BaseException:
         folder.abort()
@@ -240,14 +241,15 @@ class JsonDisplay:
             self._stream.write(json.dumps(event) + "\n")
             self._stream.flush()
         except BrokenPipeError:
-            # What is still to be said, and what Python writes at its end, goes nowhere.
-            with open(os.devnull, "w") as nowhere:
-                os.dup2(nowhere.fileno(), self._stream.fileno())
+            _lead_nowhere(self._stream)
             raise Cancelled from None
 
 
 class BarDisplay:
     """One line that is rewritten on a terminal; elsewhere a line now and then.
+
+    When the stream can no longer be written to, as when the terminal of a job in the background is closed, the job goes
+    on and says no more.
 
     Args:
         stream: where to, usually stderr.
@@ -285,14 +287,26 @@ class BarDisplay:
         text += f"  {progress.message}"
         if self._terminal:
             width = shutil.get_terminal_size().columns - 1
-            self._stream.write("\r" + text[:width].ljust(width))
+            write_while_possible(self._stream, "\r" + text[:width].ljust(width))
         elif progress.stage != self._last_stage or time.monotonic() - self._last_line >= self._QUIET_INTERVAL:
-            self._stream.write(text.rstrip() + "\n")
+            write_while_possible(self._stream, text.rstrip() + "\n")
             self._last_line, self._last_stage = time.monotonic(), progress.stage
-        self._stream.flush()
 
     def _say(self, text: str) -> None:
-        if self._terminal:
-            self._stream.write("\r" + " " * (shutil.get_terminal_size().columns - 1) + "\r")
-        self._stream.write(text + "\n")
-        self._stream.flush()
+        cleared = "\r" + " " * (shutil.get_terminal_size().columns - 1) + "\r" if self._terminal else ""
+        write_while_possible(self._stream, cleared + text + "\n")
+
+
+def write_while_possible(stream: TextIO, text: str) -> None:
+    """Write `text` to `stream` at once; when that fails, whatever is written there from then on goes nowhere."""
+    try:
+        stream.write(text)
+        stream.flush()
+    except OSError:
+        _lead_nowhere(stream)
+
+
+def _lead_nowhere(stream: TextIO) -> None:
+    """Let `stream` take what is still to be written, also what Python writes at its end, and show none of it."""
+    with open(os.devnull, "w") as nowhere, contextlib.suppress(OSError):  # it may be no file
+        os.dup2(nowhere.fileno(), stream.fileno())

@@ -77,7 +77,7 @@ if request["job"] == "inspect-all":
     sys.exit(0)
 settings, folder = request["settings"], Path(request["folder"])
 SUBJECT = Path(settings["capture"]).name
-emit("status", stage="geometry", message="training")
+emit("status", stage="geometry", message="goes on" if request.get("checkpoint", dict()).get("resume") else "training")
 behave(Path(settings["capture"]) / "behaviour")
 (folder / "capture").mkdir(exist_ok=True)
 (folder / "capture" / "transforms.json").write_text("{{}}")

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from cvdgs.core.bootstrap import ROOT
+from cvdgs.core.pipeline.continuation import describe_run
+from cvdgs.core.settings import Settings
 
 from ...patience import SOON
 from .outcomes import contents, ends
@@ -64,6 +66,21 @@ def test_a_changed_photograph_makes_a_new_run_and_new_gaussians_new_pictures(col
     _, events = collection.run()
     assert ends(events)["chair.train"] == "done"
     assert ends(events)[CHAIR_FRAMES] == "done"
+
+
+@pytest.mark.parametrize("goes_on", [True, False])
+def test_a_training_that_was_cancelled_goes_on_if_the_file_still_asks_for_the_same(collection, goes_on):
+    capture = collection.add_capture("chair")
+    checkpoint = collection.out / "chair" / "run" / ".checkpoint"
+    checkpoint.mkdir(parents=True)
+    begun = Settings(str(capture), str(checkpoint.parent), iterations=20_000, blend=False)
+    (checkpoint / "run.json").write_text(json.dumps(describe_run(begun)))
+    (checkpoint / "state.safetensors").touch()
+    collection.write_batch(ONE + ("train.iterations = 20000\n" if goes_on else ""))
+    collection.run()
+    assert (collection.out / "chair/run/splats.ply").read_text() == ("20000" if goes_on else f"{Settings.iterations}")
+    log = (collection.out / "chair/run/run.log").read_text()
+    assert ("goes on" in log) is goes_on
 
 
 def test_a_further_layer_is_added_without_training_again(collection):

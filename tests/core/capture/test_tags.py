@@ -128,6 +128,18 @@ def test_one_photograph_that_sees_it_elsewhere_is_left_out_and_several_are_refus
         metres_per_unit(views, 0.1, Path("room"))
 
 
+def test_photographs_none_of_which_agree_are_refused() -> None:
+    first, second = (look_from(place) for place in PLACES[:2])
+    behind = np.eye(4)  # the world's origin lies behind the cameras, where each photograph alone puts its tag
+    behind[:3, 3] = 2.0 * np.mean(PLACES, axis=0)
+    views = [
+        photograph(first @ behind, {0: corners_of(first)}),
+        photograph(second @ behind, {0: corners_of(second, center=(-0.2, 0.1))}),
+    ]
+    with pytest.raises(InputError, match=r"2 photographs show tag 0, and only 1 agree on where it is"):
+        metres_per_unit(views, 0.1, Path("room"))
+
+
 def test_tags_of_two_sizes_are_refused() -> None:
     poses = [look_from(place) for place in PLACES]
     views = [

@@ -12,7 +12,16 @@ import pytest
 from cvdgs import __version__
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.errors import Cancelled, InputError
-from cvdgs.core.pipeline.continuation import CheckpointRequest, broken_off, continued, describe_run, resumption
+from cvdgs.core.pipeline.continuation import (
+    CheckpointRequest,
+    Resumption,
+    broken_off,
+    continued,
+    describe_run,
+    goes_on,
+    resumption,
+)
+from cvdgs.core.pipeline.given import LAYERS
 from cvdgs.core.pipeline.launch import run, stages_of
 from cvdgs.core.runtime.process import Workers
 from cvdgs.core.runtime.progress import CAMERAS
@@ -69,8 +78,7 @@ def test_a_run_whose_worker_was_killed_goes_on_and_ends_with_the_same_bytes(capt
         run(settings_for(capture, out), kill, workers, checkpoint_seconds=0.0)
     assert (out / ".checkpoint" / "state.safetensors").is_file()
     heard = []
-    asked = Settings(str(capture), str(out), blend=False, enhancer="lut", resume=True)  # the rest as before
-    report = run(asked, heard.append)
+    report = run(Settings(str(capture), str(out), resume=True), heard.append, given=())  # everything as before
     assert any("from step" in event.get("message", "") for event in heard)
     assert scenes(out) == scenes(uninterrupted)
     assert report["settings"]["iterations"] == STEPS
@@ -108,7 +116,7 @@ def test_a_run_that_was_killed_before_it_trained_estimates_no_cameras_again(phot
         run(settings_for(photographs, out, **asked), kill_after_capture, workers)
     assert sorted(path.name for path in (out / ".checkpoint").iterdir()) == ["capture.safetensors", "run.json"]
     heard = []
-    report = run(Settings(str(photographs), str(out), blend=False, enhancer="lut", resume=True), heard.append)
+    report = run(Settings(str(photographs), str(out), resume=True), heard.append, given=())
     assert not any(event.get("stage") == CAMERAS for event in heard)
     assert report["settings"]["max_size"] == 96
     assert report["capture"]["estimate"]["placed"] == 10
@@ -137,11 +145,46 @@ def test_without_resume_a_checkpoint_is_left_alone(broken_off_run):
 
 
 def test_the_run_that_was_broken_off_has_the_options_that_are_not_given(broken_off_run):
-    settings = broken_off_run(iterations=700, layers=(Layer("protan", 0.5),))
-    found = resumption(Settings("photos", settings.out, resume=True, turntable=12))
+    settings = broken_off_run(iterations=700, layers=(Layer("protan", 0.5),), turntable=48, engine="eevee")
+    bare = Settings("photos", settings.out, resume=True)
+    assert resumption(bare, ()) == Resumption(settings, continues=True)
+    found = resumption(replace(bare, turntable=12), {"turntable"})
     assert found.continues
     assert found.settings == replace(settings, turntable=12)
     assert "geometry" in stages_of(found.settings)
+
+
+def test_a_run_that_was_broken_off_without_blender_goes_on_without_it_unless_it_is_asked_for(broken_off_run):
+    settings = broken_off_run(blend=False)
+    bare = Settings("photos", settings.out, resume=True)
+    assert resumption(bare, ()).settings == settings
+    assert resumption(bare, {"blend"}).settings == replace(settings, blend=True)
+    turning = replace(settings, blend=True, turntable=12)
+    assert resumption(replace(bare, turntable=12), {"turntable"}).settings == turning, "Blender renders it"
+
+
+def test_a_turntable_that_was_broken_off_is_left_out_without_blender(broken_off_run):
+    settings = broken_off_run(turntable=12)
+    asked = Settings("photos", settings.out, resume=True, blend=False)
+    assert resumption(asked, {"blend"}).settings == replace(settings, blend=False, turntable=0)
+
+
+@pytest.mark.parametrize(
+    ("made_with", "given", "said"),
+    [
+        ({"layers": (Layer("protan", 1.0),)}, LAYERS, "--cvd"),
+        ({"iterations": 700}, "iterations", "--iterations"),
+        ({"max_size": 320}, "max_size", "--max-size"),
+        ({"strength": 0.5}, "strength", "--strength"),
+    ],
+)
+def test_an_option_that_is_given_counts_although_its_value_is_the_usual_one(broken_off_run, made_with, given, said):
+    settings = Settings("photos", broken_off_run(**made_with).out)
+    found = resumption(replace(settings, resume=True), {given})
+    assert f"was made with another {said};" in found.note
+    assert found.settings == settings
+    assert not goes_on(settings, {given})
+    assert goes_on(settings, ())
 
 
 def test_other_options_make_another_run_and_that_is_said(broken_off_run):
@@ -181,13 +224,47 @@ def test_beside_a_finished_run_layers_are_added_unless_the_very_same_was_asked_f
     found = resumption(Settings("photos", settings.out, resume=True))
     assert not found.continues
     assert found.settings.resume
+    assert not resumption(Settings("photos", settings.out, resume=True), ()).continues
     assert resumption(replace(settings, resume=True)).continues
+    assert resumption(replace(settings, resume=True), {"iterations"}).continues
+
+
+@pytest.fixture
+def finished_run(tmp_path):
+    """The settings of a finished run, as `resumption` looks at it."""
+    (tmp_path / "out").mkdir()
+    others = {"iterations": 700, "strength": 0.5, "enhancer": "lut", "turntable": 48, "engine": "eevee"}
+    settings = Settings("photos", str(tmp_path / "out"), (Layer("protan", 0.5),), **others)
+    (tmp_path / "out" / "report.json").write_text(json.dumps({"settings": settings.to_dict()}))
+    return settings
+
+
+def test_a_layer_that_is_added_has_the_options_that_are_not_given_of_the_finished_run(finished_run):
+    bare = Settings("photos", finished_run.out, resume=True)
+    added = replace(finished_run, layers=bare.layers, resume=True)
+    assert resumption(bare, ()) == Resumption(added)
+    asked = {"strength": 1.0, "enhancer": "scene", "turntable": 0}  # all of them usual
+    assert resumption(bare, asked.keys()).settings == replace(added, **asked)
+
+
+def test_what_shaped_a_finished_run_is_refused_where_it_is_given_otherwise_though_as_usual(finished_run):
+    asked = Settings("photos", finished_run.out, resume=True)
+    with pytest.raises(InputError, match="--iterations: the finished run has 700, not 5000 - leave it out"):
+        resumption(asked, {"iterations"})
+    assert not goes_on(asked, {"iterations"})
+
+
+def test_settings_without_a_word_on_what_was_given_are_taken_as_they_are_but_for_what_shaped_the_run(finished_run):
+    asked = Settings("photos", finished_run.out, (Layer("tritan", 1.0),), resume=True, blend=False)
+    assert resumption(asked).settings == replace(asked, iterations=700)
 
 
 def test_a_batch_goes_on_by_itself(broken_off_run):
     settings = broken_off_run(iterations=700)
     assert continued(settings).resume
     assert not continued(replace(settings, iterations=800)).resume
+    assert not continued(Settings("photos", settings.out)).resume, "the usual value is one of its own, too"
+    assert resumption(continued(settings)).continues
 
 
 def test_a_folder_says_what_goes_on_with_its_run_whatever_it_was_made_with(broken_off_run, tmp_path):

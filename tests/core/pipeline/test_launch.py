@@ -11,8 +11,9 @@ import pytest
 
 from cvdgs.core.errors import InputError
 from cvdgs.core.pipeline import launch
+from cvdgs.core.pipeline.continuation import describe_run
 from cvdgs.core.runtime.process import Workers
-from cvdgs.core.settings import Settings
+from cvdgs.core.settings import Layer, Settings
 
 from ...patience import SOON
 from ..workers import REPORT, ROOT, start_run
@@ -109,6 +110,57 @@ def test_a_resumed_run_adds_to_the_files_and_to_the_log(run, earlier):
     assert report["seconds"]["total"] is None  # the first run's own
     assert report["resumed"][0]["seconds"]["total"] > 0
     assert "lacks the new layers" in result.err
+
+
+@pytest.mark.parametrize(
+    ("options", "made", "note"),
+    [
+        ((), [450, 320, "protan"], ""),
+        (("--quality", "draft"), [450, 320, "protan"], ""),
+        (("--iterations", f"{Settings.iterations}"), [Settings.iterations, None, "deutan"], "another --iterations"),
+        (("--max-size", "auto"), [Settings.iterations, None, "deutan"], "another --max-size"),
+        (("--cvd", "deutan"), [Settings.iterations, None, "deutan"], "another --cvd"),
+        (("--severity", "0.5"), [Settings.iterations, None, "deutan"], "another --cvd"),
+    ],
+)
+def test_a_draft_that_was_broken_off_goes_on_unless_something_else_is_given(run, tmp_path, options, made, note):
+    checkpoint = tmp_path / "out" / ".checkpoint"
+    checkpoint.mkdir(parents=True)
+    draft = Settings("photos", "out", (Layer("protan", 1.0),), iterations=450, max_size=320, blend=False)
+    (checkpoint / "run.json").write_text(json.dumps(describe_run(draft)))
+    (checkpoint / "state.safetensors").touch()
+    body = "emit('result', report={**REPORT, 'settings': request['settings'], 'notes': request['checkpoint']})"
+    result = run(body, "--resume", *options)
+    assert result.returncode == 0, result.err
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    settings = report["settings"]
+    assert [settings["iterations"], settings["max_size"], settings["layers"][0]["cvd"]] == made
+    assert report["notes"]["resume"] is (note == "")
+    assert note in result.err
+
+
+@pytest.mark.parametrize("json_events", [(), ("--json",)])
+def test_the_usual_value_is_refused_where_it_is_given_and_the_finished_run_has_another(run, earlier, json_events):
+    draft = Settings("photos", str(earlier), iterations=450, blend=False)
+    (earlier / "report.json").write_text(json.dumps({**REPORT, "settings": draft.to_dict()}))
+    result = run("emit('result', report=REPORT)", "--resume", "--iterations", f"{Settings.iterations}", *json_events)
+    assert result.returncode == 2
+    assert "--iterations: the finished run has 450, not 5000" in (result.out if json_events else result.err)
+    assert "Traceback" not in result.err
+
+
+def test_a_layer_that_is_added_leaves_the_checkpoint_of_another_training_in_the_folder(run, earlier):
+    checkpoint = earlier / ".checkpoint"
+    checkpoint.mkdir()
+    fine = Settings("photos", str(earlier), iterations=7000, blend=False)
+    (checkpoint / "run.json").write_text(json.dumps(describe_run(fine)))
+    (checkpoint / "state.safetensors").write_bytes(b"an hour's work")
+    result = run("emit('result', report=REPORT)", "--resume", "--cvd", "protan")
+    assert result.returncode == 0, result.err
+    assert (checkpoint / "state.safetensors").read_bytes() == b"an hour's work"
+    result = run("emit('result', report=REPORT)")
+    assert result.returncode == 0, result.err
+    assert not checkpoint.exists(), "a training that succeeds replaces it"
 
 
 @pytest.mark.parametrize(

@@ -130,6 +130,37 @@ def test_another_job_says_what_it_replaces(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new.png", "report.json"]
 
 
+def test_a_link_is_copied_as_a_link_and_ends_a_cycle(tmp_path):
+    (tmp_path / "report.json").write_text(OLD_REPORT)
+    (tmp_path / "renders" / "original").mkdir(parents=True)
+    (tmp_path / "renders" / "original" / "again").symlink_to("..", target_is_directory=True)
+    folder = RunFolder(tmp_path)
+    folder.carry_over()
+    assert (folder.staging / "renders" / "original" / "again").readlink() == Path("..")
+    folder.abort()
+
+
+@pytest.mark.parametrize("file", ["scene.blend", "capture/images/0.png"])
+def test_what_the_system_says_is_passed_on_where_a_run_cannot_be_copied(tmp_path, file):
+    path = tmp_path / "out" / file
+    path.parent.mkdir(parents=True)
+    path.write_bytes(bytes(200_000))
+    (tmp_path / "out" / "report.json").write_text(OLD_REPORT)
+    program = """
+import resource, signal, sys
+from cvdgs.core.runs.folder import RunFolder
+from cvdgs.core.runtime.supervisor import all_or_nothing
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+folder = RunFolder(sys.argv[1])
+with all_or_nothing(folder, "out", "run.log"):
+    folder.carry_over()
+"""
+    found = subprocess.run([sys.executable, "-c", program, str(tmp_path / "out")], capture_output=True, text=True)
+    assert "InputError: out: cannot be written to (File too large) - free space or choose another" in found.stderr
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == sorted({"report.json", file.split("/")[0]})
+
+
 def test_a_run_that_adds_starts_from_a_copy_of_the_earlier_one(tmp_path):
     (tmp_path / "report.json").write_text(OLD_REPORT)
     (tmp_path / "splats.protan-1.0.ply").write_text("layer")
