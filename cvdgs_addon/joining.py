@@ -13,6 +13,7 @@ from ..core.runs.layout import ORIGINAL
 from ..core.splats.strategy.editing import concatenate
 from .comparison import follow_comparison
 from .export import ExportedGaussians, read_gaussians
+from .scene.beside import collections_of
 from .scene.display import BACKGROUND_PROPERTY, Form, form_of, show_form
 from .scene.neighbours import hide_gaussians
 from .scene.recolor import source_layer
@@ -41,7 +42,7 @@ def join(scene: bpy.types.Scene, first: bpy.types.Object, second: bpy.types.Obje
     names = dict.fromkeys(name for splats in (first, second) for name in layer_names(splats) if name != ORIGINAL)
     layers = {name: np.concatenate([_colors(first, name), _colors(second, name)]) for name in names}
     title = f"{first.name.removesuffix(_ENDING)} + {second.name.removesuffix(_ENDING)}{_ENDING}"
-    joined = add_gaussians(gaussians, layers, first.users_collection[0], title)
+    joined = add_gaussians(gaussians, layers, collections_of(first)[0], title)
     _keep_floaters(joined, (first, second), parts)
     joined.parent, joined.matrix_parent_inverse = first.parent, first.matrix_parent_inverse
     joined.matrix_basis = first.matrix_basis

@@ -11,6 +11,8 @@ from ..core.runtime.supervisor import WorkerDefect
 from ..cvdgs_addon.messages import in_panel_words
 from ..cvdgs_addon.shown import NOTHING_TO_SHOW, RUN_UNKNOWN, shown_run, shown_splats
 
+LINKED = "Linked from another file: Object > Relations > Make Local > Selected Objects and Data first"
+
 
 class Action:
     """An operator that does something or reports in one line why it cannot; mixed in before `bpy.types.Operator`."""
@@ -57,6 +59,16 @@ class NeedsGaussians(Action):
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str:
         return NOTHING_TO_SHOW if shown_splats(context) is None else ""
+
+
+class ChangesGaussians(NeedsGaussians):
+    """An operator that changes these Gaussians: their object and its mesh have to be of the open file."""
+
+    @classmethod
+    def missing(cls, context: bpy.types.Context) -> str:
+        splats = shown_splats(context)
+        linked = splats is not None and (splats.library is not None or splats.data.library is not None)
+        return super().missing(context) or (LINKED if linked else "")
 
 
 class NeedsRun(NeedsGaussians):

@@ -15,7 +15,7 @@ from ..cvdgs_addon.scene.native_splats import has_native_splats, why_not_native
 from ..cvdgs_addon.scene.render_settings import Display, Engine
 from ..cvdgs_addon.scene.splats import show_layer
 from ..cvdgs_addon.shown import shown_layer, shown_splats
-from .base import Action, NeedsGaussians
+from .base import Action, ChangesGaussians, NeedsGaussians
 
 
 class CVDGS_OT_show_layer(NeedsGaussians, bpy.types.Operator):
@@ -64,7 +64,7 @@ class CVDGS_OT_show_form(NeedsGaussians, bpy.types.Operator):
             preview.shade_flat(context.space_data)
 
 
-class CVDGS_OT_add_crop_box(NeedsGaussians, bpy.types.Operator):
+class CVDGS_OT_add_crop_box(ChangesGaussians, bpy.types.Operator):
     """Show only what is inside a box that can be moved, rotated and scaled"""
 
     bl_idname = "cvdgs.add_crop_box"
@@ -79,7 +79,7 @@ class CVDGS_OT_add_crop_box(NeedsGaussians, bpy.types.Operator):
             context.view_layer.objects.active = box
 
 
-class CVDGS_OT_remove_crop_box(NeedsGaussians, bpy.types.Operator):
+class CVDGS_OT_remove_crop_box(ChangesGaussians, bpy.types.Operator):
     """Delete the crop box and show all Gaussians again"""
 
     bl_idname = "cvdgs.remove_crop_box"

@@ -6,10 +6,10 @@ import bpy
 
 from ..cvdgs_addon.scene import relight
 from ..cvdgs_addon.shown import require_object_mode, shown_splats
-from .base import NeedsGaussians
+from .base import ChangesGaussians
 
 
-class CVDGS_OT_relight(NeedsGaussians, bpy.types.Operator):
+class CVDGS_OT_relight(ChangesGaussians, bpy.types.Operator):
     """Shade the Gaussians by the active lamp, or a new one. They throw no shadows; those of the photographs stay"""
 
     bl_idname = "cvdgs.relight"
@@ -22,7 +22,7 @@ class CVDGS_OT_relight(NeedsGaussians, bpy.types.Operator):
         self.report({"INFO"}, f"Shaded by {lamp.name}: rotate it")
 
 
-class CVDGS_OT_take_light_back(NeedsGaussians, bpy.types.Operator):
+class CVDGS_OT_take_light_back(ChangesGaussians, bpy.types.Operator):
     """Show the light of the photographs alone again; the lamp stays"""
 
     bl_idname = "cvdgs.take_light_back"

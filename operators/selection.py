@@ -11,7 +11,7 @@ from ..cvdgs_addon.scene.masks import Treatment, object_mode
 from ..cvdgs_addon.scene.recolor import Change, recolor, source_layer
 from ..cvdgs_addon.scene.splats import show_layer
 from ..cvdgs_addon.shown import shown_layer, shown_splats
-from .base import NeedsGaussians
+from .base import ChangesGaussians
 
 _DONE = {
     Treatment.REMOVE: "Removed {} Gaussians",
@@ -21,7 +21,7 @@ _DONE = {
 NOTHING_MASKED = "Nothing is removed, recoloured or kept in its original colours"
 
 
-class CVDGS_OT_edit_points(NeedsGaussians, bpy.types.Operator):
+class CVDGS_OT_edit_points(ChangesGaussians, bpy.types.Operator):
     """Choose Gaussians with Blender's own tools: in Edit Mode, B draws a box and C paints a circle"""
 
     bl_idname = "cvdgs.edit_points"
@@ -31,7 +31,7 @@ class CVDGS_OT_edit_points(NeedsGaussians, bpy.types.Operator):
         masks.edit_points(shown_splats(context))
 
 
-class _Selects(NeedsGaussians):
+class _Selects(ChangesGaussians):
     """An operator that selects Gaussians, for Edit Mode."""
 
     extend: bpy.props.BoolProperty(name="Extend", description="Keep what is selected already")
@@ -91,7 +91,7 @@ class CVDGS_OT_select_box(_Selects, bpy.types.Operator):
         return masks.by_box(splats)
 
 
-class CVDGS_OT_treat_selected(NeedsGaussians, bpy.types.Operator):
+class CVDGS_OT_treat_selected(ChangesGaussians, bpy.types.Operator):
     """Treat the selected Gaussians"""
 
     bl_idname = "cvdgs.treat_selected"
@@ -118,7 +118,7 @@ class CVDGS_OT_treat_selected(NeedsGaussians, bpy.types.Operator):
         self.report({"INFO"}, _DONE[treatment].format(f"{count:,}"))
 
 
-class CVDGS_OT_recolor_selected(NeedsGaussians, bpy.types.Operator):
+class CVDGS_OT_recolor_selected(ChangesGaussians, bpy.types.Operator):
     """Change the colours of the selected Gaussians in a layer of its own, beside the one that is shown"""
 
     bl_idname = "cvdgs.recolor_selected"
@@ -148,7 +148,7 @@ class CVDGS_OT_recolor_selected(NeedsGaussians, bpy.types.Operator):
         self.report({"INFO"}, f"Recoloured in the layer {name}")
 
 
-class CVDGS_OT_remove_floaters(NeedsGaussians, bpy.types.Operator):
+class CVDGS_OT_remove_floaters(ChangesGaussians, bpy.types.Operator):
     """Remove what is likely no part of the scene, by the scores of its run; Take All Back brings it back"""
 
     bl_idname = "cvdgs.remove_floaters"
@@ -170,7 +170,7 @@ class CVDGS_OT_remove_floaters(NeedsGaussians, bpy.types.Operator):
         self.report({"INFO"}, f"{count:,} Gaussians removed; move the slider under Adjust Last Operation")
 
 
-class CVDGS_OT_take_all_back(NeedsGaussians, bpy.types.Operator):
+class CVDGS_OT_take_all_back(ChangesGaussians, bpy.types.Operator):
     """Show all Gaussians again, in the layer's colours; those that were deleted in Edit Mode stay away"""
 
     bl_idname = "cvdgs.take_all_back"

@@ -52,7 +52,9 @@ class CVDGS_PT_display(GaussiansPanel, bpy.types.Panel):
 
 
 def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context, splats: bpy.types.Object) -> None:
-    """Why the 3D view may not show what is expected."""
+    """Why the 3D view may not show, or the file not keep, what is expected."""
+    if splats.library is not None:
+        say(layout, context, "Linked from another file, so what you set here is not saved", "LINKED")
     shading = context.space_data.shading if context.space_data is not None else None
     is_preview = display.form_of(splats) is Form.PREVIEW
     if shading is not None and shading.type == "SOLID" and not (is_preview and shading.color_type == "VERTEX"):

@@ -14,6 +14,7 @@ import numpy as np
 from ...core.errors import InputError
 from ...core.splats.gaussians import core_bounds
 from ...core.splats.similarity import FEWEST, fit_similarity
+from .beside import link_beside
 from .cameras import is_capture_camera
 from .placement import found_of, is_capture, set_metres
 from .splat_attributes import point_positions
@@ -155,5 +156,5 @@ def _add_mark(splats: bpy.types.Object, number: int) -> bpy.types.Object:
     offset = _SPREAD * radius * np.array([np.cos(angle), np.sin(angle), 0.0])
     local = splats.matrix_local if splats.parent else mathutils.Matrix()
     mark.location = local @ mathutils.Vector((center + offset).tolist())
-    splats.users_collection[0].objects.link(mark)
+    link_beside(splats, mark)
     return mark

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ...core.splats.gaussians import core_bounds
+from .beside import link_beside
 from .splat_attributes import point_positions
 from .splat_nodes import Input
 from .splats import get_input, set_input
@@ -23,7 +24,7 @@ def add_crop_box(splats: bpy.types.Object) -> bpy.types.Object:
     box.empty_display_type, box.empty_display_size = "CUBE", 1.0
     box.matrix_basis = mathutils.Matrix.LocRotScale(center.tolist(), None, [_CROP_MARGIN * radius] * 3)
     box.parent = splats
-    _link_beside(splats, box)
+    link_beside(splats, box)
     set_input(splats, Input.CROP_BOX, box)
     set_input(splats, Input.CROP, True)
     return box
@@ -35,7 +36,7 @@ def usable_crop_box(splats: bpy.types.Object) -> bpy.types.Object:
     if box is None:
         return add_crop_box(splats)
     if not box.users_scene:
-        _link_beside(splats, box)
+        link_beside(splats, box)
     return box
 
 
@@ -72,9 +73,3 @@ def left_by_crop(splats: bpy.types.Object, positions: NDArray[np.float32]) -> ND
     if not get_input(splats, Input.CROP) or crop_box_of(splats) is None:
         return np.ones(len(positions), np.bool_)
     return in_box(splats, positions)
-
-
-def _link_beside(splats: bpy.types.Object, box: bpy.types.Object) -> None:
-    for collection in splats.users_collection:
-        if box.name not in collection.objects:
-            collection.objects.link(box)

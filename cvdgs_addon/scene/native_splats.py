@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...core.splats.gaussians import Gaussians
 from ..export import read_gaussians
 from ..shown import shown_layer
+from .beside import link_beside
 from .splat_attributes import write_attribute
 
 _SPLAT_TYPE = "GAUSSIAN_SPLAT"
@@ -63,8 +64,7 @@ def add_native_splats(splats: bpy.types.Object) -> bpy.types.Object:
     copy = bpy.data.objects.new(cloud.name, cloud)
     copy[_COPY_OF] = splats.name
     copy.parent = splats
-    for collection in splats.users_collection:
-        collection.objects.link(copy)
+    link_beside(splats, copy)
     return copy
 
 

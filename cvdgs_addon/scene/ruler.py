@@ -10,6 +10,7 @@ import numpy as np
 
 from ...core.errors import InputError
 from ...core.runs.measured import note_metres
+from .beside import link_beside
 from .import_capture import middle_of, scale_ranges
 from .origin import run_of
 from .placement import set_metres
@@ -31,7 +32,7 @@ def add_ruler(empty: bpy.types.Object) -> list[bpy.types.Object]:
             end.show_name = end.show_in_front = True
             end.parent = empty
             end.location = center + np.array([(number - 0.5) * _APART * distance, 0.0, 0.0])
-            empty.users_collection[0].objects.link(end)
+            link_beside(empty, end)
             ends[name] = end
     return [ends[name] for name in "AB"]
 

@@ -52,6 +52,19 @@ def test_marks_bring_a_run_onto_another(apart):
     np.testing.assert_array_equal(in_scene(first), before)
 
 
+def test_marks_are_in_the_artists_scene_where_lit_objects_are_rendered_apart(apart):
+    scene = bpy.context.scene
+    scene.cvdgs.display.colors = "SCENE_LINEAR"
+    assert bpy.ops.cvdgs.set_up_render() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert bpy.ops.cvdgs.add_marks() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    for owner in apart:
+        assert (
+            len([child for child in owner.parent.children if "cvdgs_mark" in child and scene in child.users_scene]) == 3
+        )
+
+
 def test_what_does_not_fit_is_told(apart):
     first, second = apart
     put_marks(first, second, shift=0.3)

@@ -55,6 +55,21 @@ def test_the_joined_gaussians_stand_where_those_of_both_runs_did(joined):
     np.testing.assert_allclose(found.opacities, np.concatenate([part.opacities for part in both]), atol=1e-5)
 
 
+def test_runs_that_are_rendered_apart_from_lit_objects_are_joined_in_the_artists_scene(apart):  # noqa: F811
+    scene, first = bpy.context.scene, apart[0]
+    scene.cvdgs.display.colors = "SCENE_LINEAR"
+    assert bpy.ops.cvdgs.set_up_render() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert first.users_collection[0].name not in scene.collection.children  # Blender sorts them by name
+    bpy.ops.cvdgs.align_photographs()
+    assert bpy.ops.cvdgs.join_runs() == {"FINISHED"}
+    made = shown_splats(bpy.context)
+    bpy.context.view_layer.update()
+    assert made.name == "shop + window Gaussians"
+    assert made.name in scene.objects
+    assert "shop" in {found.name for found in made.users_collection}
+
+
 def test_layers_of_the_same_name_are_one_and_others_keep_original_colours(two):  # noqa: F811
     first, second = two
     second.data.attributes.remove(second.data.attributes[color_attribute("tritan-0.5")])

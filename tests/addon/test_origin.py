@@ -11,12 +11,15 @@ import pytest
 
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.cvdgs_addon.results import show_run
+from cvdgs.cvdgs_addon.scene.alignment import add_marks
 from cvdgs.cvdgs_addon.scene.convert import ConversionOptions, convert
 from cvdgs.cvdgs_addon.scene.finished_run import RUN_PROPERTY, read_run
 from cvdgs.cvdgs_addon.scene.origin import run_of
 from cvdgs.cvdgs_addon.scene.ruler import add_ruler, measure
 from cvdgs.cvdgs_addon.scene.splats import is_splats
+from cvdgs.ui.display import CVDGS_PT_display
 
+from .layouts import drawn
 from .scenes import synthetic_run
 
 
@@ -56,6 +59,31 @@ def test_gaussians_of_another_file_keep_their_run(runs, link):
     own = own_splats()
     brought = bring(shop, link=link)
     assert (run_of(brought), run_of(own)) == (str(shop), str(window))
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_gaussians_of_another_file_are_changed_only_where_the_open_one_keeps_it(runs, link):
+    brought = bring(runs[0], link=link)
+    bpy.context.scene.cvdgs.display.target = brought
+    changing = ("edit_points", "select_color", "remove_floaters", "recolor_selected", "relight", "add_crop_box")
+    assert {getattr(bpy.ops.cvdgs, name).poll() for name in changing} == {not link}
+    assert ("not saved" in " ".join(drawn(CVDGS_PT_display).texts)) == link
+    assert bpy.ops.cvdgs.show_form(form="POINTS") == {"FINISHED"}
+
+
+def test_linked_gaussians_can_be_changed_once_they_are_local(runs):
+    brought = bring(runs[0], link=True)
+    bpy.context.scene.cvdgs.display.target = brought
+    brought.select_set(True)
+    bpy.ops.object.make_local(type="SELECT_OBDATA")
+    assert bpy.ops.cvdgs.add_crop_box() == {"FINISHED"}
+
+
+def test_marks_of_linked_gaussians_are_in_a_collection_of_the_open_scene(runs):
+    brought, scene = bring(runs[0], link=True), bpy.context.scene
+    made = add_marks(brought, own_splats())
+    assert [found.users_collection[0].library for found in made] == [None] * len(made)
+    assert all(mark.name in scene.objects for mark in made)
 
 
 def test_a_length_is_told_to_the_run_of_the_gaussians_that_were_measured(runs):
