@@ -94,20 +94,22 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
 
 def turntable_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """The turntable's camera, if `scene` has one."""
-    for rig in scene.objects:
-        if _IS_RIG in rig:
-            return next((child for child in rig.children if child.type == "CAMERA"), None)
-    return None
+    cameras = (found for found in scene.objects if found.type == "CAMERA")
+    return next((camera for camera in cameras if camera.parent is not None and _IS_RIG in camera.parent), None)
 
 
 def remove_turntable(scene: bpy.types.Scene) -> None:
-    """Delete the turntable of `scene`."""
+    """Delete the turntable of `scene`, and the Empties of those whose camera somebody deleted."""
     camera = turntable_of(scene)
     if camera is not None:
         rig, data = camera.parent, camera.data
         bpy.data.objects.remove(camera)
-        bpy.data.cameras.remove(data)
+        if not data.users:
+            bpy.data.cameras.remove(data)
         bpy.data.objects.remove(rig)
+    for rig in [found for found in scene.objects if _IS_RIG in found]:
+        if not any(child.type == "CAMERA" for child in rig.children):
+            bpy.data.objects.remove(rig)
 
 
 def render_turntable(scene: bpy.types.Scene, turntable: Turntable, folder: Path, *, wait: bool) -> list[str]:

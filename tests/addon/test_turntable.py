@@ -140,6 +140,39 @@ def test_adding_again_replaces_the_turntable(scene, splats):
     assert not [candidate for candidate in bpy.data.objects if "Turntable" in candidate.name]
 
 
+@pytest.mark.parametrize("deleted", ["by a script", "with X"])
+def test_a_turntable_without_its_camera_is_replaced(scene, splats, deleted):
+    camera = add_turntable(scene, splats, Turntable(frames=4))
+    if deleted == "with X":
+        with bpy.context.temp_override(selected_objects=[camera], active_object=camera, object=camera):
+            bpy.ops.object.delete()
+    else:
+        bpy.data.objects.remove(camera)
+    assert turntable_of(scene) is None
+    again = add_turntable(scene, splats, Turntable(frames=8))
+    assert turntable_of(scene) == again
+    assert [found for found in scene.objects if "cvdgs_turntable" in found] == [again.parent]
+
+
+def test_a_turntable_is_found_beside_an_empty_that_lost_its_camera(scene, splats):
+    camera = add_turntable(scene, splats, Turntable(frames=4))
+    rig, left = camera.parent, bpy.data.objects.new("Turntable", None)
+    left["cvdgs_turntable"] = True
+    scene.collection.objects.unlink(rig)
+    for empty in (left, rig):  # the older one comes first
+        scene.collection.objects.link(empty)
+    assert turntable_of(scene) == camera
+    remove_turntable(scene)
+    assert not [found for found in scene.objects if "cvdgs_turntable" in found]
+
+
+def test_a_camera_that_shares_the_turntables_lens_stays(scene, splats):
+    shared = bpy.data.objects.new("artist's", add_turntable(scene, splats, Turntable(frames=4)).data)
+    scene.collection.objects.link(shared)
+    remove_turntable(scene)
+    assert "artist's" in scene.objects
+
+
 def test_the_pictures_are_the_rasterisers_from_all_around(scene, splats, tmp_path):
     gaussians = cloud(300)
     camera = add_turntable(scene, splats, SMALL)
