@@ -65,8 +65,11 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
 
     The axis is vertical, through the centre of the Gaussians. The first picture of a full turn is taken from the side
     of the first photograph, that of a swing from the middle. The angle is driven by the frame, so it is exact in every
-    frame and goes on after the last one.
+    frame and goes on after the last one. Scenes that look through the earlier turntable's camera then look through the
+    new one.
     """
+    earlier = turntable_of(scene)
+    looking = [found for found in bpy.data.scenes if earlier is not None and found.camera == earlier]
     remove_turntable(scene)
     bpy.context.view_layer.update()
     center, core_radius = _subject(splats)
@@ -89,6 +92,8 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
     camera.rotation_mode = "QUATERNION"
     camera.rotation_quaternion = (-camera.location).to_track_quat("-Z", "Y")
     scene.collection.objects.link(camera)
+    for found in looking:
+        found.camera = camera
     return camera
 
 

@@ -166,6 +166,14 @@ def test_a_turntable_is_found_beside_an_empty_that_lost_its_camera(scene, splats
     assert not [found for found in scene.objects if "cvdgs_turntable" in found]
 
 
+def test_a_scene_looks_through_the_camera_of_the_new_turntable(scene, splats):
+    scene.camera = add_turntable(scene, splats, Turntable(frames=4))
+    assert add_turntable(scene, splats, Turntable(frames=8)) == scene.camera
+    scene.camera = artists = add_camera("artist's", CAMERA, ring_view(0.0), CLIP, scene.collection)
+    add_turntable(scene, splats, Turntable(frames=4))
+    assert scene.camera == artists
+
+
 def test_a_camera_that_shares_the_turntables_lens_stays(scene, splats):
     shared = bpy.data.objects.new("artist's", add_turntable(scene, splats, Turntable(frames=4)).data)
     scene.collection.objects.link(shared)
