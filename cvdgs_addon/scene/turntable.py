@@ -155,6 +155,11 @@ def render_turntable(scene: bpy.types.Scene, turntable: Turntable, folder: Path,
     return told
 
 
+def is_rendering() -> bool:
+    """Whether Blender's render window is at work: nothing of a turntable can be changed meanwhile."""
+    return bool(bpy.app.is_job_running("RENDER"))
+
+
 def rendering_changes(scene: bpy.types.Scene) -> Iterator[str]:
     """Settings that are changed while a turntable renders, in words."""
     return changes(scene, _RENDER)
@@ -162,7 +167,7 @@ def rendering_changes(scene: bpy.types.Scene) -> Iterator[str]:
 
 def restore_interrupted(scene: bpy.types.Scene) -> None:
     """Put the settings back in a scene that was saved while its turntable rendered."""
-    if any(rendering_changes(scene)) and not bpy.app.is_job_running("RENDER"):
+    if any(rendering_changes(scene)) and not is_rendering():
         _restore(scene)
 
 
@@ -207,7 +212,7 @@ def _restore_when_rendered(scene: bpy.types.Scene) -> None:
     uid = scene.session_uid
 
     def look() -> float | None:
-        if bpy.app.is_job_running("RENDER"):
+        if is_rendering():
             return _POLL_SECONDS
         found = scene_by_uid(uid)
         if found is not None:

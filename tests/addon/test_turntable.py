@@ -273,3 +273,15 @@ def test_the_operators_and_the_panel(addon, run_folder, tmp_path):
     assert len(list(Path(chosen.folder).glob("*.png"))) == 2
     bpy.ops.cvdgs.remove_turntable()
     assert turntable_of(scene) is None
+
+
+def test_while_blender_renders_the_turntable_stays_as_it_is(addon, run_folder, monkeypatch):
+    show_run(str(run_folder), bpy.context.scene)
+    bpy.ops.cvdgs.add_turntable()
+    called = (bpy.ops.cvdgs.add_turntable, bpy.ops.cvdgs.render_turntable, bpy.ops.cvdgs.remove_turntable)
+    assert all(operator.poll() for operator in called)
+    monkeypatch.setattr("cvdgs.operators.turntable.is_rendering", lambda: True)  # tests have no render window
+    for operator in called:
+        assert not operator.poll()
+        with pytest.raises(RuntimeError, match="Blender is rendering"):
+            operator()
