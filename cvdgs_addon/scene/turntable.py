@@ -20,7 +20,7 @@ from .bystanders import bystanders
 from .cameras import SENSOR_WIDTH, is_capture_camera
 from .display import match_display
 from .remembered_settings import Setting, change_settings, changes, restore_settings
-from .render_settings import Display, Engine, display_of, engine_settings, png_settings
+from .render_settings import Display, Engine, display_of, engine_settings, literal_path, png_settings
 from .splat_attributes import point_positions
 
 _RENDER = "cvdgs_turntable_render"
@@ -198,7 +198,7 @@ def _turn_settings(
         "frame_step": 1,
         "render.use_file_extension": True,
         "render.use_overwrite": True,
-        "render.filepath": str(folder / _NUMBER),
+        "render.filepath": literal_path(folder / _NUMBER),
     }
 
 

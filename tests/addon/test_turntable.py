@@ -15,6 +15,7 @@ from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.cameras import SENSOR_WIDTH, add_camera, is_capture_camera
 from cvdgs.cvdgs_addon.scene.render_settings import Display, Engine, set_display
 from cvdgs.cvdgs_addon.scene.splats import add_gaussians, show_layer
+from cvdgs.cvdgs_addon.scene.stills import render_picture
 from cvdgs.cvdgs_addon.scene.turntable import (
     Turntable,
     _way_around,
@@ -208,6 +209,15 @@ def test_every_layer_can_be_turned_around(scene, tmp_path):
         render_turntable(scene, Turntable(**{**vars(SMALL), "frames": 2}), tmp_path / layer, wait=True)
         pictures.append(read_png(tmp_path / layer / "0001.png"))
     assert np.abs(pictures[0] - pictures[1]).max() > 0.3
+
+
+def test_pictures_go_into_the_folder_of_exactly_that_name(scene, splats, tmp_path):
+    name = "{wip} {blend_name} {{done}} take {2"
+    scene.camera = add_turntable(scene, splats, SMALL)
+    render_turntable(scene, Turntable(**{**vars(SMALL), "frames": 1}), tmp_path / name / "turn", wait=True)
+    render_picture(scene, tmp_path / name / "still.png")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert sorted(path.name for path in (tmp_path / name).rglob("*.png")) == ["0001.png", "still.png"]
 
 
 def test_the_scenes_own_engine_and_settings_can_be_kept(scene, splats, tmp_path):
