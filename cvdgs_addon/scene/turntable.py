@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -142,16 +143,14 @@ def render_turntable(scene: bpy.types.Scene, turntable: Turntable, folder: Path,
     camera.parent[_FRAMES] = turntable.frames
     display = display_of(scene) if bystanders(scene) else Display.PHOTO  # Gaussians alone need one sample
     told = change_settings(scene, _RENDER, _turn_settings(camera, turntable, display, folder))
-    match_display(scene)
-    follow(scene)
-    if not wait:
-        bpy.ops.render.render("INVOKE_DEFAULT", animation=True, scene=scene.name)
-        _restore_when_rendered(scene)
-        return told
-    try:
-        bpy.ops.render.render(animation=True, scene=scene.name)
-    finally:
-        _restore(scene)
+    with ExitStack() as afterwards:
+        afterwards.callback(_restore, scene)
+        match_display(scene)
+        follow(scene)
+        bpy.ops.render.render("EXEC_DEFAULT" if wait else "INVOKE_DEFAULT", animation=True, scene=scene.name)
+        if not wait:
+            _restore_when_rendered(scene)
+            afterwards.pop_all()  # nothing is restored before
     return told
 
 

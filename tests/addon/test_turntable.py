@@ -242,6 +242,17 @@ def test_what_stands_in_the_way_is_told(scene, splats, tmp_path):
     assert all_settings(scene) == before
 
 
+@pytest.mark.parametrize("wait", [False, True])
+def test_a_render_that_fails_leaves_the_settings_as_they_were(scene, splats, tmp_path, wait):
+    add_turntable(scene, splats, SMALL)
+    (tmp_path / "0001.png").mkdir()  # in the way of the first picture
+    before = all_settings(scene)
+    with pytest.raises(RuntimeError):
+        render_turntable(scene, SMALL, tmp_path, wait=wait)
+    assert all_settings(scene) == before
+    assert not any(rendering_changes(scene))
+
+
 def test_a_file_that_was_saved_while_it_rendered_opens_with_its_own_settings(addon, run_folder, tmp_path):
     scene = bpy.context.scene
     add_turntable(scene, show_run(str(run_folder), scene), SMALL)
