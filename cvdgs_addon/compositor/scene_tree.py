@@ -33,10 +33,10 @@ def ensure_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
     if _HAS_GROUPS:
         tree = scene.compositing_node_group = bpy.data.node_groups.new(_TREE_NAME, "CompositorNodeTree")
     else:
-        had_tree = scene.node_tree is not None
+        had_nodes = scene.node_tree is not None and len(scene.node_tree.nodes) > 0
         scene.use_nodes = True
         tree = scene.node_tree
-        if had_tree:
+        if had_nodes:
             return tree  # somebody's, that was switched off
         tree.nodes.clear()
     tree[_OURS] = True

@@ -99,6 +99,15 @@ def test_a_scene_without_compositor_gets_one_and_loses_it_again(fresh_scene):
     ]
 
 
+def test_the_compositor_comes_and_goes_as_often_as_the_simulation(fresh_scene):
+    fresh_scene.view_settings.view_transform = "Standard"
+    for _ in range(3):
+        show_simulation(fresh_scene, Simulation())
+        assert renders_can_go_without(fresh_scene)
+        remove_simulation(fresh_scene)
+        assert scene_tree(fresh_scene) is None
+
+
 def test_an_artists_compositor_is_left_as_it_was(fresh_scene, tmp_path):
     fresh_scene.view_settings.view_transform = "AgX"
     tree = artists_tree(fresh_scene)
