@@ -15,7 +15,7 @@ from .pictures import PICTURES
 from .scene.apart import Followers
 from .scene.camera_view import has_graphics_card, leave_slow_views
 from .scene.display import Form, form_of
-from .scene.origin import keep_appended_run, keep_runs
+from .scene.origin import keep_appended_run, keep_open_runs, keep_runs
 from .scene.preview import end_looking_around
 from .scene.splats import is_splats
 from .scene.turntable import restore_interrupted
@@ -132,8 +132,13 @@ def _show_colors(*_: object) -> None:
 
 @bpy.app.handlers.persistent
 def _prepare_saving(path: str, *_: object) -> None:
-    forget_deleted()
     keep_runs(path)
+    forget_deleted()
+
+
+@bpy.app.handlers.persistent
+def _end_saving(path: str, *_: object) -> None:
+    keep_open_runs(path)
 
 
 @bpy.app.handlers.persistent
@@ -151,6 +156,8 @@ PARTS: tuple[_Part, ...] = (
     ACTIVITY,
     _OpenedFiles(),
     _Handler("save_pre", _prepare_saving),
+    _Handler("save_post", _end_saving),
+    _Handler("save_post_fail", _end_saving),
     _Handler("blend_import_post", _keep_appended_runs),
     Followers(),
     WATCHER,

@@ -10,7 +10,14 @@ import bpy
 
 from ..core.errors import InputError
 from ..cvdgs_addon.scene.render_settings import Engine
-from ..cvdgs_addon.scene.turntable import Turntable, add_turntable, remove_turntable, render_turntable, turntable_of
+from ..cvdgs_addon.scene.turntable import (
+    Turntable,
+    add_turntable,
+    is_rendering,
+    remove_turntable,
+    render_turntable,
+    turntable_of,
+)
 from ..cvdgs_addon.shown import shown_splats
 from .base import Action, NeedsGaussians
 
@@ -20,6 +27,10 @@ class CVDGS_OT_add_turntable(NeedsGaussians, bpy.types.Operator):
 
     bl_idname = "cvdgs.add_turntable"
     bl_label = "Add Turntable"
+
+    @classmethod
+    def missing(cls, context: bpy.types.Context) -> str:
+        return super().missing(context) or _busy()
 
     def act(self, context: bpy.types.Context) -> None:
         add_turntable(context.scene, shown_splats(context), _chosen(context))
@@ -32,9 +43,7 @@ class _NeedsTurntable(Action):
     def missing(cls, context: bpy.types.Context) -> str:
         if turntable_of(context.scene) is None:
             return "Add a turntable first"
-        return (
-            "Blender is rendering; wait, or press Esc in the render window" if bpy.app.is_job_running("RENDER") else ""
-        )
+        return _busy()
 
 
 class CVDGS_OT_render_turntable(_NeedsTurntable, bpy.types.Operator):
@@ -63,6 +72,11 @@ class CVDGS_OT_remove_turntable(_NeedsTurntable, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> None:
         remove_turntable(context.scene)
+
+
+def _busy() -> str:
+    """Why a turntable cannot be changed at the moment; "" where it can be."""
+    return "Blender is rendering; wait, or press Esc in the render window" if is_rendering() else ""
 
 
 def _chosen(context: bpy.types.Context) -> Turntable:

@@ -17,7 +17,7 @@ from ...core.rendering.requests import VideoArguments
 from ...core.runs.layout import picture_name
 from ...core.runtime.protocol import Reporter
 from ..scene.remembered_settings import Setting, set_settings
-from ..scene.render_settings import Display, display_settings
+from ..scene.render_settings import Display, display_settings, literal_path
 from .lettering import Label, add_text_strip, fitting_size
 from .pixels import picture_size
 
@@ -167,7 +167,7 @@ def _settings(
         "render.use_sequencer": True,
         "render.use_compositing": False,
         "render.use_file_extension": False,
-        "render.filepath": str(file),
+        "render.filepath": literal_path(file),
         "frame_start": 1,
         "frame_end": frames,
         "frame_step": 1,

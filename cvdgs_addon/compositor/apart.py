@@ -8,6 +8,7 @@ from ..scene.apart import (
     COVERAGE_LAYER,
     GAUSSIANS_LAYER,
     OBJECTS_LAYER,
+    follows_another,
     gaussians_scene,
     is_apart,
     objects_scene,
@@ -87,17 +88,33 @@ def _take_out(scene: bpy.types.Scene) -> None:
         return
     targets = [link.to_socket for link in node.outputs["Vector"].links]
     source = node.inputs[0].links[0].from_socket if node.inputs[0].is_linked else None
-    group = node.inputs[1].links[0].from_node if node.inputs[1].is_linked else None
-    layers = [link.from_node for socket in group.inputs for link in socket.links] if group is not None else []
     for target in targets if source is not None else ():
         tree.links.new(source, target)
-    made = group.node_tree if group is not None else None
-    for ours in {found.name for found in (node, group, *layers) if found is not None}:
-        tree.nodes.remove(tree.nodes[ours])
-    if made is not None and not made.users:
-        bpy.data.node_groups.remove(made)
+    groups = [found for found in tree.nodes if _joins(found)]
+    layers = [found for found in tree.nodes if _renders_part(found, groups)]
+    made = {group.node_tree for group in groups}
+    for ours in (node, *groups, *layers):
+        tree.nodes.remove(ours)
+    for group in made:
+        if not group.users:
+            bpy.data.node_groups.remove(group)
     if is_ours(tree):
         remove_tree(scene, tree)
+
+
+def _joins(node: bpy.types.Node) -> bool:
+    """Whether `_insert` made the node, to put pictures together."""
+    group = getattr(node, "node_tree", None)
+    return group is not None and group.name.startswith(_PICTURE)
+
+
+def _renders_part(node: bpy.types.Node, groups: list[bpy.types.Node]) -> bool:
+    """Whether `_insert` made the node, to render what `groups` put together, whatever stands between them by now."""
+    if node.bl_idname != "CompositorNodeRLayers":
+        return False
+    if node.scene is not None and follows_another(node.scene):
+        return True
+    return any(link.to_node in groups for link in node.outputs["Image"].links)  # its scene was deleted
 
 
 def _renders(node: bpy.types.Node, scene: bpy.types.Scene) -> bool:

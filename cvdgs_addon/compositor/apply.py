@@ -13,12 +13,19 @@ from ..scene.remembered_settings import change_settings, changes, restore_settin
 from ..scene.render_settings import SIMULATION_VIEW
 from .apart import arrange
 from .display_nodes import Picture, add_display_nodes, picture_kind, raw_view
-from .scene_tree import ensure_tree, is_ours, output_socket, picture_source, remove_tree, scene_tree, viewers_of
+from .scene_tree import (
+    DISPLAY_NODE,
+    NODE_NAME,
+    ensure_tree,
+    is_ours,
+    output_socket,
+    picture_source,
+    remove_tree,
+    scene_tree,
+    viewers_of,
+)
 from .simulation_group import GROUP_NAME, Socket, choose, simulation_group
 
-NODE_NAME = "CVD simulation (add-on)"
-
-_DISPLAY_NODE = "CVD display (add-on)"
 _RENDER, _VIEWPORTS = "cvdgs_simulation_render", "cvdgs_simulation_viewports"
 _SPACING = 220.0  # between nodes
 
@@ -132,7 +139,7 @@ def _insert(scene: bpy.types.Scene) -> bpy.types.Node:
     kind = picture_kind(scene)
     before = add_display_nodes(tree, scene) if kind is Picture.CONVERTED else []
     for index, display in enumerate(before):
-        display.name = f"{_DISPLAY_NODE} {index}"
+        display.name = f"{DISPLAY_NODE} {index}"
     node = tree.nodes.new("CompositorNodeGroup")
     node.node_tree = simulation_group()
     node.name, node.label = NODE_NAME, GROUP_NAME
@@ -150,21 +157,13 @@ def _insert(scene: bpy.types.Scene) -> bpy.types.Node:
 
 
 def _take_out(tree: bpy.types.NodeTree, node: bpy.types.Node) -> None:
-    """Remove our nodes and let the picture go where theirs went."""
-    targets = [link.to_socket for link in node.outputs["Image"].links]
-    ours = [node]
-    source = None
-    while ours[-1].inputs["Image"].is_linked:
-        source = ours[-1].inputs["Image"].links[0].from_socket
-        if not source.node.name.startswith(_DISPLAY_NODE):
-            break
-        ours.append(source.node)
-        source = None
-    if source is not None:
+    """Remove our nodes and let the picture go where theirs went; what somebody put between them stays."""
+    for ours in [found for found in tree.nodes if found == node or found.name.startswith(DISPLAY_NODE)]:
+        source = ours.inputs["Image"].links[0].from_socket if ours.inputs["Image"].is_linked else None
+        targets = [link.to_socket for link in ours.outputs["Image"].links] if source is not None else []
         for target in targets:
             tree.links.new(source, target)
-    for node in ours:
-        tree.nodes.remove(node)
+        tree.nodes.remove(ours)
 
 
 def _composite_viewports(scene: bpy.types.Scene, on: bool) -> None:

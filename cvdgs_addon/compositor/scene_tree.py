@@ -10,6 +10,10 @@ _SOURCE, _VIEWER = "CompositorNodeRLayers", "CompositorNodeViewer"
 _TREE_NAME = "CVD Compositor"
 _OURS = "cvdgs_made"  # custom property of a tree that `ensure_tree` made
 
+NODE_NAME = "CVD simulation (add-on)"
+"""The node that simulates (see `apply`)."""
+DISPLAY_NODE = "CVD display (add-on)"
+"""What the names of nodes begin with that bring the view transform before the simulation."""
 APART_NODE = "CVD objects apart (add-on)"
 """The node that brings what is rendered apart into the picture (see `apart`)."""
 
@@ -29,10 +33,10 @@ def ensure_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
     if _HAS_GROUPS:
         tree = scene.compositing_node_group = bpy.data.node_groups.new(_TREE_NAME, "CompositorNodeTree")
     else:
-        had_tree = scene.node_tree is not None
+        had_nodes = scene.node_tree is not None and len(scene.node_tree.nodes) > 0
         scene.use_nodes = True
         tree = scene.node_tree
-        if had_tree:
+        if had_nodes:
             return tree  # somebody's, that was switched off
         tree.nodes.clear()
     tree[_OURS] = True
@@ -40,8 +44,14 @@ def ensure_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
 
 
 def is_ours(tree: bpy.types.NodeTree) -> bool:
-    """Whether `ensure_tree` made the tree, and it brings nothing into the picture."""
-    return bool(tree.get(_OURS)) and APART_NODE not in tree.nodes
+    """Whether `ensure_tree` made the tree, and it holds nothing but the render, the simulation and the output.
+
+    Not where somebody has added a node since, nor where the tree brings something into the picture.
+    """
+    return bool(tree.get(_OURS)) and all(
+        node.bl_idname in (_OUTPUT, _SOURCE) or node.name == NODE_NAME or node.name.startswith(DISPLAY_NODE)
+        for node in tree.nodes
+    )
 
 
 def remove_tree(scene: bpy.types.Scene, tree: bpy.types.NodeTree) -> None:

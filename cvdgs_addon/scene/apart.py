@@ -62,6 +62,11 @@ def is_apart(scene: bpy.types.Scene) -> bool:
     return objects_scene(scene) is not None and gaussians_scene(scene) is not None
 
 
+def follows_another(scene: bpy.types.Scene) -> bool:
+    """Whether `take_apart` made the scene, for another one."""
+    return _OWNER in scene
+
+
 def take_apart(scene: bpy.types.Scene) -> None:
     """Let objects and Gaussians of `scene` be rendered in scenes of their own; nothing of them is copied."""
     put_together(scene)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -150,6 +151,11 @@ def background_world(color: ArrayLike) -> bpy.types.World:
     background.inputs["Color"].default_value = (*np.asarray(color).tolist(), 1.0)
     background.inputs["Strength"].default_value = 1.0
     return world
+
+
+def literal_path(path: Path) -> str:
+    """`path` as ``render.filepath`` has to spell it: Blender fills in what stands in single braces."""
+    return str(path).replace("{", "{{").replace("}", "}}")
 
 
 def png_settings() -> dict[str, Setting]:

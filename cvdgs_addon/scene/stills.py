@@ -12,7 +12,7 @@ import mathutils
 
 from ...core.files.untrusted import replacing
 from .cameras import use_camera
-from .render_settings import set_png
+from .render_settings import literal_path, set_png
 
 _LEAST_FREE = 4 << 20  # bytes; with less, there is no room for a picture or a scene
 
@@ -34,7 +34,7 @@ def render_picture(scene: bpy.types.Scene, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         with replacing(path) as temporary:
-            scene.render.filepath = str(temporary)
+            scene.render.filepath = literal_path(temporary)
             bpy.ops.render.render(write_still=True, scene=scene.name)
     finally:
         scene.render.filepath = "//renders/"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from .bystanders import bystanders
 from .cameras import SENSOR_WIDTH, is_capture_camera
 from .display import match_display
 from .remembered_settings import Setting, change_settings, changes, restore_settings
-from .render_settings import Display, Engine, display_of, engine_settings, png_settings
+from .render_settings import Display, Engine, display_of, engine_settings, literal_path, png_settings
 from .splat_attributes import point_positions
 
 _RENDER = "cvdgs_turntable_render"
@@ -65,8 +66,11 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
 
     The axis is vertical, through the centre of the Gaussians. The first picture of a full turn is taken from the side
     of the first photograph, that of a swing from the middle. The angle is driven by the frame, so it is exact in every
-    frame and goes on after the last one.
+    frame and goes on after the last one. Scenes that look through the earlier turntable's camera then look through the
+    new one.
     """
+    earlier = turntable_of(scene)
+    looking = [found for found in bpy.data.scenes if earlier is not None and found.camera == earlier]
     remove_turntable(scene)
     bpy.context.view_layer.update()
     center, core_radius = _subject(splats)
@@ -89,25 +93,29 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
     camera.rotation_mode = "QUATERNION"
     camera.rotation_quaternion = (-camera.location).to_track_quat("-Z", "Y")
     scene.collection.objects.link(camera)
+    for found in looking:
+        found.camera = camera
     return camera
 
 
 def turntable_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """The turntable's camera, if `scene` has one."""
-    for rig in scene.objects:
-        if _IS_RIG in rig:
-            return next((child for child in rig.children if child.type == "CAMERA"), None)
-    return None
+    cameras = (found for found in scene.objects if found.type == "CAMERA")
+    return next((camera for camera in cameras if camera.parent is not None and _IS_RIG in camera.parent), None)
 
 
 def remove_turntable(scene: bpy.types.Scene) -> None:
-    """Delete the turntable of `scene`."""
+    """Delete the turntable of `scene`, and the Empties of those whose camera somebody deleted."""
     camera = turntable_of(scene)
     if camera is not None:
         rig, data = camera.parent, camera.data
         bpy.data.objects.remove(camera)
-        bpy.data.cameras.remove(data)
+        if not data.users:
+            bpy.data.cameras.remove(data)
         bpy.data.objects.remove(rig)
+    for rig in [found for found in scene.objects if _IS_RIG in found]:
+        if not any(child.type == "CAMERA" for child in rig.children):
+            bpy.data.objects.remove(rig)
 
 
 def render_turntable(scene: bpy.types.Scene, turntable: Turntable, folder: Path, *, wait: bool) -> list[str]:
@@ -135,17 +143,20 @@ def render_turntable(scene: bpy.types.Scene, turntable: Turntable, folder: Path,
     camera.parent[_FRAMES] = turntable.frames
     display = display_of(scene) if bystanders(scene) else Display.PHOTO  # Gaussians alone need one sample
     told = change_settings(scene, _RENDER, _turn_settings(camera, turntable, display, folder))
-    match_display(scene)
-    follow(scene)
-    if not wait:
-        bpy.ops.render.render("INVOKE_DEFAULT", animation=True, scene=scene.name)
-        _restore_when_rendered(scene)
-        return told
-    try:
-        bpy.ops.render.render(animation=True, scene=scene.name)
-    finally:
-        _restore(scene)
+    with ExitStack() as afterwards:
+        afterwards.callback(_restore, scene)
+        match_display(scene)
+        follow(scene)
+        bpy.ops.render.render("EXEC_DEFAULT" if wait else "INVOKE_DEFAULT", animation=True, scene=scene.name)
+        if not wait:
+            _restore_when_rendered(scene)
+            afterwards.pop_all()  # nothing is restored before
     return told
+
+
+def is_rendering() -> bool:
+    """Whether Blender's render window is at work: nothing of a turntable can be changed meanwhile."""
+    return bool(bpy.app.is_job_running("RENDER"))
 
 
 def rendering_changes(scene: bpy.types.Scene) -> Iterator[str]:
@@ -155,7 +166,7 @@ def rendering_changes(scene: bpy.types.Scene) -> Iterator[str]:
 
 def restore_interrupted(scene: bpy.types.Scene) -> None:
     """Put the settings back in a scene that was saved while its turntable rendered."""
-    if any(rendering_changes(scene)) and not bpy.app.is_job_running("RENDER"):
+    if any(rendering_changes(scene)) and not is_rendering():
         _restore(scene)
 
 
@@ -186,7 +197,7 @@ def _turn_settings(
         "frame_step": 1,
         "render.use_file_extension": True,
         "render.use_overwrite": True,
-        "render.filepath": str(folder / _NUMBER),
+        "render.filepath": literal_path(folder / _NUMBER),
     }
 
 
@@ -200,7 +211,7 @@ def _restore_when_rendered(scene: bpy.types.Scene) -> None:
     uid = scene.session_uid
 
     def look() -> float | None:
-        if bpy.app.is_job_running("RENDER"):
+        if is_rendering():
             return _POLL_SECONDS
         found = scene_by_uid(uid)
         if found is not None:

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
-from cvdgs.cvdgs_addon.compositor.scene_tree import ensure_tree, output_socket, scene_tree
+from cvdgs.cvdgs_addon.compositor.scene_tree import APART_NODE, ensure_tree, output_socket, scene_tree
 from cvdgs.cvdgs_addon.scene import apart, display, splats
 from cvdgs.cvdgs_addon.scene.apart import gaussians_scene, is_apart, objects_scene
 from cvdgs.cvdgs_addon.scene.catcher import catchers_of, is_catcher_handle
@@ -179,6 +179,34 @@ def test_restoring_leaves_no_trace(scene):
     assert list(bpy.data.scenes) == [scene]
     assert (structure(tree), {layer.name: layer.use for layer in scene.view_layers}) == before
     assert len(bpy.data.node_groups) <= groups + 2  # of the Gaussians, for light
+
+
+@pytest.mark.parametrize("place", ["render", "Gaussians", "pictures", "output"])
+def test_nodes_that_somebody_adds_stay_when_it_ends(scene, place):
+    bpy.ops.cvdgs.set_up_render()
+    tree = scene_tree(scene)
+    node = tree.nodes[APART_NODE]
+    group = node.inputs[1].links[0].from_node
+    link = {
+        "render": node.inputs[0].links[0],
+        "Gaussians": group.inputs["Gaussians"].links[0],
+        "pictures": node.inputs[1].links[0],
+        "output": node.outputs["Vector"].links[0],
+    }[place]
+    source, target = link.from_socket, link.to_socket
+    glare = tree.nodes.new("CompositorNodeGlare")
+    glare.name = "mine"
+    tree.links.new(source, glare.inputs["Image"])
+    tree.links.new(glare.outputs["Image"], target)
+    before = len(bpy.data.node_groups)
+    bpy.ops.cvdgs.restore_render()
+    assert not is_apart(scene)
+    assert scene_tree(scene) == tree
+    (layers,) = (found for found in tree.nodes if found.bl_idname == "CompositorNodeRLayers")
+    output = output_socket(tree)
+    assert {found.name for found in tree.nodes} == {layers.name, "mine", output.node.name}
+    assert output.links[0].from_node == (glare if place in ("render", "output") else layers)
+    assert len(bpy.data.node_groups) == before - 1
 
 
 def test_a_simulation_is_of_the_whole_picture(scene, tmp_path):

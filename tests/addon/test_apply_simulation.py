@@ -8,7 +8,6 @@ import pytest
 
 from cvdgs.core.color.matrices import linear_simulation
 from cvdgs.cvdgs_addon.compositor.apply import (
-    NODE_NAME,
     Simulation,
     remove_simulation,
     renders_can_go_without,
@@ -16,7 +15,7 @@ from cvdgs.cvdgs_addon.compositor.apply import (
     simulation_node,
     use_simulation,
 )
-from cvdgs.cvdgs_addon.compositor.scene_tree import ensure_tree, output_socket, scene_tree
+from cvdgs.cvdgs_addon.compositor.scene_tree import NODE_NAME, ensure_tree, output_socket, scene_tree
 
 from .pictures import composited, feed_picture, random_picture
 from .scenes import read_png
@@ -100,6 +99,15 @@ def test_a_scene_without_compositor_gets_one_and_loses_it_again(fresh_scene):
     ]
 
 
+def test_the_compositor_comes_and_goes_as_often_as_the_simulation(fresh_scene):
+    fresh_scene.view_settings.view_transform = "Standard"
+    for _ in range(3):
+        show_simulation(fresh_scene, Simulation())
+        assert renders_can_go_without(fresh_scene)
+        remove_simulation(fresh_scene)
+        assert scene_tree(fresh_scene) is None
+
+
 def test_an_artists_compositor_is_left_as_it_was(fresh_scene, tmp_path):
     fresh_scene.view_settings.view_transform = "AgX"
     tree = artists_tree(fresh_scene)
@@ -114,6 +122,52 @@ def test_an_artists_compositor_is_left_as_it_was(fresh_scene, tmp_path):
     np.testing.assert_array_equal(composited(fresh_scene, tmp_path), pixels)
 
 
+@pytest.mark.parametrize("view_transform", ["AgX", "Standard"])
+@pytest.mark.parametrize("place", ["before it", "in it", "after it"])
+def test_nodes_that_somebody_adds_to_the_simulations_compositor_stay(fresh_scene, view_transform, place):
+    """Wherever they were put: with AgX the simulation is a chain of nodes."""
+    fresh_scene.view_settings.view_transform = view_transform
+    show_simulation(fresh_scene, Simulation())
+    use_simulation(fresh_scene, in_renders=True, in_viewport=True)
+    tree, node = scene_tree(fresh_scene), simulation_node(fresh_scene)
+    (layers,) = (found for found in tree.nodes if found.bl_idname == "CompositorNodeRLayers")
+    link = {
+        "before it": layers.outputs["Image"].links[0],
+        "in it": node.inputs["Image"].links[0],
+        "after it": node.outputs["Image"].links[0],
+    }[place]
+    source, target = link.from_socket, link.to_socket
+    glare = tree.nodes.new("CompositorNodeGlare")
+    glare.name = "mine"
+    tree.links.new(source, glare.inputs["Image"])
+    tree.links.new(glare.outputs["Image"], target)
+    assert not renders_can_go_without(fresh_scene)
+    use_simulation(fresh_scene, in_renders=False, in_viewport=True)
+    assert fresh_scene.render.use_compositing
+    remove_simulation(fresh_scene)
+    assert scene_tree(fresh_scene) == tree
+    assert fresh_scene.render.use_compositing
+    output = output_socket(tree).node.name
+    assert structure(tree) == (
+        {layers.name, "mine", output},
+        {(layers.name, "Image", "mine", "Image"), ("mine", "Image", output, "Image")},
+    )
+    show_simulation(fresh_scene, Simulation())
+    remove_simulation(fresh_scene)
+    assert "mine" in scene_tree(fresh_scene).nodes
+
+
+def test_a_compositor_whose_added_nodes_were_deleted_goes_with_the_simulation(fresh_scene):
+    show_simulation(fresh_scene, Simulation())
+    tree = scene_tree(fresh_scene)
+    glare = tree.nodes.new("CompositorNodeGlare")
+    remove_simulation(fresh_scene)
+    tree.nodes.remove(glare)
+    show_simulation(fresh_scene, Simulation())
+    remove_simulation(fresh_scene)
+    assert scene_tree(fresh_scene) is None
+
+
 def test_changing_what_is_simulated_changes_the_node_that_is_there(fresh_scene):
     first = show_simulation(fresh_scene, Simulation("deutan", 1.0))
     second = show_simulation(fresh_scene, Simulation("tritan", 0.5, untouched=0.5))
@@ -122,10 +176,9 @@ def test_changing_what_is_simulated_changes_the_node_that_is_there(fresh_scene):
     assert second.inputs["Severity"].default_value == 0.5
 
 
-def test_the_viewport_alone_can_show_it(fresh_scene, tmp_path):
+def test_the_viewport_alone_can_show_it(fresh_scene):
     """The empty start file has a 3D view, in background too."""
     fresh_scene.view_settings.view_transform = "Standard"
-    feed_picture(fresh_scene, random_picture())
     show_simulation(fresh_scene, Simulation())
     use_simulation(fresh_scene, in_renders=False, in_viewport=True)
     assert not fresh_scene.render.use_compositing

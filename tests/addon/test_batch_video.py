@@ -75,6 +75,13 @@ def test_a_video_shows_its_pictures_in_order_at_its_pace(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix == ".mp4") == ["turn.mp4"]
 
 
+def test_a_video_is_made_in_the_folder_of_exactly_that_name(tmp_path):
+    out = tmp_path / "{wip}"
+    sequence(out / "a", 2)
+    assert make(out, "a", frames=2).is_file()
+    assert [path.name for path in tmp_path.iterdir()] == ["{wip}"]
+
+
 def test_sequences_stand_side_by_side(tmp_path):
     sequence(tmp_path / "a", 3, hue=0)
     sequence(tmp_path / "b", 3, hue=2)

@@ -114,6 +114,41 @@ def test_a_run_is_moved_with_its_scene_also_after_a_copy_was_saved_elsewhere(run
     assert run_of(own_splats()) == str(moved)
 
 
+def test_a_copy_in_the_folder_of_the_run_leaves_the_open_scene_its_run(runs, tmp_path):
+    window = runs[1]
+    (tmp_path / "films").mkdir()
+    film = str(tmp_path / "films" / "film.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=film)
+    bpy.ops.wm.save_as_mainfile(filepath=str(window / "copy.blend"), copy=True)
+    assert run_of(own_splats()) == str(window)
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=film)
+    assert run_of(own_splats()) == str(window)
+    bpy.ops.wm.open_mainfile(filepath=str(window / "copy.blend"))
+    assert own_splats()[RUN_PROPERTY] == "//", "the copy is moved with the run"
+
+
+def test_a_copy_of_a_scene_that_was_never_saved_leaves_it_its_run(addon, run_folder, tmp_path):
+    splats = show_run(str(run_folder), bpy.context.scene)
+    bpy.ops.wm.save_as_mainfile(filepath=str(run_folder / "copy.blend"), copy=True)
+    assert run_of(splats) == str(run_folder)
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_scene_that_could_not_be_saved_elsewhere_keeps_its_run(runs, tmp_path, beside):
+    """Also one that was to leave its run's folder."""
+    window = runs[1]
+    if not beside:
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "film.blend"))
+    before = own_splats()[RUN_PROPERTY]
+    in_the_way = (tmp_path if beside else window) / "taken.blend"
+    in_the_way.mkdir()
+    with pytest.raises(RuntimeError, match="is a directory"):
+        bpy.ops.wm.save_as_mainfile(filepath=str(in_the_way))
+    assert own_splats()[RUN_PROPERTY] == before
+    assert run_of(own_splats()) == str(window)
+
+
 def test_nothing_is_beside_a_file_that_was_never_saved(addon):
     splats = bpy.data.objects.new("Gaussians", None)
     splats[RUN_PROPERTY] = "//"

@@ -15,6 +15,7 @@ from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.cameras import SENSOR_WIDTH, add_camera, is_capture_camera
 from cvdgs.cvdgs_addon.scene.render_settings import Display, Engine, set_display
 from cvdgs.cvdgs_addon.scene.splats import add_gaussians, show_layer
+from cvdgs.cvdgs_addon.scene.stills import render_picture
 from cvdgs.cvdgs_addon.scene.turntable import (
     Turntable,
     _way_around,
@@ -140,6 +141,47 @@ def test_adding_again_replaces_the_turntable(scene, splats):
     assert not [candidate for candidate in bpy.data.objects if "Turntable" in candidate.name]
 
 
+@pytest.mark.parametrize("deleted", ["by a script", "with X"])
+def test_a_turntable_without_its_camera_is_replaced(scene, splats, deleted):
+    camera = add_turntable(scene, splats, Turntable(frames=4))
+    if deleted == "with X":
+        with bpy.context.temp_override(selected_objects=[camera], active_object=camera, object=camera):
+            bpy.ops.object.delete()
+    else:
+        bpy.data.objects.remove(camera)
+    assert turntable_of(scene) is None
+    again = add_turntable(scene, splats, Turntable(frames=8))
+    assert turntable_of(scene) == again
+    assert [found for found in scene.objects if "cvdgs_turntable" in found] == [again.parent]
+
+
+def test_a_turntable_is_found_beside_an_empty_that_lost_its_camera(scene, splats):
+    camera = add_turntable(scene, splats, Turntable(frames=4))
+    rig, left = camera.parent, bpy.data.objects.new("Turntable", None)
+    left["cvdgs_turntable"] = True
+    scene.collection.objects.unlink(rig)
+    for empty in (left, rig):  # the older one comes first
+        scene.collection.objects.link(empty)
+    assert turntable_of(scene) == camera
+    remove_turntable(scene)
+    assert not [found for found in scene.objects if "cvdgs_turntable" in found]
+
+
+def test_a_scene_looks_through_the_camera_of_the_new_turntable(scene, splats):
+    scene.camera = add_turntable(scene, splats, Turntable(frames=4))
+    assert add_turntable(scene, splats, Turntable(frames=8)) == scene.camera
+    scene.camera = artists = add_camera("artist's", CAMERA, ring_view(0.0), CLIP, scene.collection)
+    add_turntable(scene, splats, Turntable(frames=4))
+    assert scene.camera == artists
+
+
+def test_a_camera_that_shares_the_turntables_lens_stays(scene, splats):
+    shared = bpy.data.objects.new("artist's", add_turntable(scene, splats, Turntable(frames=4)).data)
+    scene.collection.objects.link(shared)
+    remove_turntable(scene)
+    assert "artist's" in scene.objects
+
+
 def test_the_pictures_are_the_rasterisers_from_all_around(scene, splats, tmp_path):
     gaussians = cloud(300)
     camera = add_turntable(scene, splats, SMALL)
@@ -169,6 +211,15 @@ def test_every_layer_can_be_turned_around(scene, tmp_path):
     assert np.abs(pictures[0] - pictures[1]).max() > 0.3
 
 
+def test_pictures_go_into_the_folder_of_exactly_that_name(scene, splats, tmp_path):
+    name = "{wip} {blend_name} {{done}} take {2"
+    scene.camera = add_turntable(scene, splats, SMALL)
+    render_turntable(scene, Turntable(**{**vars(SMALL), "frames": 1}), tmp_path / name / "turn", wait=True)
+    render_picture(scene, tmp_path / name / "still.png")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert sorted(path.name for path in (tmp_path / name).rglob("*.png")) == ["0001.png", "still.png"]
+
+
 def test_the_scenes_own_engine_and_settings_can_be_kept(scene, splats, tmp_path):
     set_display(scene, Display.PHOTO)
     scene.render.engine = "BLENDER_WORKBENCH"
@@ -189,6 +240,17 @@ def test_what_stands_in_the_way_is_told(scene, splats, tmp_path):
     with pytest.raises(InputError, match="cannot be written to"):
         render_turntable(scene, SMALL, tmp_path / "file", wait=True)
     assert all_settings(scene) == before
+
+
+@pytest.mark.parametrize("wait", [False, True])
+def test_a_render_that_fails_leaves_the_settings_as_they_were(scene, splats, tmp_path, wait):
+    add_turntable(scene, splats, SMALL)
+    (tmp_path / "0001.png").mkdir()  # in the way of the first picture
+    before = all_settings(scene)
+    with pytest.raises(RuntimeError):
+        render_turntable(scene, SMALL, tmp_path, wait=wait)
+    assert all_settings(scene) == before
+    assert not any(rendering_changes(scene))
 
 
 def test_a_file_that_was_saved_while_it_rendered_opens_with_its_own_settings(addon, run_folder, tmp_path):
@@ -232,3 +294,15 @@ def test_the_operators_and_the_panel(addon, run_folder, tmp_path):
     assert len(list(Path(chosen.folder).glob("*.png"))) == 2
     bpy.ops.cvdgs.remove_turntable()
     assert turntable_of(scene) is None
+
+
+def test_while_blender_renders_the_turntable_stays_as_it_is(addon, run_folder, monkeypatch):
+    show_run(str(run_folder), bpy.context.scene)
+    bpy.ops.cvdgs.add_turntable()
+    called = (bpy.ops.cvdgs.add_turntable, bpy.ops.cvdgs.render_turntable, bpy.ops.cvdgs.remove_turntable)
+    assert all(operator.poll() for operator in called)
+    monkeypatch.setattr("cvdgs.operators.turntable.is_rendering", lambda: True)  # tests have no render window
+    for operator in called:
+        assert not operator.poll()
+        with pytest.raises(RuntimeError, match="Blender is rendering"):
+            operator()
