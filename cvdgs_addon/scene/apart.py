@@ -16,7 +16,7 @@ import bpy
 
 from .bystanders import bystanders
 from .catcher import catchers_of, is_catcher_handle
-from .native_splats import native_splats_of
+from .native_splats import is_native_splats
 from .render_settings import Engine, engine_settings
 from .sparse_points import is_sparse_points
 from .splats import is_splats
@@ -189,11 +189,8 @@ def _things_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
 
 def _splats_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
     for found in scene.objects:
-        if is_splats(found) or is_sparse_points(found):
+        if is_splats(found) or is_sparse_points(found) or is_native_splats(found):
             yield found
-            native = native_splats_of(found) if is_splats(found) else None
-            if native is not None:
-                yield native
 
 
 def _fill(collection: bpy.types.Collection, wanted: Iterable[bpy.types.Object]) -> bool:

@@ -8,7 +8,7 @@ import bpy
 import mathutils
 import numpy as np
 
-from .native_splats import native_splats_of
+from .native_splats import is_native_splats
 from .sparse_points import is_sparse_points
 from .splat_attributes import vertex_positions
 from .splats import is_splats
@@ -25,7 +25,7 @@ def bystanders(scene: bpy.types.Scene) -> list[str]:
         for candidate in scene.objects
         if candidate.type in _SURFACES
         and not (candidate.hide_render or is_splats(candidate) or is_sparse_points(candidate))
-        and (candidate.parent is None or native_splats_of(candidate.parent) != candidate)
+        and not is_native_splats(candidate)  # `Object.children` goes through all objects of the file
     ]
 
 
