@@ -148,7 +148,7 @@ PARTS: tuple[_Part, ...] = (
     PICTURES,
     *map(_Class, properties.CLASSES),
     _SceneProperty(),
-    ACTIVITY,
+    ACTIVITY,  # before what starts jobs for a file that was opened: it ends those of the file before
     _OpenedFiles(),
     _Handler("save_pre", _prepare_saving),
     _Handler("blend_import_post", _keep_appended_runs),
