@@ -285,8 +285,12 @@ def test_only_cycles_with_lamps_renders_apart(scene, engine, colors):
     assert not is_apart(scene)
 
 
-def test_a_turntable_shows_things_from_its_own_camera(scene, tmp_path):
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_a_turntable_shows_things_from_its_own_camera(scene, tmp_path, is_cut):
     add_thing(scene, (0.0, 0.0, 0.0), size=6.0, light=(0.9, 0.0, 0.0))
+    if is_cut:
+        away = look_at((3.5, 0.0, 40.0), (9.0, 0.0, 40.0))
+        scene.timeline_markers.new("cut", frame=1).camera = look_through(scene, CAMERA, away)
     bpy.ops.cvdgs.set_up_render()
     target = next(found for found in scene.objects if splats.is_splats(found))
     add_turntable(scene, target, Turntable(frames=2))
