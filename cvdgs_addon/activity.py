@@ -35,11 +35,13 @@ class Activity:
         self._entries: dict[str, _Entry] = {}
 
         @bpy.app.handlers.persistent
-        def before_load(*_: object) -> None:
+        def after_load(*_: object) -> None:
+            # Not before: a file that cannot be read leaves the one that is open, and its jobs, as they are. While a
+            # file loads nobody looks at the jobs, and no scene of the new one has the `session_uid` of an old one.
             self._end_with_file()
 
         # Blender knows timers and handlers by identity, and every access to a method makes another object.
-        self._timer, self._before_load = self.look, before_load
+        self._timer, self._after_load = self.look, after_load
 
     def start(
         self,
@@ -97,7 +99,7 @@ class Activity:
 
     def register(self) -> None:
         """Let the jobs end with the file or with Blender."""
-        bpy.app.handlers.load_pre.append(self._before_load)
+        bpy.app.handlers.load_post.append(self._after_load)
         atexit.register(self.end_all)
 
     def unregister(self) -> None:
@@ -105,8 +107,8 @@ class Activity:
         self.end_all()
         if bpy.app.timers.is_registered(self._timer):
             bpy.app.timers.unregister(self._timer)
-        if self._before_load in bpy.app.handlers.load_pre:
-            bpy.app.handlers.load_pre.remove(self._before_load)
+        if self._after_load in bpy.app.handlers.load_post:
+            bpy.app.handlers.load_post.remove(self._after_load)
         atexit.unregister(self.end_all)
 
     def _end_with_file(self) -> None:

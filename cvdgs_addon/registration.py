@@ -153,7 +153,7 @@ PARTS: tuple[_Part, ...] = (
     PICTURES,
     *map(_Class, properties.CLASSES),
     _SceneProperty(),
-    ACTIVITY,
+    ACTIVITY,  # before what starts jobs for a file that was opened: it ends those of the file before
     _OpenedFiles(),
     _Handler("save_pre", _prepare_saving),
     _Handler("save_post", _end_saving),

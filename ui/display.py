@@ -6,7 +6,7 @@ import bpy
 
 from ..cvdgs_addon.scene import crop, display
 from ..cvdgs_addon.scene.apart import objects_scene
-from ..cvdgs_addon.scene.bystanders import bystanders
+from ..cvdgs_addon.scene.bystanders import bystanders, has_rigid_bodies
 from ..cvdgs_addon.scene.camera_view import smooths_slowly
 from ..cvdgs_addon.scene.display import Form
 from ..cvdgs_addon.scene.masks import Treatment
@@ -189,6 +189,8 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
 def _draw_lamps(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """What an artist's own objects need to stand in the scene."""
     say(layout, context, "Lamps light your objects, not the Gaussians", "INFO")
+    if context.scene.cvdgs.display.engine == "CYCLES" and has_rigid_bodies(context.scene):
+        say(layout, context, "Renders do not move rigid bodies; use Object > Rigid Body > Bake to Keyframes", "ERROR")
     column = layout.column(align=True)
     column.operator("cvdgs.add_light", icon="LIGHT_SUN")
     column.operator("cvdgs.add_catcher", icon="MESH_PLANE")

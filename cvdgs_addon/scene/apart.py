@@ -14,9 +14,9 @@ from collections.abc import Iterable, Iterator
 
 import bpy
 
-from .bystanders import bystanders
+from .bystanders import surfaces
 from .catcher import catchers_of, is_catcher_handle
-from .native_splats import native_splats_of
+from .native_splats import is_native_splats
 from .render_settings import Engine, engine_settings
 from .sparse_points import is_sparse_points
 from .splats import is_splats
@@ -45,6 +45,7 @@ _OF_OBJECTS = {
     "cycles.transparent_max_bounces": 32,
 }
 _COVERAGE_SAMPLES = 16
+_INTERVAL = 0.1  # seconds between looks at the markers
 
 
 def objects_scene(scene: bpy.types.Scene) -> bpy.types.Scene | None:
@@ -110,13 +111,14 @@ def put_together(scene: bpy.types.Scene) -> None:
 
 
 def follow(scene: bpy.types.Scene) -> None:
-    """Bring the scenes of `take_apart` up to date: objects, camera, world and size of `scene`."""
+    """Bring the scenes of `take_apart` up to date: objects, cameras, world and size of `scene`."""
     lit, shown = objects_scene(scene), gaussians_scene(scene)
     if lit is None or shown is None:
         return
     for helper in (lit, shown):
         for path in _FOLLOWED:
             _copy(scene, helper, path)
+    follow_markers(scene)
     things, lamps, catchers = lit.collection.children
     splats = shown.collection.children[0]
     changes = [
@@ -135,6 +137,23 @@ def follow(scene: bpy.types.Scene) -> None:
         bpy.context.view_layer.update()  # a render that has begun may find view layers as they were, and crash
 
 
+def follow_markers(scene: bpy.types.Scene) -> None:
+    """Bind in the scenes of `take_apart` the cameras that markers of `scene` bind: each scene changes to its own.
+
+    Markers are changed in place, since a render may be looking at them.
+    """
+    bound = [marker for marker in scene.timeline_markers if marker.camera is not None]
+    for helper in filter(None, (objects_scene(scene), gaussians_scene(scene))):
+        markers = helper.timeline_markers
+        while len(markers) > len(bound):
+            markers.remove(markers[-1])
+        while len(markers) < len(bound):
+            markers.new("")
+        for marker, followed in zip(markers, bound, strict=True):
+            if (marker.frame, marker.camera) != (followed.frame, followed.camera):
+                marker.frame, marker.camera = followed.frame, followed.camera
+
+
 class Followers:
     """Follows every change of scenes that are rendered apart; a part of the add-on."""
 
@@ -146,18 +165,28 @@ class Followers:
                 for scene in filter(is_apart, list(bpy.data.scenes)):
                     follow(scene)
 
-        self._follow = follow_all
+        self._follow, self._timer = follow_all, self.look
         self._events = ("depsgraph_update_post", "render_init", "load_post")
 
     def register(self) -> None:
         for event in self._events:
             getattr(bpy.app.handlers, event).append(self._follow)
+        if not bpy.app.background:
+            bpy.app.timers.register(self._timer, first_interval=_INTERVAL, persistent=True)
 
     def unregister(self) -> None:
         for event in self._events:
             handlers = getattr(bpy.app.handlers, event)
             if self._follow in handlers:
                 handlers.remove(self._follow)
+        if bpy.app.timers.is_registered(self._timer):
+            bpy.app.timers.unregister(self._timer)
+
+    def look(self) -> float:
+        """Follow the markers, of which Blender does not tell when they are deleted; for the timer."""
+        for scene in filter(is_apart, bpy.data.scenes):
+            follow_markers(scene)
+        return _INTERVAL
 
 
 def _own(scene: bpy.types.Scene, key: str) -> bpy.types.Scene | None:
@@ -182,23 +211,18 @@ def _has_denoiser() -> bool:
 
 
 def _things_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
-    """What is lit, is seen, and hides Gaussians."""
-    reachable = {found.name for layer in scene.view_layers if layer.name != _EMPTY_LAYER for found in layer.objects}
-    for name in bystanders(scene):
-        if name in reachable:
-            yield scene.objects[name]
+    """What is lit, is seen, and hides Gaussians; `hide_render`, which may be keyed, counts in every frame anew."""
+    reachable = {found for layer in scene.view_layers if layer.name != _EMPTY_LAYER for found in layer.objects}
+    yield from filter(reachable.__contains__, surfaces(scene))
     for found in scene.objects:
-        if found.type == "EMPTY" and found.instance_type == "COLLECTION" and found.name in reachable:
+        if found.type == "EMPTY" and found.instance_type == "COLLECTION" and found in reachable:
             yield found
 
 
 def _splats_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
     for found in scene.objects:
-        if is_splats(found) or is_sparse_points(found):
+        if is_splats(found) or is_sparse_points(found) or is_native_splats(found):
             yield found
-            native = native_splats_of(found) if is_splats(found) else None
-            if native is not None:
-                yield native
 
 
 def _fill(collection: bpy.types.Collection, wanted: Iterable[bpy.types.Object]) -> bool:

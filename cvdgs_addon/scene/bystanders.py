@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import bpy
 import mathutils
 import numpy as np
 
-from .native_splats import native_splats_of
+from .native_splats import is_native_splats
 from .sparse_points import is_sparse_points
 from .splat_attributes import vertex_positions
 from .splats import is_splats
@@ -19,14 +19,25 @@ _CUBE_CORNERS, _CUBE_HALF_SIDE = 8, 1.0
 
 
 def bystanders(scene: bpy.types.Scene) -> list[str]:
-    """Objects that renders show beside the Gaussians, such as the cube of a new file: their names."""
-    return [
-        candidate.name
-        for candidate in scene.objects
-        if candidate.type in _SURFACES
-        and not (candidate.hide_render or is_splats(candidate) or is_sparse_points(candidate))
-        and (candidate.parent is None or native_splats_of(candidate.parent) != candidate)
-    ]
+    """Objects that renders show now beside the Gaussians, such as the cube of a new file: their names."""
+    return [found.name for found in surfaces(scene) if not found.hide_render]
+
+
+def surfaces(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
+    """Objects that renders may show beside the Gaussians at some time, also those that are hidden now."""
+    for found in scene.objects:
+        if (
+            found.type in _SURFACES
+            and not (is_splats(found) or is_sparse_points(found))
+            and not is_native_splats(found)  # `Object.children` goes through all objects of the file
+        ):
+            yield found
+
+
+def has_rigid_bodies(scene: bpy.types.Scene) -> bool:
+    """Whether Blender simulates rigid bodies in `scene`; once they are baked to keyframes it does not."""
+    world = scene.rigidbody_world
+    return world is not None and world.collection is not None and len(world.collection.objects) > 0
 
 
 def hide(scene: bpy.types.Scene, names: Iterable[str]) -> None:

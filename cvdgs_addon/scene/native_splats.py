@@ -32,8 +32,12 @@ def why_not_native() -> str:
 
 def native_splats_of(splats: bpy.types.Object) -> bpy.types.Object | None:
     """The copy of `splats`, if there is one."""
-    copies = (child for child in splats.children if child.type == "POINTCLOUD" and _COPY_OF in child)
-    return next(copies, None)
+    return next(filter(is_native_splats, splats.children), None)
+
+
+def is_native_splats(candidate: bpy.types.Object) -> bool:
+    """Whether `candidate` is a copy made by `add_native_splats`, or a duplicate of one."""
+    return candidate.type == "POINTCLOUD" and _COPY_OF in candidate
 
 
 def native_attributes(gaussians: Gaussians) -> dict[str, tuple[str, NDArray[np.float32]]]:

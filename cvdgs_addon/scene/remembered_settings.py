@@ -15,7 +15,7 @@ import bpy
 Setting = str | float | bool | None
 """Plain values; a data-block stands as its name."""
 
-_DATA_BLOCKS = {"world": "worlds", "camera": "objects"}  # path from the scene, and where its data-blocks are listed
+_DATA_BLOCKS = {"world": "worlds", "camera": "objects"}  # last name of a path, and where its data-blocks are listed
 _KEPT = "{purpose}:{path}"  # custom property that keeps a data-block in the file while another is in its place
 _TOLERANCE = 1e-6  # relative: Blender keeps floats in single precision
 
@@ -53,13 +53,13 @@ def restore_settings(scene: bpy.types.Scene, purpose: str) -> list[str]:
     told = []
     record = _record(scene, purpose)
     # Backwards, because some values are there only under others: a look belongs to its view transform.
-    pending = [path for path in reversed(record) if _same(_get(scene, path), record[path][1])]
+    pending = [path for path in reversed(record) if _is(scene, path, record[path][1])]
     refused: list[str] = []
     while pending and pending != refused:
         refused = list(pending)
         pending = [path for path in pending if not _put_back(scene, purpose, path, record[path][0])]
     for path, (before, changed) in record.items():
-        if path not in pending and not _same(before, changed) and _same(_get(scene, path), before):
+        if path not in pending and not _same(before, changed) and _is(scene, path, before):
             told.append(f"{_label(path)}: {_shown(changed)} to {_shown(before)}")
         scene.pop(_KEPT.format(purpose=purpose, path=path), None)
     if purpose in scene:
@@ -93,10 +93,15 @@ def _put_back(scene: bpy.types.Scene, purpose: str, path: str, value: Setting) -
     return True
 
 
+def _lists(path: str) -> str | None:
+    """Where the data-blocks are listed that the setting can be; None for a plain value."""
+    return _DATA_BLOCKS.get(path.rpartition(".")[2])
+
+
 def _keep(scene: bpy.types.Scene, purpose: str, path: str) -> None:
     """Blender does not save data-blocks that nothing uses."""
     owner, name = _owner(scene, path)
-    if path in _DATA_BLOCKS and getattr(owner, name) is not None:
+    if _lists(path) and getattr(owner, name) is not None:
         scene[_KEPT.format(purpose=purpose, path=path)] = getattr(owner, name)
 
 
@@ -108,7 +113,7 @@ def _kept(scene: bpy.types.Scene, purpose: str, path: str) -> bpy.types.ID | Non
 def _record(scene: bpy.types.Scene, purpose: str) -> dict[str, list[Any]]:
     """By path what a setting was and what it was changed to; what was kept stands under the name it has now."""
     record = json.loads(scene.get(purpose) or "{}")
-    for path in _DATA_BLOCKS.keys() & record.keys():
+    for path in filter(_lists, record):
         kept = _kept(scene, purpose, path)
         if kept is not None:
             record[path][0] = kept.name
@@ -123,13 +128,22 @@ def _owner(scene: bpy.types.Scene, path: str) -> tuple[bpy.types.bpy_struct, str
 def _get(scene: bpy.types.Scene, path: str) -> Setting:
     owner, name = _owner(scene, path)
     value = getattr(owner, name)
-    return getattr(value, "name", None) if path in _DATA_BLOCKS else value
+    return getattr(value, "name", None) if _lists(path) else value
+
+
+def _is(scene: bpy.types.Scene, path: str, value: Setting) -> bool:
+    """Whether the setting has that value; it has none where somebody deleted what it belongs to, such as a marker."""
+    try:
+        return _same(_get(scene, path), value)
+    except ValueError:
+        return False
 
 
 def _set(scene: bpy.types.Scene, path: str, value: Setting) -> None:
     owner, name = _owner(scene, path)
-    if path in _DATA_BLOCKS:
-        block = getattr(bpy.data, _DATA_BLOCKS[path]).get(value) if value is not None else None
+    listed = _lists(path)
+    if listed is not None:
+        block = getattr(bpy.data, listed).get(value) if value is not None else None
         setattr(owner, name, block)
     else:
         setattr(owner, name, value)

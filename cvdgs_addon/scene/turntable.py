@@ -142,7 +142,9 @@ def render_turntable(scene: bpy.types.Scene, turntable: Turntable, folder: Path,
     _require_writable(folder)
     camera.parent[_FRAMES] = turntable.frames
     display = display_of(scene) if bystanders(scene) else Display.PHOTO  # Gaussians alone need one sample
-    told = change_settings(scene, _RENDER, _turn_settings(camera, turntable, display, folder))
+    # Markers first: whenever one changes, Blender takes the camera that the others bind.
+    wanted = {**_unbound(scene), **_turn_settings(camera, turntable, display, folder)}
+    told = change_settings(scene, _RENDER, wanted)
     with ExitStack() as afterwards:
         afterwards.callback(_restore, scene)
         match_display(scene)
@@ -199,6 +201,12 @@ def _turn_settings(
         "render.use_overwrite": True,
         "render.filepath": literal_path(folder / _NUMBER),
     }
+
+
+def _unbound(scene: bpy.types.Scene) -> dict[str, Setting]:
+    """Markers without the cameras that they bind: Blender would change to these instead of the turntable's."""
+    bound = (index for index, marker in enumerate(scene.timeline_markers) if marker.camera is not None)
+    return {f"timeline_markers[{index}].camera": None for index in bound}
 
 
 def _restore(scene: bpy.types.Scene) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 import pytest
@@ -146,7 +148,7 @@ def test_what_happens_in_the_scene_is_followed(scene):
     assert (set(things.objects), set(lamps.objects)) == ({thing}, {lamp})
     assert (lit.camera, shown.camera) == (camera, camera)
     assert shown.render.resolution_x == scene.render.resolution_x
-    thing.hide_render = True
+    scene.collection.objects.unlink(thing)
     bpy.context.view_layer.update()
     assert not things.objects
 
@@ -158,6 +160,85 @@ def test_a_script_that_renders_at_once_gets_what_it_changed(scene, tmp_path):
     np.testing.assert_allclose(
         np.median(render_png(scene, tmp_path / "blue.png"), axis=(0, 1)), [0.0, 0.0, 1.0], atol=0.05
     )
+
+
+def render_frames(scene: bpy.types.Scene, folder: Path, count: int) -> list[np.ndarray]:
+    """The pictures of an animation."""
+    scene.frame_start, scene.frame_end = 1, count
+    scene.render.filepath = str(folder / "####")
+    bpy.ops.render.render(animation=True)
+    return [read_png(folder / f"{frame:04d}.png") for frame in range(1, count + 1)]
+
+
+def test_an_animation_cuts_to_the_cameras_that_markers_bind(scene, tmp_path):
+    red, blue = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+    for frame, height, light in ((1, 0.0, red), (2, 40.0, blue)):
+        add_thing(scene, (0.0, 0.0, height), size=6.0, light=light)
+        view = look_at((3.5, 0.0, height + 1.2), (0.0, 0.0, height))
+        scene.timeline_markers.new("cut", frame=frame).camera = look_through(scene, CAMERA, view)
+    bpy.ops.cvdgs.set_up_render()
+    for picture, light in zip(render_frames(scene, tmp_path, 2), (red, blue), strict=True):
+        np.testing.assert_allclose(np.median(picture, axis=(0, 1)), light, atol=0.05)
+
+
+def test_markers_that_are_bound_moved_or_deleted_are_followed(scene):
+    bpy.ops.cvdgs.set_up_render()
+    helpers, followers = (objects_scene(scene), gaussians_scene(scene)), apart.Followers()
+
+    def bound() -> list[list[tuple]]:
+        return [[(marker.frame, marker.camera) for marker in helper.timeline_markers] for helper in helpers]
+
+    first, second = scene.timeline_markers.new("first", frame=1), scene.timeline_markers.new("second", frame=20)
+    scene.timeline_markers.new("no cut", frame=10)
+    first.camera, second.camera = scene.camera, look_through(scene, CAMERA, ring_view(1.0))
+    bpy.context.view_layer.update()
+    assert bound() == 2 * [[(1, first.camera), (20, second.camera)]]
+    second.frame = 12
+    bpy.context.view_layer.update()
+    assert bound() == 2 * [[(1, first.camera), (12, second.camera)]]
+    scene.timeline_markers.remove(first)
+    followers.look()
+    assert bound() == 2 * [[(12, second.camera)]]
+
+
+def test_a_thing_is_there_in_the_frames_in_which_it_is_not_hidden(scene, tmp_path):
+    thing = add_thing(scene, (0.0, 0.0, 0.0), size=6.0, light=(0.0, 0.0, 1.0))
+    for frame, is_hidden in ((1, True), (2, False), (3, True)):
+        thing.hide_render = is_hidden
+        thing.keyframe_insert("hide_render", frame=frame)
+    scene.frame_set(1)
+    bpy.ops.cvdgs.set_up_render()
+    is_blue = [
+        np.allclose(np.median(picture, axis=(0, 1)), (0.0, 0.0, 1.0), atol=0.05)
+        for picture in render_frames(scene, tmp_path, 3)
+    ]
+    assert is_blue == [False, True, False]
+
+
+def test_a_hidden_thing_neither_shows_nor_hides_gaussians(scene, tmp_path):
+    bpy.ops.cvdgs.set_up_render()
+    without = render_png(scene, tmp_path / "without.png")
+    add_thing(scene, (0.0, 0.0, 0.0), light=(0.0, 0.0, 1.0)).hide_render = True
+    np.testing.assert_allclose(render_png(scene, tmp_path / "hidden.png"), without, atol=EIGHT_BITS)
+
+
+def test_the_panel_warns_of_rigid_bodies_that_renders_do_not_move(scene):
+    thing = add_thing(scene, (0.0, 0.0, 0.0))
+    bpy.ops.cvdgs.set_up_render()
+    bpy.context.view_layer.objects.active = thing
+    thing.select_set(True)
+
+    def warns() -> bool:
+        return "rigid bodies" in " ".join(drawn(CVDGS_PT_display).texts)
+
+    assert not warns()
+    bpy.ops.rigidbody.object_add()
+    assert warns()
+    scene.cvdgs.display.engine = "EEVEE"  # renders nothing apart
+    assert not warns()
+    scene.cvdgs.display.engine = "CYCLES"
+    bpy.ops.rigidbody.objects_remove()  # the last step of Bake to Keyframes
+    assert not warns()
 
 
 def test_restoring_leaves_no_trace(scene):
@@ -232,8 +313,12 @@ def test_only_cycles_with_lamps_renders_apart(scene, engine, colors):
     assert not is_apart(scene)
 
 
-def test_a_turntable_shows_things_from_its_own_camera(scene, tmp_path):
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_a_turntable_shows_things_from_its_own_camera(scene, tmp_path, is_cut):
     add_thing(scene, (0.0, 0.0, 0.0), size=6.0, light=(0.9, 0.0, 0.0))
+    if is_cut:
+        away = look_at((3.5, 0.0, 40.0), (9.0, 0.0, 40.0))
+        scene.timeline_markers.new("cut", frame=1).camera = look_through(scene, CAMERA, away)
     bpy.ops.cvdgs.set_up_render()
     target = next(found for found in scene.objects if splats.is_splats(found))
     add_turntable(scene, target, Turntable(frames=2))

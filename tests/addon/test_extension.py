@@ -31,7 +31,7 @@ def classes():
 def install():
     operators.package_install_files(filepath=sys.argv[1], repo="user_default", enable_on_install=False)
 found = {}
-before = len(handlers.load_pre)
+before = len(handlers.load_post)
 for attempt in range(2):
     install()
     found["installed"] = installed()
@@ -45,7 +45,7 @@ for attempt in range(2):
     found["own files after an upgrade"] = os.listdir(own)
     addon_utils.disable(name, default_set=True)
     found["left when disabled"] = [
-        *classes(), *(["property"] if hasattr(bpy.types.Scene, "cvdgs") else []), *handlers.load_pre[before:]
+        *classes(), *(["property"] if hasattr(bpy.types.Scene, "cvdgs") else []), *handlers.load_post[before:]
     ]
     repository = [entry.module for entry in bpy.context.preferences.extensions.repos].index("user_default")
     operators.package_uninstall(repo_index=repository, pkg_id="cvdgs")

@@ -98,16 +98,19 @@ def test_what_the_worker_refuses_is_a_message(capture, worker):
     assert finished(making.JOB).problem == "photos: no cameras - leave out --cameras given to estimate them"
 
 
-@pytest.mark.parametrize("event", ["file", "add-on"])
+@pytest.mark.parametrize("event", ["new file", "other file", "add-on"])
 def test_closing_ends_the_worker(capture, worker, tmp_path, event):
-    process = tmp_path / "process"
+    other, process = tmp_path / "other.blend", tmp_path / "process"
+    bpy.ops.wm.save_as_mainfile(filepath=str(other), copy=True)
     worker(f'open({str(process)!r}, "w").write(str(os.getpid())); emit("status", stage="start", message="loading")\n'
            "time.sleep(60)")  # fmt: skip
     press()
     job = ACTIVITY.job(making.JOB)
     until(lambda: job.progress.message == "loading")
-    if event == "file":
+    if event == "new file":
         bpy.ops.wm.read_homefile(use_empty=True)
+    elif event == "other file":
+        bpy.ops.wm.open_mainfile(filepath=str(other))
     else:
         ACTIVITY.unregister()
         ACTIVITY.register()
@@ -115,6 +118,22 @@ def test_closing_ends_the_worker(capture, worker, tmp_path, event):
     with pytest.raises(ProcessLookupError):
         os.kill(int(process.read_text()), 0)
     assert not (tmp_path / "photos CVD").exists()
+
+
+@pytest.mark.parametrize("content", [None, b"not of Blender"])
+def test_a_file_that_cannot_be_opened_leaves_the_run_going(capture, worker, tmp_path, content):
+    worker(SLEEPING)
+    press()
+    job = ACTIVITY.job(making.JOB)
+    until(lambda: job.progress.message == "loading")
+    recent = tmp_path / "recent.blend"
+    if content is not None:
+        recent.write_bytes(content)
+    with pytest.raises(RuntimeError, match=r"recent\.blend"):
+        bpy.ops.wm.open_mainfile(filepath=str(recent))
+    assert bpy.context.scene == capture
+    assert ACTIVITY.running(making.JOB) is job
+    assert not job.is_cancelling
 
 
 def test_a_second_layer_is_added_to_the_run_that_is_there(capture, worker, run_folder, tmp_path):

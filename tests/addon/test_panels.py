@@ -10,7 +10,7 @@ import bpy
 import pytest
 
 from cvdgs.core.errors import InputError
-from cvdgs.cvdgs_addon import inspection, making, messages, viewer
+from cvdgs.cvdgs_addon import inspection, making, messages, registration, viewer
 from cvdgs.cvdgs_addon.activity import ACTIVITY
 from cvdgs.cvdgs_addon.background import State
 from cvdgs.cvdgs_addon.pictures import PICTURES
@@ -120,6 +120,24 @@ def test_what_is_found_in_a_folder_that_was_undone_is_not_shown_of_another(addon
     scene.cvdgs.capture.folder = str(tmp_path / "second")
     finished(inspection.JOB)
     assert scene.cvdgs.capture.views == 0
+
+
+def test_a_file_that_opens_starts_its_inspection_when_that_of_the_file_before_has_ended(
+    addon, worker, tmp_path, monkeypatch
+):
+    file = str(tmp_path / "file.blend")
+    worker("time.sleep(60)")
+    bpy.context.scene.cvdgs.capture.folder = str(tmp_path)
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    inspection.start_inspection(bpy.context.scene)
+    before = ACTIVITY.running(inspection.JOB)
+    worker(INSPECTING)
+    with_window = SimpleNamespace(background=False, handlers=bpy.app.handlers)
+    monkeypatch.setattr(registration, "bpy", SimpleNamespace(app=with_window, context=bpy.context, data=bpy.data))
+    bpy.ops.wm.open_mainfile(filepath=file)
+    assert not before.is_running
+    assert finished(inspection.JOB) is not before
+    assert bpy.context.scene.cvdgs.capture.views == 24
 
 
 def test_a_wrong_folder_is_explained_in_the_panels_words(addon, worker, tmp_path):

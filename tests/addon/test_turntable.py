@@ -231,6 +231,28 @@ def test_the_scenes_own_engine_and_settings_can_be_kept(scene, splats, tmp_path)
     assert (tmp_path / "0002.png").is_file()
 
 
+def test_markers_bind_no_other_camera_while_the_turntable_renders(scene, splats, tmp_path):
+    add_turntable(scene, splats, SMALL)
+    other = bpy.data.objects.new("Other", bpy.data.cameras.new("Other"))
+    for frame in (1, 3, 5):
+        scene.timeline_markers.new("cut", frame=frame).camera = other
+    rendered = []
+
+    def look(rendering: bpy.types.Scene, *_: object) -> None:
+        rendered.append(rendering.camera)
+        if len(scene.timeline_markers) > 2:
+            scene.timeline_markers.remove(scene.timeline_markers[-1])
+
+    bpy.app.handlers.render_post.append(look)
+    try:
+        render_turntable(scene, SMALL, tmp_path, wait=True)
+    finally:
+        bpy.app.handlers.render_post.remove(look)
+    assert set(rendered) == {turntable_of(scene)}
+    assert [marker.camera for marker in scene.timeline_markers] == [other, other]  # the third was deleted meanwhile
+    assert not any(rendering_changes(scene))
+
+
 def test_what_stands_in_the_way_is_told(scene, splats, tmp_path):
     with pytest.raises(InputError, match="no turntable - add one first"):
         render_turntable(scene, SMALL, tmp_path, wait=True)
