@@ -32,7 +32,7 @@ _THINGS, _LAMPS, _CATCHERS, _SPLATS = "CVD Objects", "CVD Lamps", "CVD Shadow Ca
 _FOLLOWED = (
     *("camera", "world", "cycles.device", "render.resolution_x", "render.resolution_y", "render.resolution_percentage"),
     *("render.pixel_aspect_x", "render.pixel_aspect_y", "render.use_motion_blur", "render.motion_blur_shutter"),
-    *("render.use_border", "render.use_crop_to_border"),
+    *("render.use_border", "render.use_crop_to_border", "render.frame_map_old", "render.frame_map_new"),
     *(f"render.border_{end}_{axis}" for end in ("min", "max") for axis in "xy"),
 )
 _OF_OBJECTS = {
@@ -121,13 +121,12 @@ def follow(scene: bpy.types.Scene) -> None:
     follow_markers(scene)
     things, lamps, catchers = lit.collection.children
     splats = shown.collection.children[0]
+    rendered = _rendered(scene)
     changes = [
-        _fill(things, _things_of(scene)),
-        _fill(lamps, (found for found in scene.objects if found.type == "LIGHT")),
-        _fill(
-            catchers, (found for handle in filter(is_catcher_handle, scene.objects) for found in catchers_of(handle))
-        ),
-        _fill(splats, _splats_of(scene)),
+        _fill(things, filter(rendered.__contains__, _things_of(scene))),
+        _fill(lamps, (found for found in rendered if found.type == "LIGHT")),
+        _fill(catchers, (found for handle in filter(is_catcher_handle, rendered) for found in catchers_of(handle))),
+        _fill(splats, filter(_is_of_gaussians, rendered)),
     ]
     empty = scene.view_layers.get(_EMPTY_LAYER)
     for child in empty.layer_collection.children if empty is not None else ():
@@ -210,19 +209,32 @@ def _has_denoiser() -> bool:
     return bool(getattr(importlib.import_module("_cycles"), "with_openimagedenoise", False))
 
 
+def _rendered(scene: bpy.types.Scene) -> set[bpy.types.Object]:
+    """What the artist's view layers have and no collection hides in renders, as Blender would render the scene."""
+    layers = (layer for layer in scene.view_layers if layer.name != _EMPTY_LAYER)
+    return {found for layer in layers for found in _rendered_in(layer.layer_collection)}
+
+
+def _rendered_in(branch: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
+    """Those of a collection and of the collections in it: one that is excluded may have some that are not."""
+    if branch.collection.hide_render:
+        return
+    if not branch.exclude:
+        yield from branch.collection.objects
+    for child in branch.children:
+        yield from _rendered_in(child)
+
+
 def _things_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
     """What is lit, is seen, and hides Gaussians; `hide_render`, which may be keyed, counts in every frame anew."""
-    reachable = {found for layer in scene.view_layers if layer.name != _EMPTY_LAYER for found in layer.objects}
-    yield from filter(reachable.__contains__, surfaces(scene))
+    yield from surfaces(scene)
     for found in scene.objects:
-        if found.type == "EMPTY" and found.instance_type == "COLLECTION" and found in reachable:
+        if found.type == "EMPTY" and found.instance_type == "COLLECTION":
             yield found
 
 
-def _splats_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
-    for found in scene.objects:
-        if is_splats(found) or is_sparse_points(found) or is_native_splats(found):
-            yield found
+def _is_of_gaussians(candidate: bpy.types.Object) -> bool:
+    return is_splats(candidate) or is_sparse_points(candidate) or is_native_splats(candidate)
 
 
 def _fill(collection: bpy.types.Collection, wanted: Iterable[bpy.types.Object]) -> bool:

@@ -201,18 +201,21 @@ def test_markers_that_are_bound_moved_or_deleted_are_followed(scene):
     assert bound() == 2 * [[(12, second.camera)]]
 
 
-def test_a_thing_is_there_in_the_frames_in_which_it_is_not_hidden(scene, tmp_path):
+@pytest.mark.parametrize(("stretched", "shown"), [(1, [False, True, False]), (2, [True, False, False])])
+def test_a_thing_is_there_in_the_frames_in_which_it_is_not_hidden(scene, tmp_path, stretched, shown):
     thing = add_thing(scene, (0.0, 0.0, 0.0), size=6.0, light=(0.0, 0.0, 1.0))
     for frame, is_hidden in ((1, True), (2, False), (3, True)):
         thing.hide_render = is_hidden
         thing.keyframe_insert("hide_render", frame=frame)
     scene.frame_set(1)
     bpy.ops.cvdgs.set_up_render()
+    scene.render.frame_map_old = stretched  # frame 1 shows what is keyed at 2, then
+    scene.render.frame_map_new = 1
     is_blue = [
         np.allclose(np.median(picture, axis=(0, 1)), (0.0, 0.0, 1.0), atol=0.05)
         for picture in render_frames(scene, tmp_path, 3)
     ]
-    assert is_blue == [False, True, False]
+    assert is_blue == shown
 
 
 def test_a_hidden_thing_neither_shows_nor_hides_gaussians(scene, tmp_path):
@@ -220,6 +223,32 @@ def test_a_hidden_thing_neither_shows_nor_hides_gaussians(scene, tmp_path):
     without = render_png(scene, tmp_path / "without.png")
     add_thing(scene, (0.0, 0.0, 0.0), light=(0.0, 0.0, 1.0)).hide_render = True
     np.testing.assert_allclose(render_png(scene, tmp_path / "hidden.png"), without, atol=EIGHT_BITS)
+
+
+@pytest.mark.parametrize("how", ["hidden in renders", "excluded"])
+def test_collections_that_are_not_rendered_are_left_out(scene, how):
+    top, inner = (bpy.data.collections.new(name) for name in ("set", "props"))
+    scene.collection.children.link(top)
+    top.children.link(inner)
+    thing, lamp = add_thing(scene, (0.0, 0.0, 0.0)), add_lamp(scene)
+    for found, place in ((thing, inner), (lamp, top)):
+        scene.collection.objects.unlink(found)
+        place.objects.link(found)
+    assert bpy.ops.cvdgs.set_up_render() == {"FINISHED"}
+    lit, shown = objects_scene(scene), gaussians_scene(scene)
+    assert {thing, lamp} <= set(lit.objects)
+    if how == "excluded":
+        for layer in scene.view_layers:
+            layer.layer_collection.children[top.name].exclude = True
+    else:
+        top.hide_render = True
+    apart.follow(scene)
+    assert not {thing, lamp} & set(lit.objects)
+    assert thing.name not in shown.objects
+    run = scene.collection.children["run"]
+    run.hide_render = True
+    apart.follow(scene)
+    assert not set(run.objects) & set(shown.objects)
 
 
 def test_the_panel_warns_of_rigid_bodies_that_renders_do_not_move(scene):
