@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import __version__
+from ..capture.files import files_of_a_capture
 from ..errors import InputError
 from ..files.untrusted import read_json, replacing
 from .task import BATCH_FOLDER, Kind, Task
@@ -127,7 +128,8 @@ def _outputs_fit(out: Path, record: Record) -> bool:
 
 
 def _inputs_fit(task: Task, out: Path, record: Record) -> bool:
-    files = _input_files(task, out)
+    # What was signed and would not be now, as an earlier version did with hidden files, may be there as it was.
+    files = {name: out / name for name in record.inputs} | _input_files(task, out)
     for name, path in files.items():
         known = record.inputs.get(name)
         if known is None:
@@ -135,19 +137,17 @@ def _inputs_fit(task: Task, out: Path, record: Record) -> bool:
         try:
             if _quick_signature(path) != known[:2] and _signature(path)[-1:] != known[-1:]:
                 return False
-        except OSError:
+        except (OSError, ValueError):  # it cannot be read, or no file has such a name
             return False
-    return len(files) == len(record.inputs)
+    return True
 
 
 def _input_files(task: Task, out: Path) -> dict[str, Path]:
-    """Every file that `task` depends on, those in folders one by one, by its name in the record."""
+    """Every file that `task` depends on, by its name in the record; of a capture's folder, what a run reads."""
     files: dict[str, Path] = {}  # cameras may lie in the folder of the photographs, or the other way round
     for path in task.input_paths(out):
         if path.is_dir():
-            for folder, subfolders, names in os.walk(path):
-                subfolders.sort()
-                files.update((_name(Path(folder, name), out), Path(folder, name)) for name in sorted(names))
+            files.update((_name(file, out), file) for file in files_of_a_capture(path))
         else:
             files[_name(path, out)] = path
     return files
