@@ -20,7 +20,7 @@ from typing import Any
 from ... import __version__
 from ..capture.files import files_of_a_capture
 from ..errors import InputError
-from ..files.untrusted import read_json, replacing
+from ..files.untrusted import is_file, read_json, replacing
 from .task import BATCH_FOLDER, Kind, Task
 
 DONE_FOLDER = "done"
@@ -29,7 +29,10 @@ _FORMAT = 1
 _INCIDENTAL = {Kind.TRAIN: ("layers",)}
 
 Signatures = Mapping[str, tuple[Any, ...]]
-"""By path: size in bytes, time of change in ns, and SHA-256 of a file; the target of a link; empty where nothing is."""
+"""By path: size in bytes, time of change in ns, and SHA-256 of a file; empty where nothing is.
+
+Of a link its text alone, or its text and then all that of the regular file at its end.
+"""
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,8 @@ def _inputs_fit(task: Task, out: Path, record: Record) -> bool:
         if known is None:
             return False
         try:
-            if _quick_signature(path) != known[:2] and _signature(path)[-1:] != known[-1:]:
+            without_contents = known[:-1] if len(known) > 2 else known
+            if _quick_signature(path) != without_contents and _signature(path)[-1:] != known[-1:]:
                 return False
         except (OSError, ValueError):  # it cannot be read, or no file has such a name
             return False
@@ -158,19 +162,20 @@ def _name(path: Path, out: Path) -> str:
 
 
 def _quick_signature(path: Path) -> tuple[Any, ...]:
-    """Size and time of change; the target of a link, which is never followed; empty where nothing is."""
+    """The signature without the contents."""
     try:
-        if path.is_symlink():
-            return (os.readlink(path),)
+        text = (os.readlink(path),) if path.is_symlink() else ()
+        if text and not is_file(path):
+            return text
         status = path.stat()
     except FileNotFoundError:
         return ()
-    return status.st_size, status.st_mtime_ns
+    return *text, status.st_size, status.st_mtime_ns
 
 
 def _signature(path: Path) -> tuple[Any, ...]:
     quick = _quick_signature(path)
-    if len(quick) < 2 or not path.is_file():
+    if not is_file(path):
         return quick
     with open(path, "rb") as file:
         return *quick, hashlib.file_digest(file, "sha256").hexdigest()

@@ -183,6 +183,63 @@ def test_a_record_that_counts_a_hidden_file_still_vouches(tmp_path, training):
     assert not is_done(training, out)
 
 
+@pytest.fixture
+def linked(tmp_path, training):
+    """The file at the end of a link that `training` reads."""
+    original = tmp_path / "capture/.annex/object"
+    original.parent.mkdir()
+    original.write_text("photograph 3")
+    (tmp_path / "capture/images/3.jpg").symlink_to("../.annex/object")
+    write_record(training, tmp_path / "out", sign_inputs(training, tmp_path / "out"), 1.0)
+    return original
+
+
+@pytest.mark.parametrize("change", ["content", "remove", "dangle", "replace"])
+def test_what_a_link_leads_to_counts(tmp_path, training, linked, change):
+    link = tmp_path / "capture/images/3.jpg"
+    assert is_done(training, tmp_path / "out")
+    if change == "content":
+        linked.write_text("photograph 4")
+    elif change == "remove":
+        link.unlink()
+    else:
+        linked.unlink()
+        if change == "replace":
+            linked.mkdir()
+    assert not is_done(training, tmp_path / "out")
+
+
+@pytest.mark.parametrize("change", ["touch", "move"])
+def test_the_same_content_at_the_end_of_a_link_does_not(tmp_path, training, linked, change):
+    if change == "touch":
+        os.utime(linked, ns=(1, 1))
+    else:
+        linked.rename(linked.with_name("moved"))
+        (tmp_path / "capture/images/3.jpg").unlink()
+        (tmp_path / "capture/images/3.jpg").symlink_to("../.annex/moved")
+    assert is_done(training, tmp_path / "out")
+
+
+def test_a_link_that_leads_nowhere_counts_by_its_text(tmp_path, training):
+    link, out = tmp_path / "capture/images/3.jpg", tmp_path / "out"
+    link.symlink_to("3.jpg")  # to itself
+    write_record(training, out, sign_inputs(training, out), 1.0)
+    assert is_done(training, out)
+    link.unlink()
+    assert not is_done(training, out)
+    link.symlink_to("nowhere")
+    assert not is_done(training, out)
+
+
+def test_a_record_with_the_text_of_a_link_alone_does_not_vouch_for_its_file(tmp_path, training, linked):
+    """As those that were made before links were followed."""
+    path = record_path(training, tmp_path / "out")
+    record = json.loads(path.read_text())
+    record["inputs"][str(tmp_path / "capture/images/3.jpg")] = ["../.annex/object"]
+    path.write_text(json.dumps(record))
+    assert not is_done(training, tmp_path / "out")
+
+
 def test_a_file_inside_a_folder_that_is_an_input_too_counts_once(out):
     both = replace(FRAMES, inputs=(*FRAMES.inputs, "chair/run/capture/cameras", "chair/run"))
     write_record(both, out, sign_inputs(both, out), 1.0)
