@@ -12,14 +12,14 @@ import queue
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from ..errors import InputError
 from ..runs.folder import is_held, lock_exclusively, open_lock
 from ..runtime.process import Event, Job
-from ..runtime.resources import Resources
+from ..runtime.resources import CARDS_VARIABLE, Resources, card_names
 from ..runtime.supervisor import EXIT_DONE, EXIT_INPUT, Listener
 from .scheduler import PROGRESS_SECONDS, BatchOutcome, BatchScheduler
 from .task import BATCH_FOLDER, Plan, Task, plan_path
@@ -81,9 +81,11 @@ class _Attempt:
 
 class _Pool:
     def __init__(self, plan: Plan, machine: Resources, listen: Listener) -> None:
+        self._card_names = card_names(machine.gpus)
+        machine = replace(machine, gpus=len(self._card_names))
         self._plan, self._machine, self._free = plan, machine, machine
         self._scheduler = BatchScheduler(plan, machine, listen)
-        self._cards = list(range(machine.gpus))
+        self._cards = list(range(machine.gpus))  # that are free, by their places among the names
         self._running: dict[str, _Attempt] = {}
         self._ready_since: dict[str, float] = {}
         self._events: queue.Queue[tuple[_Attempt, Event | None]] = queue.Queue()
@@ -114,7 +116,8 @@ class _Pool:
     def _start(self, task: Task) -> None:
         share = task.resources.capped(self._machine)
         cards = tuple(self._cards[: share.gpus])
-        job = start_task(plan_path(self._plan.out), task.name, _variables(share, cards))
+        variables = _variables(share, [self._card_names[card] for card in cards])
+        job = start_task(plan_path(self._plan.out), task.name, variables)
         attempt = self._running[task.name] = _Attempt(task, job, share, cards)
         self._free -= share
         self._cards = self._cards[share.gpus :]
@@ -165,11 +168,11 @@ class _Pool:
             thread.join()
 
 
-def _variables(share: Resources, cards: tuple[int, ...]) -> dict[str, str]:
+def _variables(share: Resources, cards: Sequence[str]) -> dict[str, str]:
     """Environment of a task's process: its part of the machine, and the Blender that this is."""
     variables = {"OMP_NUM_THREADS": str(share.cores)}
     if cards:
-        variables["CUDA_VISIBLE_DEVICES"] = ",".join(map(str, cards))
+        variables[CARDS_VARIABLE] = ",".join(cards)
     bpy = sys.modules.get("bpy")
     if bpy is not None and bpy.app.binary_path:
         variables["CVDGS_BLENDER"] = os.environ.get("CVDGS_BLENDER", bpy.app.binary_path)

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from ... import __version__
+from ..capture.files import files_of_a_capture
 from ..errors import InputError
-from ..files.untrusted import read_json, replacing
+from ..files.untrusted import is_file, read_json, replacing
 from .task import BATCH_FOLDER, Kind, Task
 
 DONE_FOLDER = "done"
@@ -28,7 +29,10 @@ _FORMAT = 1
 _INCIDENTAL = {Kind.TRAIN: ("layers",)}
 
 Signatures = Mapping[str, tuple[Any, ...]]
-"""By path: size in bytes, time of change in ns, and SHA-256 of a file; the target of a link; empty where nothing is."""
+"""By path: size in bytes, time of change in ns, and SHA-256 of a file; empty where nothing is.
+
+Of a link its text alone, or its text and then all that of the regular file at its end.
+"""
 
 
 @dataclass(frozen=True)
@@ -127,27 +131,27 @@ def _outputs_fit(out: Path, record: Record) -> bool:
 
 
 def _inputs_fit(task: Task, out: Path, record: Record) -> bool:
-    files = _input_files(task, out)
+    # What was signed and would not be now, as an earlier version did with hidden files, may be there as it was.
+    files = {name: out / name for name in record.inputs} | _input_files(task, out)
     for name, path in files.items():
         known = record.inputs.get(name)
         if known is None:
             return False
         try:
-            if _quick_signature(path) != known[:2] and _signature(path)[-1:] != known[-1:]:
+            without_contents = known[:-1] if len(known) > 2 else known
+            if _quick_signature(path) != without_contents and _signature(path)[-1:] != known[-1:]:
                 return False
-        except OSError:
+        except (OSError, ValueError):  # it cannot be read, or no file has such a name
             return False
-    return len(files) == len(record.inputs)
+    return True
 
 
 def _input_files(task: Task, out: Path) -> dict[str, Path]:
-    """Every file that `task` depends on, those in folders one by one, by its name in the record."""
+    """Every file that `task` depends on, by its name in the record; of a capture's folder, what a run reads."""
     files: dict[str, Path] = {}  # cameras may lie in the folder of the photographs, or the other way round
     for path in task.input_paths(out):
         if path.is_dir():
-            for folder, subfolders, names in os.walk(path):
-                subfolders.sort()
-                files.update((_name(Path(folder, name), out), Path(folder, name)) for name in sorted(names))
+            files.update((_name(file, out), file) for file in files_of_a_capture(path))
         else:
             files[_name(path, out)] = path
     return files
@@ -158,19 +162,20 @@ def _name(path: Path, out: Path) -> str:
 
 
 def _quick_signature(path: Path) -> tuple[Any, ...]:
-    """Size and time of change; the target of a link, which is never followed; empty where nothing is."""
+    """The signature without the contents."""
     try:
-        if path.is_symlink():
-            return (os.readlink(path),)
+        text = (os.readlink(path),) if path.is_symlink() else ()
+        if text and not is_file(path):
+            return text
         status = path.stat()
     except FileNotFoundError:
         return ()
-    return status.st_size, status.st_mtime_ns
+    return *text, status.st_size, status.st_mtime_ns
 
 
 def _signature(path: Path) -> tuple[Any, ...]:
     quick = _quick_signature(path)
-    if len(quick) < 2 or not path.is_file():
+    if not is_file(path):
         return quick
     with open(path, "rb") as file:
         return *quick, hashlib.file_digest(file, "sha256").hexdigest()

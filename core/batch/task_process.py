@@ -15,6 +15,7 @@ from typing import TextIO
 from ..errors import Cancelled, InputError
 from ..runtime.process import GRACE_SECONDS, Event, Job, follow_parent
 from ..runtime.progress import RunProgress
+from ..runtime.resources import CARDS_VARIABLE
 from ..runtime.supervisor import BarDisplay, JsonDisplay, Listener, Log, WorkerDefect, in_console
 from .run_task import run_task
 from .scheduler import log_path
@@ -37,6 +38,8 @@ def run_task_in_console(plan_file: Path, name: str, *, json_events: bool, parent
         task = plan.task(name)
         # Before anything counts the cores; whoever set it knows better.
         os.environ.setdefault("OMP_NUM_THREADS", str(task.cores))
+        if task.gpu == 0:  # what was planned without a card must not take one that is there
+            os.environ[CARDS_VARIABLE] = ""
         path = log_path(name, plan.out)
         path.parent.mkdir(parents=True, exist_ok=True)
         with open(path, "a", encoding="utf-8") as file:

@@ -13,14 +13,13 @@ from ..errors import InputError
 from ..files.untrusted import is_file
 from ..runtime.protocol import Reporter
 from .colmap_files import ColmapModel, read_model
-from .files import Spelling, list_images, quote_first, resolve_inside
+from .files import IMAGE_FOLDERS, Spelling, list_images, quote_first, resolve_inside
 from .shared_lens import describe, may_share_lens, share_lens
 from .source import SourceModel, SourceView, rigid_pose
 
 _MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", "colmap_sparse", ".")  # the last but one is instant-ngp's
 # Elsewhere, as in ``dense/0/sparse`` of COLMAP's reconstructor, it is looked for.
 _SEARCHED_DEPTH = 3
-IMAGE_FOLDERS = ("images", "colmap/images", "input", "rgb")
 # Of folders with pictures of the photographs' names that are none.
 _NO_PHOTOGRAPHS = ("mask", "depth", "normal", "segment")
 MAX_ANAMORPHISM = 10.0  # anamorphic lenses squeeze by 2; beyond this the file is wrong

@@ -11,12 +11,12 @@ from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
-from ..files.untrusted import is_encodable, is_file, is_there
-from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS
+from ..files.untrusted import is_encodable, is_file, is_folder, is_there, read_json
+from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS, VIDEO_EXTENSIONS
 from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..runs.enhanced import METRICS_NAME, enhanced_files
 from ..runs.folder import files_of_a_run
-from ..runs.layout import REPORT_FILE
+from ..runs.layout import MASKS_FOLDER, REPORT_FILE
 from ..runs.report import is_run
 
 # What is read and what telephones, cameras, scanners and renderers write.
@@ -25,6 +25,12 @@ IMAGE_EXTENSIONS = (
     *HEIF_EXTENSIONS,
     *RAW_EXTENSIONS,
 )
+
+IMAGE_FOLDERS = ("images", "colmap/images", "input", "rgb")
+"""Where photographs usually lie in a capture."""
+
+# One file is read; the splits of the NeRF synthetic layout overlap in purpose with our own held-out views.
+TRANSFORMS_FILES = ("transforms.json", "transforms_train.json", "transforms_test.json", "transforms_val.json")
 
 FRAMES_FILE = "frames.json"
 """In the folder of extracted frames or, in the capture, beside it:
@@ -36,6 +42,9 @@ from the beginning of the video of that name. Photographs are not in it.
 # What cameras and editors leave beside them and is not read.
 SPLAT_EXTENSION = ".ply"
 FOREIGN_EXTENSIONS = (".jxl", ".gif", ".psd", ".raf", ".rw2", ".orf", ".pef", ".r3d", *PANORAMA_EXTENSIONS)
+
+# What Windows leaves where somebody has looked at a folder, in lower case; what other systems leave is hidden.
+_LEFT_BEHIND = frozenset(("thumbs.db", "ehthumbs.db", "desktop.ini"))
 
 _UNSAFE_IN_KEY = re.compile(r"[^A-Za-z0-9._-]+")
 # Names that Windows keeps for devices, with or without an extension.
@@ -197,6 +206,51 @@ def list_images(folder: Path, extensions: Collection[str] = IMAGE_EXTENSIONS) ->
 
     paths = [path for path in visible_files(folder, refuse) if path.suffix.lower() in extensions and is_file(path)]
     return sorted((path.relative_to(folder).as_posix() for path in paths), key=natural_key)
+
+
+def files_of_a_capture(folder: Path) -> list[Path]:
+    """What a run may read of the capture in `folder`, in order: nothing that programs leave there unasked.
+
+    These are its `visible_files`, and those of the folders in it that are listed by themselves, which may be hidden or
+    hold enhanced photographs alone: the usual ones of photographs and masks, and those that a transforms.json names. A
+    capture that has no photographs but enhanced ones has these, wherever they lie.
+    """
+    files = set(visible_files(folder))
+    for part in {*_usual_folders(folder, files), *_named_folders(folder)}:
+        files.update(visible_files(part))
+    if not any(_is_material(path.relative_to(folder)) for path in files):
+        for directory, subfolders, names in os.walk(folder):
+            subfolders[:] = [name for name in subfolders if not name.startswith(".")]
+            files.update(Path(directory, name) for name in names if not name.startswith("."))
+    return sorted(path for path in files if path.name.lower() not in _LEFT_BEHIND)
+
+
+def _is_material(path: Path) -> bool:
+    """Whether `path`, in a capture, is called like a photograph or a video."""
+    return path.suffix.lower() in (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS) and MASKS_FOLDER not in path.parts
+
+
+def _usual_folders(folder: Path, files: Iterable[Path]) -> Iterator[Path]:
+    """Folders of photographs and of masks beside `files`, which lie in `folder`, or beside folders with some."""
+    above = {parent for place in {path.parent for path in files} for parent in (place, *place.parents)}
+    for place in [folder, *(parent for parent in above if folder in parent.parents)]:
+        yield from (place / name for name in (*IMAGE_FOLDERS, MASKS_FOLDER) if is_folder(place / name))
+
+
+def _named_folders(folder: Path) -> Iterator[Path]:
+    """Folders below `folder` in which the photographs and masks lie that its camera files name."""
+    for file in filter(is_file, (folder / name for name in TRANSFORMS_FILES)):
+        try:
+            document = read_json(file, strict=False)
+        except InputError:
+            continue  # a run says what is wrong with it
+        frames = document.get("frames") if isinstance(document, dict) else None
+        frames = [frame for frame in frames if isinstance(frame, dict)] if isinstance(frames, list) else []
+        names = [frame.get(key) for frame in frames for key in ("file_path", "mask_path")]
+        for parent in {PurePosixPath(_portable(name)).parent.as_posix() for name in names if isinstance(name, str)}:
+            inside = relative_name(folder, parent)
+            if not _is_absolute(inside) and ".." not in PurePosixPath(inside).parts and is_folder(folder / inside):
+                yield folder / inside
 
 
 def make_keys(names: Sequence[str]) -> list[str]:

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files.untrusted import is_file, is_folder
 from ..runs.layout import MASKS_FOLDER
-from .colmap import IMAGE_FOLDERS
-from .files import list_images, quote_first, resolve_inside, shared_root
+from .files import IMAGE_FOLDERS, list_images, quote_first, resolve_inside, shared_root
 from .images import ImageHeader, apply_orientation, read_pixels
 from .model import View
 from .scaling import same_aspect

@@ -27,8 +27,16 @@ from ..intake.selection import choose
 from ..intake.video import MAX_SECONDS, Look, extract, look_through
 from ..runs.layout import MASKS_FOLDER
 from ..runtime.protocol import Reporter
-from .colmap import IMAGE_FOLDERS
-from .files import FOREIGN_EXTENSIONS, FRAMES_FILE, SPLAT_EXTENSION, list_images, make_keys, quote_first, resolve_inside
+from .files import (
+    FOREIGN_EXTENSIONS,
+    FRAMES_FILE,
+    IMAGE_FOLDERS,
+    SPLAT_EXTENSION,
+    list_images,
+    make_keys,
+    quote_first,
+    resolve_inside,
+)
 from .images import read_pixels
 from .masks import FoundMasks, find_masks
 from .model import CaptureWarning

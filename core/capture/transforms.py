@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..files.untrusted import is_file, is_there, read_json
 from ..runs.layout import MASKS_FOLDER
 from .colmap import check_camera
-from .files import IMAGE_EXTENSIONS, Spelling, quote_first, relative_name, resolve_inside
+from .files import IMAGE_EXTENSIONS, TRANSFORMS_FILES, Spelling, quote_first, relative_name, resolve_inside
 from .images import read_header
 from .points import read_point_cloud
 from .source import (
@@ -32,8 +32,6 @@ from .source import (
     rigid_pose,
 )
 
-# One file is read; the splits of the NeRF synthetic layout overlap in purpose with our own held-out views.
-_FILE_NAMES = ("transforms.json", "transforms_train.json", "transforms_test.json", "transforms_val.json")
 _MAX_STATED_SIDE = 1_000_000
 _EXPORT_AGAIN = "copy or export the file again"
 
@@ -47,7 +45,7 @@ _KANNALA_BRANDT = ("k1", "k2", "k3", "k4")
 
 def find_transforms(folder: Path) -> Path | None:
     """The camera file of the capture in `folder`, if it has one."""
-    return next((folder / name for name in _FILE_NAMES if (folder / name).exists()), None)
+    return next((folder / name for name in TRANSFORMS_FILES if (folder / name).exists()), None)
 
 
 def read_transforms(file: Path, folder: Path | None = None) -> SourceModel:

@@ -16,8 +16,7 @@ from ..errors import InputError
 from ..files.untrusted import is_file
 from ..intake.raw import Development
 from ..runtime.protocol import Reporter
-from .colmap import IMAGE_FOLDERS
-from .files import make_keys, natural_key, resolve_inside, shared_root
+from .files import IMAGE_FOLDERS, make_keys, natural_key, resolve_inside, shared_root
 from .images import MIN_SIDE, ImageHeader, apply_orientation, read_header, read_pixels, upright_rotation
 from .masks import as_shown, read_mask, resized_mask
 from .model import PinholeCamera, View

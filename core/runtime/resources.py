@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import ctypes
 import os
+import re
 import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 
 _CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
 _STATUS = Path("/proc/self/status")
 _UNKNOWN_MEMORY_MB = 8192  # where the system does not tell
 _MIB = 1 << 20
+
+CARDS_VARIABLE = "CUDA_VISIBLE_DEVICES"
+"""Environment variable with the graphics cards that a process may use: numbers or UUIDs with commas between them."""
+# Of a line of ``nvidia-smi -L``; parts of a card (MIG) have an identifier and no such number.
+_CARD_NUMBER = re.compile(r"^GPU (\d+):", re.MULTILINE)
+_CARD_IDENTIFIER = re.compile(r"\(UUID: ([^)]+)\)")
 
 
 @dataclass(frozen=True)
@@ -44,7 +52,7 @@ def this_machine(cores: int | None = None, memory_mb: int | None = None, gpus: i
     return Resources(
         available_processors() if cores is None else cores,
         _memory_mb() if memory_mb is None else memory_mb,
-        _graphics_cards() if gpus is None else gpus,
+        len(_graphics_cards()) if gpus is None else gpus,
     )
 
 
@@ -60,16 +68,47 @@ def _memory_mb() -> int:
         return memory
 
 
-def _graphics_cards() -> int:
-    """CUDA devices of this machine, as reported by the driver's own program."""
+def card_names(count: int) -> list[str]:
+    """Names for `CARDS_VARIABLE` of the first `count` graphics cards that this process may use.
+
+    They are fewer where the variable is set and has fewer. Whether the machine has them is not looked at.
+    """
+    allowed = _allowed_cards()
+    return [str(number) for number in range(count)] if allowed is None else allowed[:count]
+
+
+def _allowed_cards() -> list[str] | None:
+    """The entries of `CARDS_VARIABLE` up to the first that is none to CUDA, such as -1; None where it is not set."""
+    text = os.environ.get(CARDS_VARIABLE)
+    if text is None:
+        return None
+    entries = [entry.strip() for entry in text.split(",")]
+    return list(takewhile(lambda entry: entry and not entry.startswith("-"), dict.fromkeys(entries)))
+
+
+def _graphics_cards() -> list[str]:
+    """CUDA devices that this process may use, of those that the driver's own program reports."""
+    numbers, identifiers = _listed_cards()
+    allowed = _allowed_cards()
+    if allowed is None:
+        return numbers
+
+    def is_listed(entry: str) -> bool:
+        return entry in numbers or any(name.startswith(entry) for name in identifiers)
+
+    return list(takewhile(is_listed, allowed))  # as CUDA does, which stops at the first that is not there
+
+
+def _listed_cards() -> tuple[list[str], list[str]]:
+    """Numbers and UUIDs of all cards of this machine; the driver's program does not look at `CARDS_VARIABLE`."""
     program = shutil.which("nvidia-smi")
     if program is None:
-        return 0
+        return [], []
     try:
         listed = subprocess.run([program, "-L"], capture_output=True, text=True, timeout=20.0, check=True).stdout
     except (OSError, subprocess.SubprocessError):
-        return 0
-    return sum(line.startswith("GPU ") for line in listed.splitlines())
+        return [], []
+    return _CARD_NUMBER.findall(listed), _CARD_IDENTIFIER.findall(listed)
 
 
 def available_processors() -> int:

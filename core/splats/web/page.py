@@ -20,7 +20,7 @@ from ...color.matrices import linear_simulation
 from ...errors import InputError
 from ...files.untrusted import writing_whole
 from ...runs.layout import ORIGINAL
-from ...settings import CVD_TYPES
+from ...settings import CVD_TYPES, Layer
 from ..gaussians import Gaussians, core_bounds
 from ..io.layers import direction_of, first_of
 from .streams import pack
@@ -34,6 +34,7 @@ _UPRIGHT_TOLERANCE = np.radians(25.0)  # +Z within this angle of the cameras' me
 _USUAL_UP = "-y"  # of scenes from structure from motion
 _NEAR = 0.05  # smallest depth drawn, of the farthest camera's distance from their mean: as trained (core/splats/raster)
 _MOST_CAMERAS = 500  # in a page: those of more photographs are thinned out
+_ORIGINAL_TITLE = "Original"  # as viewer.js knows it
 _FIELD_OF_VIEW = 0.9  # radians, where no camera is known
 
 
@@ -108,6 +109,7 @@ def write_web_page(
         **streams.description,
         "captions": [surroundings.captions.get(name, "") for name in layers],
         "names": [surroundings.names.get(name, name) for name in layers],
+        "first": _first_title(next(iter(layers)), surroundings.names),
         "radius": radius,
         "background": surroundings.background,
         "simulation": _simulations(surroundings.model),
@@ -131,6 +133,17 @@ def write_web_page(
         for name, data in streams.data.items():
             file.write(f'<script type="text/plain" id="data-{name}">{data}</script>\n'.encode())
         file.write(_filled(after, texts))
+
+
+def _first_title(name: str, names: Mapping[str, str]) -> str:
+    """What the colours of the first layer are called: enhanced ones only where it has the name of a run's layer."""
+    if name == ORIGINAL:
+        return _ORIGINAL_TITLE
+    try:
+        is_enhanced = name in names or Layer.from_name(name).cvd in CVD_TYPES
+    except ValueError:
+        is_enhanced = False
+    return f"Enhanced for {names.get(name, name)}" if is_enhanced else name
 
 
 def up_of(views: Sequence[CaptureView]) -> NDArray[np.float64]:

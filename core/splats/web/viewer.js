@@ -3,6 +3,7 @@
 
 const find = (id) => document.getElementById(id);
 const OBSERVERS = { normal: "normal vision", protan: "protan", deutan: "deutan", tritan: "tritan", achromat: "achromat" };
+const ORIGINAL = "Original";  // what a first layer in the photographs' own colours is called
 const MANY = 300000;       // Gaussians from which on the detail can be chosen
 const MOST_ON_PHONES = 400000, MOST_ELSEWHERE = 1500000;  // that are drawn at first
 const MOST_PATIENCE = 1000;  // milliseconds that the first picture of many may take; otherwise fewer are drawn
@@ -82,6 +83,8 @@ class Viewer {
   }
 
   get hasLayers() { return this.scene.layers.length > 1; }
+  get startsOriginal() { return this.scene.first === ORIGINAL; }
+  get title() { return `Enhanced for ${this.scene.names[this.layer]}`; }
   get wipes() { return this.hasLayers && find("wipes").checked; }
 
   home() {
@@ -230,10 +233,10 @@ class Viewer {
 
   describe() {
     const amount = Number(find("amount").value);
-    const name = this.scene.names[this.layer];
-    const colours = !this.hasLayers || amount === 0 ? "Original colours"
-      : `${this.wipes ? "Original beside e" : "E"}nhanced for ${name}${amount < 100 ? `, ${amount} %` : ""}`;
-    return colours + this.seen();
+    const first = this.scene.first;
+    if (!this.hasLayers || amount === 0) return (this.startsOriginal ? `${first} colours` : first) + this.seen();
+    const colours = this.wipes ? `${first} beside ${this.title.replace("E", "e")}` : this.title;
+    return `${colours}${amount < 100 ? `, ${amount} %` : ""}${this.seen()}`;
   }
 
   seen() {
@@ -261,15 +264,20 @@ function connect(viewer) {
   const show = () => {
     const amount = find("amount");
     find("amount-text").value = `${amount.value} %`;
-    amount.setAttribute("aria-valuetext", amount.value === "0" ? "original" : `${amount.value} percent enhanced`);
+    const ends = viewer.startsOriginal ? [ORIGINAL, "Enhanced"] : [scene.first, viewer.title];
+    const [from, to] = ends.map((text) => text.toLowerCase());
+    ["amount-from", "amount-to"].forEach((id, end) => { find(id).textContent = ends[end]; });
+    amount.setAttribute("aria-label", `From ${from} to ${to}${viewer.startsOriginal ? " colours" : ""}`);
+    amount.setAttribute("aria-valuetext", amount.value === "0" ? from : `${amount.value} percent ${to}`);
+    find("wipe").setAttribute("aria-label", `Where ${from} and ${to} meet`);
     find("severity-text").value = `severity ${Number(find("severity").value).toFixed(2)}`;
     find("severity-row").hidden = viewer.observer === "normal";
     find("budget-text").value = `${viewer.count.toLocaleString("en")} Gaussians`;
     find("wipe-row").hidden = find("divider").hidden = find("tag-left").hidden = !viewer.wipes;
     find("divider").style.left = `${find("wipe").value}%`;
-    find("tag-left").textContent = `Original${viewer.seen()}`;
+    find("tag-left").textContent = `${scene.first}${viewer.seen()}`;
     find("tag-right").textContent = viewer.wipes
-      ? `Enhanced for ${scene.names[viewer.layer]}${viewer.seen()}` : viewer.describe();
+      ? `${viewer.title}${viewer.seen()}` : viewer.describe();
     find("caption").textContent = scene.captions[viewer.layer];
     viewer.request();
   };

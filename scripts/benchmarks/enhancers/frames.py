@@ -19,7 +19,7 @@ import pandas as pd
 import torch
 from numpy.typing import NDArray
 
-from ....core.capture.colmap import IMAGE_FOLDERS
+from ....core.capture.files import IMAGE_FOLDERS
 from ....core.color.metrics import ccpr, psnr, ssim
 from ....core.color.simulation import simulate
 from ....core.color.spaces import image_to_tensor

@@ -74,6 +74,13 @@ def test_training_goes_to_the_worker_that_offers_a_card(farm, collection, cluste
     assert all(with_card in log for log in logs)
 
 
+def test_tasks_that_take_no_card_see_none_on_a_worker_that_has_one(collection, cluster):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    assert collection.run(*cluster, "--gpus", "0")[0] == 0
+    assert {entry["cards"] for entry in collection.diary} == {""}
+
+
 @pytest.mark.slow
 def test_an_item_that_fails_does_not_stop_the_others_and_is_not_tried_in_vain(collection, cluster):
     collection.add_capture("chair", "refuse")

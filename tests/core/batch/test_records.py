@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -88,6 +89,155 @@ def test_so_do_files_that_come_and_go_in_a_folder(out, change):
         if change == "link":
             cameras.symlink_to("elsewhere")
     assert not is_done(FRAMES, out)
+
+
+LEFT_BY_PROGRAMS = [".DS_Store", "images/._1.jpg", "images/Thumbs.db", "Desktop.ini", ".thumbnails/1.jpg"]
+
+
+@pytest.fixture
+def training(tmp_path):
+    """A training from a capture in `tmp_path` that was done."""
+    images, out = tmp_path / "capture" / "images", tmp_path / "out"
+    images.mkdir(parents=True)
+    out.mkdir()
+    for number in (1, 2):
+        (images / f"{number}.jpg").write_text(f"photograph {number}")
+    task = Task("chair.train", Kind.TRAIN, inputs=(str(tmp_path / "capture"),))
+    write_record(task, out, sign_inputs(task, out), 1.0)
+    return task
+
+
+def add(tmp_path, name, content="new"):
+    path = tmp_path / "capture" / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(content)
+
+
+@pytest.mark.parametrize("name", LEFT_BY_PROGRAMS)
+def test_what_programs_leave_in_a_capture_changes_nothing(tmp_path, training, name):
+    add(tmp_path, name)
+    assert is_done(training, tmp_path / "out")
+
+
+def test_photographs_that_were_enhanced_beside_it_change_nothing(tmp_path, training):
+    for content in ("enhanced", "enhanced again"):
+        add(tmp_path, "for deutan/1.png", content)
+        add(tmp_path, "for deutan/metrics.csv", "file,output\n1.jpg,1.png\n")
+        assert is_done(training, tmp_path / "out")
+
+
+READ = ["images/3.jpg", "masks/1.jpg.png", "images_again/1.jpg", "sparse/0/images.bin", "walk.mp4", "transforms.json"]
+
+
+@pytest.mark.parametrize("name", READ)
+def test_what_a_run_reads_of_a_capture_makes_it_be_done_again(tmp_path, training, name):
+    out = tmp_path / "out"
+    add(tmp_path, name)
+    assert not is_done(training, out)
+    write_record(training, out, sign_inputs(training, out), 1.0)
+    assert is_done(training, out)
+    add(tmp_path, name, "other")
+    assert not is_done(training, out)
+
+
+@pytest.mark.parametrize("folder", ["images", "dense/0/images", "for deutan", ".hidden"])
+def test_so_do_hidden_and_enhanced_photographs_that_a_run_reads(tmp_path, training, folder):
+    out = tmp_path / "out"
+    if folder == "images":
+        (tmp_path / "capture/images/1.jpg").unlink()
+        (tmp_path / "capture/images/2.jpg").unlink()
+    add(tmp_path, f"{folder}/1.png", "enhanced")
+    add(tmp_path, f"{folder}/metrics.csv", "file,output\n1.jpg,1.png\n")
+    add(tmp_path, "dense/0/sparse/images.bin")
+    if folder in ("for deutan", ".hidden"):
+        add(tmp_path, "transforms.json", json.dumps({"frames": [{"file_path": f"./{folder}/1.png"}]}))
+    write_record(training, out, sign_inputs(training, out), 1.0)
+    assert is_done(training, out)
+    add(tmp_path, f"{folder}/1.png", "enhanced again")
+    assert not is_done(training, out)
+
+
+def test_so_do_enhanced_photographs_where_there_are_no_others(tmp_path, training):
+    out = tmp_path / "out"
+    shutil.rmtree(tmp_path / "capture/images")
+    add(tmp_path, "sparse/0/images.bin")
+    add(tmp_path, "for deutan/1.png")
+    add(tmp_path, "for deutan/metrics.csv", "file,output\n1.jpg,1.png\n")
+    write_record(training, out, sign_inputs(training, out), 1.0)
+    add(tmp_path, "for deutan/1.png", "enhanced again")
+    assert not is_done(training, out)
+
+
+def test_a_record_that_counts_a_hidden_file_still_vouches(tmp_path, training):
+    """As those that were made before hidden files were left out."""
+    out = tmp_path / "out"
+    add(tmp_path, ".DS_Store")
+    path = record_path(training, out)
+    record = json.loads(path.read_text())
+    hidden = tmp_path / "capture/.DS_Store"
+    record["inputs"][str(hidden)] = [3, hidden.stat().st_mtime_ns, "0"]
+    path.write_text(json.dumps(record))
+    assert is_done(training, out)
+    record["inputs"]["a\0b"] = [3, 4, "0"]
+    path.write_text(json.dumps(record))
+    assert not is_done(training, out)
+
+
+@pytest.fixture
+def linked(tmp_path, training):
+    """The file at the end of a link that `training` reads."""
+    original = tmp_path / "capture/.annex/object"
+    original.parent.mkdir()
+    original.write_text("photograph 3")
+    (tmp_path / "capture/images/3.jpg").symlink_to("../.annex/object")
+    write_record(training, tmp_path / "out", sign_inputs(training, tmp_path / "out"), 1.0)
+    return original
+
+
+@pytest.mark.parametrize("change", ["content", "remove", "dangle", "replace"])
+def test_what_a_link_leads_to_counts(tmp_path, training, linked, change):
+    link = tmp_path / "capture/images/3.jpg"
+    assert is_done(training, tmp_path / "out")
+    if change == "content":
+        linked.write_text("photograph 4")
+    elif change == "remove":
+        link.unlink()
+    else:
+        linked.unlink()
+        if change == "replace":
+            linked.mkdir()
+    assert not is_done(training, tmp_path / "out")
+
+
+@pytest.mark.parametrize("change", ["touch", "move"])
+def test_the_same_content_at_the_end_of_a_link_does_not(tmp_path, training, linked, change):
+    if change == "touch":
+        os.utime(linked, ns=(1, 1))
+    else:
+        linked.rename(linked.with_name("moved"))
+        (tmp_path / "capture/images/3.jpg").unlink()
+        (tmp_path / "capture/images/3.jpg").symlink_to("../.annex/moved")
+    assert is_done(training, tmp_path / "out")
+
+
+def test_a_link_that_leads_nowhere_counts_by_its_text(tmp_path, training):
+    link, out = tmp_path / "capture/images/3.jpg", tmp_path / "out"
+    link.symlink_to("3.jpg")  # to itself
+    write_record(training, out, sign_inputs(training, out), 1.0)
+    assert is_done(training, out)
+    link.unlink()
+    assert not is_done(training, out)
+    link.symlink_to("nowhere")
+    assert not is_done(training, out)
+
+
+def test_a_record_with_the_text_of_a_link_alone_does_not_vouch_for_its_file(tmp_path, training, linked):
+    """As those that were made before links were followed."""
+    path = record_path(training, tmp_path / "out")
+    record = json.loads(path.read_text())
+    record["inputs"][str(tmp_path / "capture/images/3.jpg")] = ["../.annex/object"]
+    path.write_text(json.dumps(record))
+    assert not is_done(training, tmp_path / "out")
 
 
 def test_a_file_inside_a_folder_that_is_an_input_too_counts_once(out):

@@ -11,6 +11,7 @@ import pytest
 
 from cvdgs.core.bootstrap import ROOT
 from cvdgs.core.pipeline.continuation import describe_run
+from cvdgs.core.runtime.resources import CARDS_VARIABLE
 from cvdgs.core.settings import Settings
 
 from ...patience import SOON
@@ -209,7 +210,8 @@ def test_no_more_runs_at_once_than_there_are_cores(collection):
     assert peak == 2
 
 
-def test_tasks_that_need_a_graphics_card_get_one_each(collection):
+def test_tasks_that_need_a_graphics_card_get_one_each(collection, monkeypatch):
+    monkeypatch.delenv(CARDS_VARIABLE, raising=False)
     for name in ("a", "b", "c"):
         collection.add_capture(name, "meet 2")
     items = "".join(f'[[items]]\ncapture = "{name}"\n' for name in "abc")
@@ -226,6 +228,32 @@ def test_tasks_that_need_a_graphics_card_get_one_each(collection):
                 in_use.remove(entry["cards"])
             used.add(entry["cards"])
     assert used == {"0", "1"}
+
+
+def cards_by_subject(collection):
+    return {entry["subject"]: entry["cards"] for entry in collection.diary}
+
+
+def test_tasks_get_cards_that_the_user_may_use(collection, two_cards, monkeypatch):
+    monkeypatch.setenv(CARDS_VARIABLE, "1")
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    assert collection.run()[0] == 0
+    assert cards_by_subject(collection)["chair"] == "1"
+
+
+def test_tasks_that_take_no_card_see_none(collection, two_cards):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    assert collection.run("--gpus", "0")[0] == 0
+    assert set(cards_by_subject(collection).values()) == {""}
+
+
+def test_a_file_that_asks_for_a_card_gets_what_there_is(collection, two_cards):
+    collection.add_capture("chair")
+    collection.write_batch(TURNTABLE + '[train]\ndevice = "cuda"\n[[items]]\ncapture = "chair"\n')
+    assert collection.run("--gpus", "0")[0] == 0
+    assert cards_by_subject(collection)["chair"] is None
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cvdgs.core.runtime import resources
-from cvdgs.core.runtime.resources import peak_memory_mb
+from cvdgs.core.runtime.resources import CARDS_VARIABLE, card_names, peak_memory_mb, this_machine
 
 CHILD = """
 from cvdgs.core.runtime.resources import peak_memory_mb
@@ -65,3 +65,31 @@ def test_freed_memory_between_blocks_that_are_kept_is_given_back() -> None:
     returned, kept = map(int, result.stdout.split())
     assert returned > 100  # MiB, of the 190 that are free
     assert kept == 160 * (64 << 10)
+
+
+@pytest.mark.parametrize(
+    ("variable", "names"),
+    [
+        (None, ["0", "1"]),
+        ("1", ["1"]),
+        (" 1, 0", ["1", "0"]),
+        ("GPU-bb", ["GPU-bb"]),
+        ("", []),
+        ("-1", []),
+        ("1,-1,0", ["1"]),
+        ("7,0", []),
+    ],
+)
+def test_graphics_cards_are_those_that_cuda_may_use(monkeypatch, two_cards, variable, names) -> None:
+    if variable is not None:
+        monkeypatch.setenv(CARDS_VARIABLE, variable)
+    machine = this_machine()
+    assert machine.gpus == len(names)
+    assert card_names(machine.gpus) == names
+
+
+def test_cards_that_are_asked_for_are_limited_by_those_that_cuda_may_use(monkeypatch) -> None:
+    monkeypatch.delenv(CARDS_VARIABLE, raising=False)
+    assert card_names(3) == ["0", "1", "2"]
+    monkeypatch.setenv(CARDS_VARIABLE, "5,3")
+    assert [card_names(count) for count in range(4)] == [[], ["5"], ["5", "3"], ["5", "3"]]

@@ -247,6 +247,33 @@ def test_a_scene_without_layers_or_cameras_is_shown_too(running, tmp_path):
     page.close()
 
 
+def test_enhanced_colours_are_not_called_original_where_the_original_is_not_there(running, tmp_path):
+    layers = layered(50)
+    del layers["original"]
+    write_web_page(tmp_path / "scene.html", layers, "", surroundings())
+    page = running.new_page()
+    open_viewer(page, tmp_path / "scene.html")
+    assert page.locator("#amount-from").inner_text() == "Enhanced for deutan vision"
+    assert page.locator("#amount-to").inner_text() == "Enhanced for tritan-0.5"
+    page.get_by_text("Compare side by side").click()
+    assert page.locator("#tag-left").inner_text() == "Enhanced for deutan vision"
+    assert page.locator("#tag-right").inner_text() == "Enhanced for tritan-0.5"
+    assert page.locator("#said").text_content() == "Enhanced for deutan vision beside enhanced for tritan-0.5"
+    page.get_by_role("slider", name="From enhanced for deutan vision to enhanced for tritan-0.5").fill("0")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save picture").click()
+    assert download.value.suggested_filename == "enhanced-for-deutan-vision.png"
+    page.close()
+
+
+def test_one_enhanced_layer_is_called_what_it_is(running, tmp_path):
+    write_web_page(tmp_path / "scene.html", {"deutan-1.0": layered(50)["deutan-1.0"]}, "", surroundings())
+    page = running.new_page()
+    open_viewer(page, tmp_path / "scene.html")
+    assert page.locator("#tag-right").inner_text() == "Enhanced for deutan vision"
+    page.close()
+
+
 def compared(line: Any) -> list[str]:
     """Sources of the two pictures that the report compares."""
     return [image.get_attribute("src") for image in line.locator("img").all()]

@@ -99,6 +99,21 @@ def test_original_colours_come_first_and_without_cameras_a_direction_is_up(tmp_p
     assert scene["cameras"] == []
 
 
+@pytest.mark.parametrize(
+    ("names", "title"),
+    [
+        (["deutan-1.0", "original"], "Original"),
+        (["deutan-1.0"], "Enhanced for deutan vision"),
+        (["tritan-0.5", "deutan-1.0"], "Enhanced for tritan-0.5"),
+        (["garden"], "garden"),
+    ],
+)
+def test_the_first_colours_are_called_original_only_if_they_are(tmp_path, names, title):
+    layers = {name: layered(5).get(name, gaussians(5)) for name in names}
+    write_web_page(tmp_path / "scene.html", layers, "", Surroundings(names={"deutan-1.0": "deutan vision"}))
+    assert scene_of(tmp_path / "scene.html")["first"] == title
+
+
 def test_no_gaussians_are_refused_and_nothing_is_left(tmp_path):
     with pytest.raises(InputError, match="no Gaussians"):
         write_web_page(tmp_path / "scene.html", {"original": gaussians(0)})
