@@ -100,7 +100,7 @@ class ImageHeader:
     @property
     def is_foreign(self) -> bool:
         """Whether an embedded profile is of a space that is not sRGB and cannot be made so."""
-        return bool(self.color_profile) and not (_is_srgb(self.color_profile) or self.converts)
+        return bool(self.color_profile) and not (self.converts or _is_named_srgb(self.color_profile))
 
 
 def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
@@ -184,7 +184,7 @@ def read_pixels(
         raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
     pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
     color, alpha = _encode_linear(pixels, spec) if linear else _split_channels(pixels, spec)
-    if not linear and not _is_srgb(_color_profile(spec)) and (profile := _profile_bytes(spec)):
+    if not linear and (profile := _profile_bytes(spec)):
         color = np.ascontiguousarray(color)
         convert_to_srgb(color, profile)
     color, alpha = _opaque_or(color, alpha)
@@ -342,9 +342,11 @@ def _profile_bytes(spec: oiio.ImageSpec) -> bytes:
     return bytes(profile) if profile is not None and not isinstance(profile, str) else b""
 
 
-def _is_srgb(color_profile: str) -> bool:
-    # Of Android's "Display P3 Gamut with sRGB Transfer" the transfer alone is.
-    return "srgb" in color_profile.lower() and "p3" not in color_profile.lower()
+def _is_named_srgb(color_profile: str) -> bool:
+    """Whether a profile that cannot be converted calls itself sRGB; of what can be, the name does not count."""
+    name = color_profile.lower()
+    # Of "Display P3 Gamut with sRGB Transfer" the transfer alone is, and of "Linear sRGB" the primaries.
+    return "srgb" in name and not any(other in name for other in ("p3", "linear"))
 
 
 def _opaque_or(

@@ -15,6 +15,9 @@ MAX_PROFILE_BYTES = 4 << 20  # the largest, of printers, have 3 MB
 _HEADER_BYTES = 128
 _SPACE = slice(16, 20)  # ICC.1:2022, 7.2.6
 _BAND_PIXELS = 1 << 20
+_PROBE_STEPS = 17  # of each channel
+# Tables of 1,024 steps, as in the most used profile of sRGB, are off by this much in a few colours of a thousand.
+_ROUNDING = 1
 
 
 def describe(profile: bytes) -> str:
@@ -33,16 +36,34 @@ def can_convert(profile: bytes) -> bool:
 def convert_to_srgb(color: NDArray[np.uint8], profile: bytes) -> bool:
     """Make (H, W, 3) colours sRGB, in place; returns whether that could be done.
 
-    Relative colorimetric: what both spaces hold keeps its colour, and what sRGB does not hold is clipped.
+    Relative colorimetric: what both spaces hold keeps its colour, and what sRGB does not hold is clipped. Colours whose
+    profile is sRGB's, whatever its name, stay exactly what they are.
     """
     transform = _transform(profile)
     if transform is None:
         return False
+    if not _is_srgb(profile):
+        _apply(transform, color)
+    return True
+
+
+def _apply(transform: Any, color: NDArray[np.uint8]) -> None:
     rows = max(1, _BAND_PIXELS // color.shape[1])
     for top in range(0, len(color), rows):
         band = Image.fromarray(np.ascontiguousarray(color[top : top + rows]))
         color[top : top + rows] = np.asarray(ImageCms.applyTransform(band, transform))
-    return True
+
+
+@lru_cache(maxsize=8)
+def _is_srgb(profile: bytes) -> bool:
+    """Whether a profile that can be converted leaves colours as they are: all greys, and a grid of colours."""
+    levels = np.linspace(0, 255, _PROBE_STEPS).round().astype(np.uint8)
+    grid = np.stack(np.meshgrid(levels, levels, levels), axis=-1).reshape(-1, 3)
+    greys = np.arange(256, dtype=np.uint8)[:, None].repeat(3, axis=1)
+    colors = np.concatenate([grid, greys])[None]
+    converted = colors.copy()
+    _apply(_transform(profile), converted)
+    return int(np.abs(converted.astype(np.int16) - colors).max()) <= _ROUNDING
 
 
 @lru_cache(maxsize=8)
