@@ -1,0 +1,46 @@
+"""What OpenImageIO's description of an image file says of its colours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import OpenImageIO as oiio
+
+_T = TypeVar("_T")
+
+
+def readable(ask: Callable[[], _T], otherwise: _T) -> _T:
+    """The answer of OpenImageIO, or `otherwise` where it quotes text of the file that is not UTF-8."""
+    try:
+        return ask()
+    except UnicodeDecodeError:
+        return otherwise
+
+
+def attribute(spec: oiio.ImageSpec, name: str) -> str:
+    """A text, or an empty string where there is none."""
+    return readable(lambda: spec.get_string_attribute(name), "")
+
+
+def is_linear(spec: oiio.ImageSpec) -> bool:
+    """Whether pixels are of linear light, as floating-point ones are."""
+    return spec.format.basetype in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE)
+
+
+def color_profile(spec: oiio.ImageSpec) -> str:
+    """What an embedded ICC profile calls itself, or an empty string."""
+    return attribute(spec, "ICCProfile:profile_description")
+
+
+def profile_bytes(spec: oiio.ImageSpec) -> bytes:
+    """An embedded ICC profile, or nothing."""
+    profile = readable(lambda: spec.getattribute("ICCProfile"), None)
+    return bytes(profile) if profile is not None and not isinstance(profile, str) else b""
+
+
+def is_named_srgb(profile: str) -> bool:
+    """Whether a profile that cannot be converted calls itself sRGB; of what can be, the name does not count."""
+    name = profile.lower()
+    # Of "Display P3 Gamut with sRGB Transfer" the transfer alone is, and of "Linear sRGB" the primaries.
+    return "srgb" in name and not any(other in name for other in ("p3", "linear"))
