@@ -16,13 +16,33 @@ _COLOR_CONFIGURATION = "ocio://default"
 _LINEAR = "lin_rec709"
 
 
-def straight_srgb(pixels: NDArray[Any], spec: oiio.ImageSpec) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """(H, W, C) pixels, float32 of linear light where `is_linear` or else uint8, as `spec` describes them.
+def straight_srgb(
+    pixels: NDArray[Any], spec: oiio.ImageSpec, premultiplied: bool
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+    """(H, W, C) pixels as `spec` describes them, float32 of linear light where `is_linear`, uint8 otherwise.
+
+    Args:
+        premultiplied: the colours are multiplied by alpha, where there is alpha; those of uint8 as they are encoded.
 
     Returns:
-        (H, W, 3) straight colours and (H, W) alpha, or None where there is no such channel.
+        (H, W, 3) straight colours and (H, W) alpha, or None where there is no such channel. Where alpha is 0, colours
+        are what the file holds.
     """
-    return _encode_linear(pixels, spec) if is_linear(spec) else _split_channels(pixels, spec)
+    if is_linear(spec):
+        return _encode_linear(pixels, spec, premultiplied)
+    color, alpha = _split_channels(pixels, spec)
+    if premultiplied and alpha is not None:
+        _divide(color, alpha)
+    return color, alpha
+
+
+def _divide(color: NDArray[np.uint8], alpha: NDArray[np.uint8]) -> None:
+    """Make premultiplied (H, W, 3) colours straight, in place."""
+    rows = max(1, _BAND_PIXELS // color.shape[1])
+    for top in range(0, len(color), rows):
+        band = np.s_[top : top + rows]
+        opacity = np.where(alpha[band] > 0, alpha[band], 255).astype(np.float32)[..., None]
+        color[band] = np.rint(np.minimum(color[band] * (255.0 / opacity), 255.0)).astype(np.uint8)
 
 
 def opaque_or(
@@ -49,25 +69,27 @@ def _split_channels(pixels: NDArray, spec: oiio.ImageSpec) -> tuple[NDArray, NDA
 
 
 def _encode_linear(
-    pixels: NDArray[np.float32], spec: oiio.ImageSpec
+    pixels: NDArray[np.float32], spec: oiio.ImageSpec, premultiplied: bool
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """(H, W, C) linear pixels to straight 8-bit sRGB and coverage, in bands, since each step makes a copy."""
     rows = max(1, _BAND_PIXELS // spec.width)
-    bands = [_encode_band(*_split_channels(pixels[top : top + rows], spec)) for top in range(0, spec.height, rows)]
+    parts = (_split_channels(pixels[top : top + rows], spec) for top in range(0, spec.height, rows))
+    bands = [_encode_band(color, alpha, premultiplied) for color, alpha in parts]
     color = np.concatenate([color for color, _ in bands])
     coverage = [alpha for _, alpha in bands if alpha is not None]
     return color, np.concatenate(coverage) if coverage else None
 
 
 def _encode_band(
-    color: NDArray[np.float32], alpha: NDArray[np.float32] | None
+    color: NDArray[np.float32], alpha: NDArray[np.float32] | None, premultiplied: bool
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """Linear, premultiplied where there is alpha (the convention of OpenEXR), to straight 8-bit sRGB."""
+    """Linear to straight 8-bit sRGB."""
     color = np.nan_to_num(color, nan=0.0, posinf=1.0, neginf=0.0)
     coverage = None
     if alpha is not None:
         opacity = np.clip(np.nan_to_num(alpha, nan=0.0), 0.0, 1.0)
-        color = color / np.where(opacity > 0.0, opacity, 1.0)[..., None]
+        if premultiplied:
+            color = color / np.where(opacity > 0.0, opacity, 1.0)[..., None]
         coverage = np.rint(opacity * 255.0).astype(np.uint8)
     encoded = _to_srgb(np.clip(color, 0.0, 1.0, dtype=np.float32), _LINEAR)
     return np.rint(np.clip(encoded, 0.0, 1.0) * 255.0).astype(np.uint8), coverage

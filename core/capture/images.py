@@ -19,7 +19,7 @@ from ..intake.heif import read_heif, read_heif_header, taken_with
 from ..intake.kinds import kind_of, video_as_photograph
 from ..intake.raw import Development, read_raw, read_raw_header
 from .channels import opaque_or, straight_srgb
-from .specs import attribute, color_profile, is_linear, is_named_srgb, profile_bytes, readable
+from .specs import attribute, color_profile, is_linear, is_named_srgb, is_premultiplied, profile_bytes, readable
 
 # Above every camera on sale (the largest sensors have 151 MP, 14,204 px a side), and 600 MB when decoded.
 MAX_SIDE = 16_384
@@ -172,7 +172,7 @@ def read_pixels(
     with _opened(path) as file:
         spec = file.spec()
         _check_header(spec, path, min_side)
-        linear = is_linear(spec)
+        linear, premultiplied = is_linear(spec), is_premultiplied(file)
         pixels = file.read_image(oiio.FLOAT if linear else oiio.UINT8)
         # The JPEG and TIFF readers fill what is missing with grey or black, return it, and leave an error behind.
         error = readable(file.geterror, _UNREADABLE)
@@ -180,7 +180,7 @@ def read_pixels(
         reason = error.splitlines()[0] if error else "no pixels could be read"
         raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
     pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
-    color, alpha = straight_srgb(pixels, spec)
+    color, alpha = straight_srgb(pixels, spec, premultiplied)
     if not linear and (profile := profile_bytes(spec)):
         color = np.ascontiguousarray(color)
         convert_to_srgb(color, profile)

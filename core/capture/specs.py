@@ -9,6 +9,8 @@ import OpenImageIO as oiio
 
 _T = TypeVar("_T")
 
+_TARGA_PREMULTIPLIED = 4  # Truevision TGA 2.0, field 24, "attributes type"
+
 
 def readable(ask: Callable[[], _T], otherwise: _T) -> _T:
     """The answer of OpenImageIO, or `otherwise` where it quotes text of the file that is not UTF-8."""
@@ -26,6 +28,18 @@ def attribute(spec: oiio.ImageSpec, name: str) -> str:
 def is_linear(spec: oiio.ImageSpec) -> bool:
     """Whether pixels are of linear light, as floating-point ones are."""
     return spec.format.basetype in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE)
+
+
+def is_premultiplied(file: oiio.ImageInput) -> bool:
+    """Whether colours come multiplied by alpha, of a file that was opened with the hint "oiio:UnassociatedAlpha".
+
+    Those of OpenEXR always do, those of TIFF unless ExtraSamples says otherwise (TIFF 6.0, section 18), and those of
+    Targa where an extension says so. PNG, WebP and BMP hold straight ones.
+    """
+    spec, kind = file.spec(), file.format_name()
+    if kind == "targa":
+        return bool(spec.get_int_attribute("targa:alpha_type", 0) == _TARGA_PREMULTIPLIED)
+    return kind == "openexr" or (kind == "tiff" and not spec.get_int_attribute("oiio:UnassociatedAlpha", 0))
 
 
 def color_profile(spec: oiio.ImageSpec) -> str:
