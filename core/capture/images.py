@@ -19,7 +19,16 @@ from ..intake.heif import read_heif, read_heif_header, taken_with
 from ..intake.kinds import kind_of, video_as_photograph
 from ..intake.raw import Development, read_raw, read_raw_header
 from .channels import opaque_or, straight_srgb
-from .specs import attribute, color_profile, is_linear, is_named_srgb, is_premultiplied, profile_bytes, readable
+from .specs import (
+    attribute,
+    color_profile,
+    is_filling,
+    is_linear,
+    is_named_srgb,
+    is_premultiplied,
+    profile_bytes,
+    readable,
+)
 
 # Above every camera on sale (the largest sensors have 151 MP, 14,204 px a side), and 600 MB when decoded.
 MAX_SIDE = 16_384
@@ -160,7 +169,8 @@ def read_pixels(
         development: of raw files; those of a capture have one in common. None: each its own.
 
     Returns:
-        (H, W, 3) uint8 and (H, W) uint8 coverage, or None where there is no alpha channel or it is opaque everywhere.
+        (H, W, 3) uint8 and (H, W) uint8 coverage, or None where there is no alpha channel or it is opaque everywhere,
+        or the unused byte of BMP and Targa.
 
     Raises:
         InputError: as `read_header`, or the image is damaged or cut short.
@@ -172,7 +182,7 @@ def read_pixels(
     with _opened(path) as file:
         spec = file.spec()
         _check_header(spec, path, min_side)
-        linear, premultiplied = is_linear(spec), is_premultiplied(file)
+        linear, format_name = is_linear(spec), file.format_name()
         pixels = file.read_image(oiio.FLOAT if linear else oiio.UINT8)
         # The JPEG and TIFF readers fill what is missing with grey or black, return it, and leave an error behind.
         error = readable(file.geterror, _UNREADABLE)
@@ -180,7 +190,9 @@ def read_pixels(
         reason = error.splitlines()[0] if error else "no pixels could be read"
         raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
     pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
-    color, alpha = straight_srgb(pixels, spec, premultiplied)
+    color, alpha = straight_srgb(pixels, spec, is_premultiplied(spec, format_name))
+    if alpha is not None and is_filling(alpha, format_name):
+        alpha = None
     if not linear and (profile := profile_bytes(spec)):
         color = np.ascontiguousarray(color)
         convert_to_srgb(color, profile)

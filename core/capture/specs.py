@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
+import numpy as np
 import OpenImageIO as oiio
+from numpy.typing import NDArray
 
 _T = TypeVar("_T")
 
+_FILLED_TO_32_BITS = ("bmp", "targa")
 _TARGA_PREMULTIPLIED = 4  # Truevision TGA 2.0, field 24, "attributes type"
 
 
@@ -30,16 +33,22 @@ def is_linear(spec: oiio.ImageSpec) -> bool:
     return spec.format.basetype in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE)
 
 
-def is_premultiplied(file: oiio.ImageInput) -> bool:
+def is_premultiplied(spec: oiio.ImageSpec, format_name: str) -> bool:
     """Whether colours come multiplied by alpha, of a file that was opened with the hint "oiio:UnassociatedAlpha".
 
     Those of OpenEXR always do, those of TIFF unless ExtraSamples says otherwise (TIFF 6.0, section 18), and those of
     Targa where an extension says so. PNG, WebP and BMP hold straight ones.
     """
-    spec, kind = file.spec(), file.format_name()
-    if kind == "targa":
+    if format_name == "targa":
         return bool(spec.get_int_attribute("targa:alpha_type", 0) == _TARGA_PREMULTIPLIED)
-    return kind == "openexr" or (kind == "tiff" and not spec.get_int_attribute("oiio:UnassociatedAlpha", 0))
+    return format_name == "openexr" or (
+        format_name == "tiff" and not spec.get_int_attribute("oiio:UnassociatedAlpha", 0)
+    )
+
+
+def is_filling(alpha: NDArray[np.uint8], format_name: str) -> bool:
+    """Whether (H, W) alpha is but the fourth byte of 32 bits a pixel, which many writers of BMP and Targa leave 0."""
+    return format_name in _FILLED_TO_32_BITS and not alpha.any()
 
 
 def color_profile(spec: oiio.ImageSpec) -> str:

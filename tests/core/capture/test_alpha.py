@@ -99,3 +99,25 @@ def test_colours_that_premultiplication_left_nothing_of_are_black(tmp_path: Path
     assert alpha is not None
     assert not alpha[:8].any()
     assert not color[:8].any()
+
+
+@pytest.mark.parametrize("ending", ["bmp", "tga"])
+def test_a_fourth_byte_that_is_never_set_is_no_alpha(tmp_path: Path, ending: str) -> None:
+    blue_to_red = np.dstack([PICTURE[..., ::-1], np.zeros((HEIGHT, WIDTH), np.uint8)])[::-1]  # upwards, as both are
+    if ending == "bmp":
+        size = blue_to_red.nbytes
+        head = b"BM" + struct.pack("<IHHI", 54 + size, 0, 0, 54)
+        head += struct.pack("<IiiHHIIiiII", 40, WIDTH, HEIGHT, 1, 32, 0, size, 2835, 2835, 0, 0)
+    else:
+        head = struct.pack("<BBBHHBHHHHBB", 0, 0, 2, 0, 0, 0, 0, 0, WIDTH, HEIGHT, 32, 0)
+    (tmp_path / f"x.{ending}").write_bytes(head + blue_to_red.tobytes())
+    color, alpha = read_pixels(tmp_path / f"x.{ending}")
+    np.testing.assert_array_equal(color, PICTURE)
+    assert alpha is None
+
+
+def test_a_transparent_png_stays_transparent(tmp_path: Path) -> None:
+    Image.fromarray(np.dstack([PICTURE, np.zeros((HEIGHT, WIDTH), np.uint8)])).save(tmp_path / "x.png")
+    alpha = read_pixels(tmp_path / "x.png")[1]
+    assert alpha is not None
+    assert not alpha.any()
