@@ -26,7 +26,6 @@ from .specs import (
     is_linear,
     is_named_srgb,
     is_premultiplied,
-    profile_bytes,
     readable,
 )
 
@@ -83,7 +82,8 @@ class ImageHeader:
     Attributes:
         width, height: in pixels, as stored.
         orientation: EXIF orientation, 1 (upright) to 8.
-        color_profile: description of an embedded ICC profile, or an empty string.
+        color_profile: description of an embedded ICC profile, or what EXIF data say; an empty string where neither is
+            there, or EXIF data say that colours are sRGB.
         bits: of a channel.
         converts: whether `read_pixels` makes colours of that profile sRGB.
         taken_with: what EXIF data say of camera and focal length, as a text to compare; empty where they say nothing.
@@ -105,7 +105,7 @@ class ImageHeader:
 
     @property
     def is_foreign(self) -> bool:
-        """Whether an embedded profile is of a space that is not sRGB and cannot be made so."""
+        """Whether colours are said to be of a space that is not sRGB, and cannot be made so."""
         return bool(self.color_profile) and not (self.converts or is_named_srgb(self.color_profile))
 
 
@@ -121,15 +121,16 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
     with _opened(path) as file:
         spec = file.spec()
         _check_header(spec, path, min_side)
+        described, profile = color_profile(spec, path)
         return ImageHeader(
             spec.width,
             spec.height,
             _orientation(spec),
-            color_profile(spec),
+            described,
             # Fewer than a format's whole bytes (PNG palettes, bitmaps) are reported apart from the decoded type.
             max(spec.get_int_attribute("oiio:BitsPerSample", 0), 8 * spec.format.size()),
             _taken_with(spec),
-            can_convert(profile_bytes(spec)),
+            can_convert(profile),
         )
 
 
@@ -158,7 +159,8 @@ def read_pixels(
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Decode an image to display-referred sRGB.
 
-    Integer images are taken as sRGB, or converted from what their ICC profile says; raw files are developed;
+    Integer images are taken as sRGB, or converted from what their ICC profile says, or where there is none, their EXIF
+    data (Adobe RGB) or the number of their primaries (Display P3 of HEIF and AVIF); raw files are developed;
     floating-point ones (EXR, HDR, float TIFF) as linear with Rec. 709 primaries and encoded and clipped to [0, 1]. Grey
     becomes RGB. Colours are straight, not premultiplied.
 
@@ -193,7 +195,7 @@ def read_pixels(
     color, alpha = straight_srgb(pixels, spec, is_premultiplied(spec, format_name))
     if alpha is not None and is_filling(alpha, format_name):
         alpha = None
-    if not linear and (profile := profile_bytes(spec)):
+    if not linear and (profile := color_profile(spec, path)[1]):
         color = np.ascontiguousarray(color)
         convert_to_srgb(color, profile)
     color, alpha = opaque_or(color, alpha)

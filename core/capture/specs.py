@@ -1,13 +1,17 @@
-"""What OpenImageIO's description of an image file says of its colours."""
+"""What an image file that OpenImageIO reads says of its colours."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
+
+from ..color.profiles import ADOBE_RGB
+from ..intake.exif import SRGB, UNCALIBRATED, is_file_of_adobe_rgb
 
 _T = TypeVar("_T")
 
@@ -51,15 +55,20 @@ def is_filling(alpha: NDArray[np.uint8], format_name: str) -> bool:
     return format_name in _FILLED_TO_32_BITS and not alpha.any()
 
 
-def color_profile(spec: oiio.ImageSpec) -> str:
-    """What an embedded ICC profile calls itself, or an empty string."""
-    return attribute(spec, "ICCProfile:profile_description")
+def color_profile(spec: oiio.ImageSpec, path: Path) -> tuple[str, bytes]:
+    """What describes the colours of pixels as they are stored: what it calls itself, and an ICC profile.
 
-
-def profile_bytes(spec: oiio.ImageSpec) -> bytes:
-    """An embedded ICC profile, or nothing."""
+    That is the profile in the file, or one for what EXIF data say. Both are empty where there is none, and the profile
+    alone where EXIF data say no more than that the colours are not sRGB.
+    """
     profile = readable(lambda: spec.getattribute("ICCProfile"), None)
-    return bytes(profile) if profile is not None and not isinstance(profile, str) else b""
+    if profile is not None and not isinstance(profile, str):
+        return attribute(spec, "ICCProfile:profile_description"), bytes(profile)
+    if is_linear(spec) or spec.get_int_attribute("Exif:ColorSpace", SRGB) != UNCALIBRATED:
+        return "", b""
+    if is_file_of_adobe_rgb(path):
+        return "Adobe RGB (EXIF)", ADOBE_RGB
+    return "uncalibrated (EXIF)", b""
 
 
 def is_named_srgb(profile: str) -> bool:

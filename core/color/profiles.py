@@ -85,35 +85,54 @@ def _transform(profile: bytes) -> Any:
         return None
 
 
-def _display_p3() -> bytes:
-    """An ICC profile of Display P3, made of its primaries and sRGB's curve (ICC.1:2022; D50 by Bradford)."""
+def _matrix_profile(name: str, columns: tuple[tuple[float, float, float], ...], curve: bytes) -> bytes:
+    """An ICC profile of version 2 (ICC.1:2001-04).
 
-    def tag(kind: bytes, *values: float) -> bytes:
-        return kind + bytes(4) + b"".join(struct.pack(">i", round(value * 65536)) for value in values)
+    Args:
+        name: what it calls itself.
+        columns: XYZ of red, green and blue, adapted to D50.
+        curve: the tag of the curve of all three.
+    """
 
-    # Type 3 is sRGB's curve: exponent, a, b, c, d.
-    curve = b"para" + bytes(4) + struct.pack(">HH", 3, 0)
-    curve += b"".join(struct.pack(">i", round(v * 65536)) for v in (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045))
+    def tag(*values: float) -> bytes:
+        return b"XYZ " + bytes(4) + b"".join(struct.pack(">i", round(value * 65536)) for value in values)
+
+    called = name.encode() + b"\0"
     tags = {
-        b"wtpt": tag(b"XYZ ", 0.9642, 1.0, 0.8249),
-        b"rXYZ": tag(b"XYZ ", 0.51512, 0.24119, -0.00105),
-        b"gXYZ": tag(b"XYZ ", 0.29198, 0.69225, 0.04189),
-        b"bXYZ": tag(b"XYZ ", 0.15710, 0.06657, 0.78407),
+        b"wtpt": tag(0.9642, 1.0, 0.8249),
+        **{channel + b"XYZ": tag(*column) for channel, column in zip((b"r", b"g", b"b"), columns, strict=True)},
         b"rTRC": curve,
         b"gTRC": curve,
         b"bTRC": curve,
         b"cprt": b"text" + bytes(4) + b"none\0\0\0\0",
-        b"desc": b"desc" + bytes(4) + struct.pack(">I", 11) + b"Display P3\0" + bytes(79),
+        b"desc": b"desc" + bytes(4) + struct.pack(">I", len(called)) + called + bytes(79),
     }
     table, data, at = b"", b"", 128 + 4 + 12 * len(tags)
-    for name, content in tags.items():
+    for key, content in tags.items():
         content += bytes(-len(content) % 4)
-        table += name + struct.pack(">II", at + len(data), len(content))
+        table += key + struct.pack(">II", at + len(data), len(content))
         data += content
     head = struct.pack(">I", at + len(data)) + bytes(4) + b"\x02\x20\0\0" + b"mntrRGB XYZ " + bytes(12) + b"acsp"
     head += bytes(28) + struct.pack(">iii", 63190, 65536, 54061)
     return head.ljust(128, b"\0") + struct.pack(">I", len(tags)) + table + data
 
 
-DISPLAY_P3 = _display_p3()
-"""For what says by a number alone that it is."""
+def _curve_of_srgb() -> bytes:
+    """Type 3 of ICC.1:2022, 10.18: exponent, a, b, c, d."""
+    values = (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)
+    return b"para" + bytes(4) + struct.pack(">HH", 3, 0) + b"".join(struct.pack(">i", round(v * 65536)) for v in values)
+
+
+_P3_COLUMNS = ((0.51512, 0.24119, -0.00105), (0.29198, 0.69225, 0.04189), (0.15710, 0.06657, 0.78407))
+DISPLAY_P3 = _matrix_profile("Display P3", _P3_COLUMNS, _curve_of_srgb())
+"""For what says by a number alone that it is: its primaries by Bradford, and sRGB's curve."""
+
+# Adobe RGB (1998) Color Image Encoding, version 2005-05: the primaries in the ICC's connection space, and the exponent.
+_ADOBE_COLUMNS = ((0.60974, 0.31111, 0.01947), (0.20528, 0.62567, 0.06087), (0.14919, 0.06322, 0.74457))
+_ADOBE_GAMMA = 2 + 51 / 256
+ADOBE_RGB = _matrix_profile(
+    "Adobe RGB (1998)",
+    _ADOBE_COLUMNS,
+    b"curv" + bytes(4) + struct.pack(">IH", 1, round(_ADOBE_GAMMA * 256)),
+)
+"""For what says by its EXIF data alone that it is."""
