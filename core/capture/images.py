@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import OpenImageIO as oiio
@@ -18,6 +18,16 @@ from ..files.untrusted import opened
 from ..intake.heif import read_heif, read_heif_header, taken_with
 from ..intake.kinds import kind_of, video_as_photograph
 from ..intake.raw import Development, read_raw, read_raw_header
+from .channels import opaque_or, straight_srgb
+from .specs import (
+    attribute,
+    color_profile,
+    is_filling,
+    is_linear,
+    is_named_srgb,
+    is_premultiplied,
+    readable,
+)
 
 # Above every camera on sale (the largest sensors have 151 MP, 14,204 px a side), and 600 MB when decoded.
 MAX_SIDE = 16_384
@@ -27,7 +37,6 @@ MAX_MEGAPIXELS = 200
 MAX_DECODED_BYTES = 4 * MAX_MEGAPIXELS * 1_000_000
 # Of a file: no format is larger than its pixels by more than a few headers.
 MAX_FILE_BYTES = 2 * MAX_DECODED_BYTES
-_BAND_PIXELS = 1 << 20  # that are turned into sRGB at a time
 # Below this no training view holds a patch that a loss or a metric could use (SSIM looks at 11 x 11).
 MIN_SIDE = 16
 
@@ -59,11 +68,7 @@ _SIGNATURES = (
 )
 _SIGNATURE_BYTES = 32
 _UNREADABLE = "no readable error message"  # it quotes bytes of the file that are not text
-# The one that OpenImageIO brings: a studio's own, which the variable OCIO names, need not know these spaces.
-_COLOR_CONFIGURATION = "ocio://default"
-_LINEAR = "lin_rec709"
 
-_T = TypeVar("_T")
 _Pixel = TypeVar("_Pixel", np.uint8, np.bool_)
 
 # OpenImageIO's own check, which comes before its readers make room for anything.
@@ -77,7 +82,8 @@ class ImageHeader:
     Attributes:
         width, height: in pixels, as stored.
         orientation: EXIF orientation, 1 (upright) to 8.
-        color_profile: description of an embedded ICC profile, or an empty string.
+        color_profile: description of an embedded ICC profile, or what EXIF data say; an empty string where neither is
+            there, or EXIF data say that colours are sRGB.
         bits: of a channel.
         converts: whether `read_pixels` makes colours of that profile sRGB.
         taken_with: what EXIF data say of camera and focal length, as a text to compare; empty where they say nothing.
@@ -99,8 +105,8 @@ class ImageHeader:
 
     @property
     def is_foreign(self) -> bool:
-        """Whether an embedded profile is of a space that is not sRGB and cannot be made so."""
-        return bool(self.color_profile) and not (_is_srgb(self.color_profile) or self.converts)
+        """Whether colours are said to be of a space that is not sRGB, and cannot be made so."""
+        return bool(self.color_profile) and not (self.converts or is_named_srgb(self.color_profile))
 
 
 def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
@@ -115,15 +121,16 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
     with _opened(path) as file:
         spec = file.spec()
         _check_header(spec, path, min_side)
+        described, profile = color_profile(spec, path)
         return ImageHeader(
             spec.width,
             spec.height,
             _orientation(spec),
-            _color_profile(spec),
+            described,
             # Fewer than a format's whole bytes (PNG palettes, bitmaps) are reported apart from the decoded type.
             max(spec.get_int_attribute("oiio:BitsPerSample", 0), 8 * spec.format.size()),
             _taken_with(spec),
-            can_convert(_profile_bytes(spec)),
+            can_convert(profile),
         )
 
 
@@ -152,7 +159,8 @@ def read_pixels(
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Decode an image to display-referred sRGB.
 
-    Integer images are taken as sRGB, or converted from what their ICC profile says; raw files are developed;
+    Integer images are taken as sRGB, or converted from what their ICC profile says, or where there is none, their EXIF
+    data (Adobe RGB) or the number of their primaries (Display P3 of HEIF and AVIF); raw files are developed;
     floating-point ones (EXR, HDR, float TIFF) as linear with Rec. 709 primaries and encoded and clipped to [0, 1]. Grey
     becomes RGB. Colours are straight, not premultiplied.
 
@@ -163,7 +171,8 @@ def read_pixels(
         development: of raw files; those of a capture have one in common. None: each its own.
 
     Returns:
-        (H, W, 3) uint8 and (H, W) uint8 coverage, or None where there is no alpha channel or it is opaque everywhere.
+        (H, W, 3) uint8 and (H, W) uint8 coverage, or None where there is no alpha channel or it is opaque everywhere,
+        or the unused byte of BMP and Targa.
 
     Raises:
         InputError: as `read_header`, or the image is damaged or cut short.
@@ -171,23 +180,25 @@ def read_pixels(
     kind = _kind(path)
     if kind:
         _read_foreign_header(path, kind, min_side)
-        return (read_raw(path, development), None) if kind == "raw" else _opaque_or(*read_heif(path, kind))
+        return (read_raw(path, development), None) if kind == "raw" else opaque_or(*read_heif(path, kind))
     with _opened(path) as file:
         spec = file.spec()
         _check_header(spec, path, min_side)
-        linear = _is_linear(spec)
+        linear, format_name = is_linear(spec), file.format_name()
         pixels = file.read_image(oiio.FLOAT if linear else oiio.UINT8)
         # The JPEG and TIFF readers fill what is missing with grey or black, return it, and leave an error behind.
-        error = _readable(file.geterror, _UNREADABLE)
+        error = readable(file.geterror, _UNREADABLE)
     if pixels is None or error:
         reason = error.splitlines()[0] if error else "no pixels could be read"
         raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
     pixels = pixels.reshape(spec.height, spec.width, spec.nchannels)
-    color, alpha = _encode_linear(pixels, spec) if linear else _split_channels(pixels, spec)
-    if not linear and not _is_srgb(_color_profile(spec)) and (profile := _profile_bytes(spec)):
+    color, alpha = straight_srgb(pixels, spec, is_premultiplied(spec, format_name))
+    if alpha is not None and is_filling(alpha, format_name):
+        alpha = None
+    if not linear and (profile := color_profile(spec, path)[1]):
         color = np.ascontiguousarray(color)
         convert_to_srgb(color, profile)
-    color, alpha = _opaque_or(color, alpha)
+    color, alpha = opaque_or(color, alpha)
     if upright:
         color = apply_orientation(color, _orientation(spec))
         alpha = None if alpha is None else apply_orientation(alpha, _orientation(spec))
@@ -203,7 +214,7 @@ def _opened(path: Path) -> Iterator[oiio.ImageInput]:
     config.attribute("oiio:UnassociatedAlpha", 1)
     file = oiio.ImageInput.open(str(path), config)
     if file is None:
-        reason = (_readable(oiio.geterror, _UNREADABLE) or "unknown format").splitlines()[0]
+        reason = (readable(oiio.geterror, _UNREADABLE) or "unknown format").splitlines()[0]
         raise InputError(f"the image cannot be opened ({reason})", where=path, remedy=_COPY_AGAIN)
     try:
         yield file
@@ -226,28 +237,12 @@ def _require_known_format(start: bytes, path: Path) -> None:
         raise InputError("the file's name is not UTF-8", where=path, remedy="rename it") from None
 
 
-def _readable(ask: Callable[[], _T], otherwise: _T) -> _T:
-    """The answer of OpenImageIO, or `otherwise` where it quotes text of the file that is not UTF-8."""
-    try:
-        return ask()
-    except UnicodeDecodeError:
-        return otherwise
-
-
-def _attribute(spec: oiio.ImageSpec, name: str) -> str:
-    return _readable(lambda: spec.get_string_attribute(name), "")
-
-
-def _is_linear(spec: oiio.ImageSpec) -> bool:
-    return spec.format.basetype in (oiio.HALF, oiio.FLOAT, oiio.DOUBLE)
-
-
 def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
     width, height, channels = spec.width, spec.height, spec.nchannels
     _check_size(width, height, path, min_side)
     size = f"the image is {width} x {height} pixels"
-    decoded = width * height * channels * (4 if _is_linear(spec) else 1)
-    spaces = [_attribute(spec, name) for name in ("jpeg:ColorSpace", "tiff:ColorSpace", "oiio:ColorSpace")]
+    decoded = width * height * channels * (4 if is_linear(spec) else 1)
+    spaces = [attribute(spec, name) for name in ("jpeg:ColorSpace", "tiff:ColorSpace", "oiio:ColorSpace")]
     what = remedy = ""
     if decoded > MAX_DECODED_BYTES:
         limit = f"{decoded / 1e6:,.0f} MB when decoded; the limit is {MAX_DECODED_BYTES / 1e6:,.0f}"
@@ -281,77 +276,8 @@ def _orientation(spec: oiio.ImageSpec) -> int:
 
 def _taken_with(spec: oiio.ImageSpec) -> str:
     focal = spec.get_float_attribute("Exif:FocalLength", 0.0)
-    parts = [_attribute(spec, "Make"), _attribute(spec, "Model"), f"{focal:g} mm" if focal else ""]
+    parts = [attribute(spec, "Make"), attribute(spec, "Model"), f"{focal:g} mm" if focal else ""]
     return " ".join(part for part in parts if part)
-
-
-def _split_channels(pixels: NDArray, spec: oiio.ImageSpec) -> tuple[NDArray, NDArray | None]:
-    """(H, W, 3) colour and (H, W) alpha or None; of an EXR with further channels, those named R, G, B and A."""
-    unnamed: tuple[str, ...] = ()
-    names = [name.upper() for name in _readable(lambda: spec.channelnames, unnamed)]
-    alpha_index = spec.alpha_channel
-    if all(name in names for name in "RGB"):
-        indices = [names.index(name) for name in "RGB"]
-    else:
-        others = [i for i in range(spec.nchannels) if i != alpha_index]
-        indices = others[:3] if len(others) >= 3 else others[:1] * 3
-    alpha = pixels[..., alpha_index] if 0 <= alpha_index < spec.nchannels and spec.nchannels > 1 else None
-    if indices == [0, 1, 2] and spec.nchannels == 3:
-        return pixels, alpha
-    return np.ascontiguousarray(pixels[..., indices]), None if alpha is None else np.ascontiguousarray(alpha)
-
-
-def _encode_linear(
-    pixels: NDArray[np.float32], spec: oiio.ImageSpec
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """(H, W, C) linear pixels to straight 8-bit sRGB and coverage, in bands, since each step makes a copy."""
-    rows = max(1, _BAND_PIXELS // spec.width)
-    bands = [_encode_band(*_split_channels(pixels[top : top + rows], spec)) for top in range(0, spec.height, rows)]
-    color = np.concatenate([color for color, _ in bands])
-    coverage = [alpha for _, alpha in bands if alpha is not None]
-    return color, np.concatenate(coverage) if coverage else None
-
-
-def _encode_band(
-    color: NDArray[np.float32], alpha: NDArray[np.float32] | None
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """Linear, premultiplied where there is alpha (the convention of OpenEXR), to straight 8-bit sRGB."""
-    color = np.nan_to_num(color, nan=0.0, posinf=1.0, neginf=0.0)
-    coverage = None
-    if alpha is not None:
-        opacity = np.clip(np.nan_to_num(alpha, nan=0.0), 0.0, 1.0)
-        color = color / np.where(opacity > 0.0, opacity, 1.0)[..., None]
-        coverage = np.rint(opacity * 255.0).astype(np.uint8)
-    encoded = _to_srgb(np.clip(color, 0.0, 1.0, dtype=np.float32), _LINEAR)
-    return np.rint(np.clip(encoded, 0.0, 1.0) * 255.0).astype(np.uint8), coverage
-
-
-def _to_srgb(color: NDArray[Any], space: str) -> NDArray[Any]:
-    """(H, W, 3) colours of one of OpenImageIO's spaces as sRGB, of the same type."""
-    buffer = oiio.ImageBuf(np.ascontiguousarray(color))
-    converted = oiio.ImageBufAlgo.colorconvert(buffer, space, "sRGB", colorconfig=_COLOR_CONFIGURATION)
-    return np.asarray(converted.get_pixels(buffer.spec().format))
-
-
-def _color_profile(spec: oiio.ImageSpec) -> str:
-    return _attribute(spec, "ICCProfile:profile_description")
-
-
-def _profile_bytes(spec: oiio.ImageSpec) -> bytes:
-    profile = _readable(lambda: spec.getattribute("ICCProfile"), None)
-    return bytes(profile) if profile is not None and not isinstance(profile, str) else b""
-
-
-def _is_srgb(color_profile: str) -> bool:
-    # Of Android's "Display P3 Gamut with sRGB Transfer" the transfer alone is.
-    return "srgb" in color_profile.lower() and "p3" not in color_profile.lower()
-
-
-def _opaque_or(
-    color: NDArray[np.uint8], alpha: NDArray[np.uint8] | None
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """The same, without coverage that is full everywhere."""
-    return color, None if alpha is None or alpha.min() == 255 else alpha
 
 
 def upright_rotation(orientation: int) -> NDArray[np.float64] | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import struct
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -18,6 +17,7 @@ from PIL import Image
 from ..errors import InputError
 from ..files.untrusted import is_file
 from ..intake.archive import unpack
+from ..intake.exif import DAMAGE, mark_srgb
 from ..intake.heif import HeifHeader, read_heif_header
 from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file, video_as_photograph
 from ..intake.panoramas import PANORAMA_EXTENSIONS
@@ -347,8 +347,9 @@ def _write_jpeg(path: Path, source: Path, exif: bytes, development: Development 
     try:
         tags.load(exif)
         tags[0x0112] = 1  # upright already
+        mark_srgb(tags)
         written = tags.tobytes()
-    except (ValueError, SyntaxError, OSError, TypeError, KeyError, struct.error):
+    except DAMAGE:
         written = b""
     Image.fromarray(color).save(path, "JPEG", quality=_QUALITY, subsampling=0, exif=written)
 

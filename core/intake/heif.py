@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,21 +13,16 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
 from ..color.hdr import TRANSFERS, tone_map
-from ..color.profiles import DISPLAY_P3, convert_to_srgb
+from ..color.profiles import ADOBE_RGB, DISPLAY_P3, convert_to_srgb
 from ..errors import InputError
+from .exif import DAMAGE, is_adobe_rgb
 
 _COPY_AGAIN = "copy or export the image again"
 _GAIN_MAP = ("gainmap", "iso:ts:21496")
 _BT2020_PRIMARIES, _P3_PRIMARIES = 9, 12  # ITU-T H.273
+_NO_PRIMARIES = (0, 2)  # nothing is said, or "unspecified"
 _SEARCHED_BYTES = 1 << 16  # of an AVIF, in which its colour description stands
 _BAND_PIXELS = 1 << 20  # that are tone-mapped at a time
-# Whatever goes wrong in a decoder that is given a damaged file.
-_DAMAGE: tuple[type[Exception], ...] = (
-    *(OSError, ValueError, SyntaxError, RuntimeError, EOFError, IndexError, KeyError, TypeError),
-    ZeroDivisionError,
-    struct.error,
-    Image.DecompressionBombError,
-)
 
 
 @dataclass(frozen=True)
@@ -42,6 +36,7 @@ class HeifHeader:
         gain_map: whether there is one.
         depth: whether there is a depth map.
         transfer: "hlg", "pq" or "" (not HDR).
+        primaries: by their number in ITU-T H.273, or 0 where nothing says.
     """
 
     width: int
@@ -51,6 +46,7 @@ class HeifHeader:
     gain_map: bool
     depth: bool = False
     transfer: str = ""
+    primaries: int = 0
 
 
 def read_heif_header(path: Path, kind: str) -> HeifHeader:
@@ -61,7 +57,7 @@ def read_heif_header(path: Path, kind: str) -> HeifHeader:
     """
     try:
         header = _header(_open(path, kind), kind, path)
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise _damaged(path, error) from None
     if header.transfer and kind == "avif":
         raise _unread_hdr(path, "AVIF")
@@ -75,25 +71,27 @@ def read_heif(path: Path, kind: str) -> tuple[NDArray[np.uint8], NDArray[np.uint
         InputError: as for `read_heif_header`.
     """
     header = read_heif_header(path, kind)
-    color, coverage = _read_hdr(path, header.transfer) if header.transfer else _read_plain(path, kind)
+    color, coverage = _read_hdr(path, header.transfer) if header.transfer else _read_plain(path, kind, header)
     if color.shape[:2] != (header.height, header.width):
         raise _damaged(path, ValueError())
     return color, coverage
 
 
-def _read_plain(path: Path, kind: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def _read_plain(path: Path, kind: str, header: HeifHeader) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     try:
         opened = _open(path, kind)
         picture = opened.to_pillow() if kind == "heif" else ImageOps.exif_transpose(opened)
-        profile, nclx = opened.info.get("icc_profile"), opened.info.get("nclx_profile")
+        profile = opened.info.get("icc_profile")
         coverage = np.array(picture.getchannel("A")) if picture.mode in ("RGBA", "LA") else None
         color = np.array(picture.convert("RGB"))
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise _damaged(path, error) from None
     if profile:
         convert_to_srgb(color, bytes(profile))
-    elif isinstance(nclx, dict) and nclx.get("color_primaries") == _P3_PRIMARIES:
+    elif header.primaries == _P3_PRIMARIES:
         convert_to_srgb(color, DISPLAY_P3)
+    elif header.primaries in _NO_PRIMARIES and is_adobe_rgb(header.exif):
+        convert_to_srgb(color, ADOBE_RGB)
     return color, coverage
 
 
@@ -102,7 +100,7 @@ def _read_hdr(path: Path, transfer: str) -> tuple[NDArray[np.uint8], NDArray[np.
     try:
         opened = _open(path, "heif", convert_hdr_to_8bit=False)
         primaries, codes = opened.info["nclx_profile"]["color_primaries"], np.asarray(opened)
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise _damaged(path, error) from None
     if primaries != _BT2020_PRIMARIES or codes.ndim != 3 or codes.shape[2] not in (3, 4):
         raise _unread_hdr(path, "HEIF without the primaries of BT.2020")
@@ -142,21 +140,23 @@ def _header(opened: Any, kind: str, path: Path) -> HeifHeader:
         width, height = height, width
     auxiliary = [str(name).lower() for name in opened.info.get("aux", {})]
     gain_map = any(word in name for name in auxiliary for word in _GAIN_MAP)
-    transfer = TRANSFERS.get(_transfer_of_avif(path) if kind == "avif" else _transfer_of(opened), "")
+    primaries, transfer = _described_by_avif(path) if kind == "avif" else _described_by(opened)
     depth, bits = bool(opened.info.get("depth_images")), int(opened.info.get("bit_depth", 8))
-    return HeifHeader(width, height, bits, exif, gain_map, depth, transfer)
+    return HeifHeader(width, height, bits, exif, gain_map, depth, TRANSFERS.get(transfer, ""), primaries)
 
 
-def _transfer_of(opened: Any) -> int:
+def _described_by(opened: Any) -> tuple[int, int]:
+    """The numbers of primaries and transfer in ITU-T H.273, 0 where nothing says."""
     nclx = opened.info.get("nclx_profile")
-    return int(nclx.get("transfer_characteristics", 0)) if isinstance(nclx, dict) else 0
+    described = nclx if isinstance(nclx, dict) else {}
+    return int(described.get("color_primaries", 0)), int(described.get("transfer_characteristics", 0))
 
 
-def _transfer_of_avif(path: Path) -> int:
-    """What its colour description says (ISO/IEC 14496-12, 12.1.5), which Pillow does not hand on."""
+def _described_by_avif(path: Path) -> tuple[int, int]:
+    """The same, of its colour description (ISO/IEC 14496-12, 12.1.5), which Pillow does not hand on."""
     with open(path, "rb") as file:
-        _, found, described = file.read(_SEARCHED_BYTES).partition(b"colrnclx")
-    return int.from_bytes(described[2:4], "big") if found else 0
+        _, _, described = file.read(_SEARCHED_BYTES).partition(b"colrnclx")
+    return int.from_bytes(described[:2], "big"), int.from_bytes(described[2:4], "big")
 
 
 def _damaged(path: Path, error: BaseException) -> InputError:
@@ -172,6 +172,6 @@ def taken_with(exif: bytes) -> str:
         tags.load(exif)
         focal = tags.get_ifd(0x8769).get(0x920A)
         parts = [str(tags.get(0x010F, "")), str(tags.get(0x0110, "")), f"{float(focal):g} mm" if focal else ""]
-    except _DAMAGE:  # a division by zero among them: lenses state 0/0 mm
+    except DAMAGE:  # a division by zero among them: lenses state 0/0 mm
         return ""
     return " ".join(part.strip("\0 ") for part in parts if part.strip("\0 "))

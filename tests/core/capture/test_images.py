@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms, ImageOps
 
-from cvdgs.core.capture import images
+from cvdgs.core.capture import channels
 from cvdgs.core.capture.images import MAX_SIDE, read_header, read_pixels
 from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.capture.scaling import downscale_with_alpha, fit_size
@@ -91,7 +91,7 @@ def test_floating_point_pixels_do_not_depend_on_the_bands_in_which_they_are_enco
     rng = np.random.default_rng(0)
     path = save(tmp_path / "x.exr", rng.uniform(-0.1, 1.1, (72, 96, 4)).astype(np.float32))
     whole = read_pixels(path)
-    monkeypatch.setattr(images, "_BAND_PIXELS", 5 * 96 + 1)
+    monkeypatch.setattr(channels, "_BAND_PIXELS", 5 * 96 + 1)
     for pixels, in_bands in zip(whole, read_pixels(path), strict=True):
         np.testing.assert_array_equal(in_bands, pixels)
 

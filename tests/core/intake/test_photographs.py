@@ -1,4 +1,4 @@
-"""HEIC, AVIF and raw photographs, and ICC profiles, have the colours that a reference conversion gives."""
+"""HEIC, AVIF and raw photographs have the colours that a reference conversion gives."""
 
 from __future__ import annotations
 
@@ -75,42 +75,6 @@ def test_display_p3_becomes_srgb_whatever_the_format(tmp_path: Path, name: str) 
     assert alpha is None
     assert delta_e(color / 255.0, p3_to_srgb(pixels)) < 1.0
     assert delta_e(pixels / 255.0, p3_to_srgb(pixels)) > 1.5  # what is lost where the profile is not looked at
-
-
-def test_a_matrix_profile_of_any_space_is_converted(tmp_path: Path) -> None:
-    """Adobe RGB (1998), by an ICC profile that Little CMS never saw before."""
-    space = colour.RGB_COLOURSPACES["Adobe RGB (1998)"]
-    to_srgb = colour.matrix_RGB_to_RGB(space, colour.RGB_COLOURSPACES["sRGB"], chromatic_adaptation_transform=None)
-    pixels = soft_picture()
-    light = (pixels / 255.0) ** 2.19921875 @ to_srgb.T
-    expected = colour.models.eotf_inverse_sRGB(np.clip(light, 0, 1))
-    profile = _matrix_profile(space, 2.19921875)
-    Image.fromarray(pixels).save(tmp_path / "x.png", icc_profile=profile)
-    assert delta_e(read_pixels(tmp_path / "x.png")[0] / 255.0, expected) < 1.0
-    assert not read_header(tmp_path / "x.png").is_foreign
-
-
-def _matrix_profile(space: colour.RGB_Colourspace, gamma: float) -> bytes:
-    import struct
-
-    adaptation = colour.adaptation.matrix_chromatic_adaptation_VonKries(
-        colour.xy_to_XYZ(space.whitepoint), np.array([0.9642, 1.0, 0.8249]), "Bradford"
-    )
-    columns = (adaptation @ space.matrix_RGB_to_XYZ).T
-    xyz = [b"XYZ \0\0\0\0" + struct.pack(">iii", *(round(v * 65536) for v in column)) for column in columns]
-    curve = b"curv\0\0\0\0" + struct.pack(">IH", 1, round(gamma * 256)) + b"\0\0"
-    white = b"XYZ \0\0\0\0" + struct.pack(">iii", 63190, 65536, 54061)
-    text = b"text\0\0\0\0test\0\0\0\0"
-    description = b"desc\0\0\0\0" + struct.pack(">I", 6) + b"Adobe\0" + bytes(78)
-    names = (b"wtpt", b"rXYZ", b"gXYZ", b"bXYZ", b"rTRC", b"gTRC", b"bTRC", b"cprt", b"desc")
-    tags = dict(zip(names, (white, *xyz, curve, curve, curve, text, description), strict=True))
-    table, data, at = b"", b"", 132 + 12 * len(tags)
-    for name, content in tags.items():
-        table += name + struct.pack(">II", at + len(data), len(content))
-        data += content + bytes(-len(content) % 4)
-    head = struct.pack(">I", at + len(data)) + bytes(4) + b"\x02\x20\0\0mntrRGB XYZ " + bytes(12) + b"acsp"
-    head = (head + bytes(28) + struct.pack(">iii", 63190, 65536, 54061)).ljust(128, b"\0")
-    return head + struct.pack(">I", len(tags)) + table + data
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="needs the photographs of telephones")

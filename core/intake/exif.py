@@ -1,0 +1,63 @@
+"""What EXIF data say of the colours of a photograph that has no ICC profile."""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from pathlib import Path
+
+from PIL import Image
+
+_EXIF, _INTEROPERABILITY = 0x8769, 0xA005  # the tags that lead to further tables
+_COLOR_SPACE, _INDEX = 0xA001, 0x0001
+SRGB, UNCALIBRATED = 1, 65535
+"""Values of ColorSpace (EXIF 2.32, tag 40961)."""
+_ADOBE_RGB = "R03"  # DCF 2.0 (JEITA CP-3461B): "DCF optional file", Adobe RGB (1998) with ColorSpace uncalibrated
+_FORMATS = ("JPEG", "PNG", "TIFF")  # that carry EXIF data, of those that OpenImageIO reads
+DAMAGE: tuple[type[Exception], ...] = (
+    *(OSError, ValueError, SyntaxError, RuntimeError, EOFError, IndexError, KeyError, TypeError),
+    AttributeError,
+    ZeroDivisionError,
+    struct.error,
+    Image.DecompressionBombError,
+)
+"""Whatever goes wrong in Pillow where data are damaged."""
+
+
+def is_adobe_rgb(exif: bytes) -> bool:
+    """Whether raw EXIF data say that colours are of Adobe RGB (1998), as cameras do."""
+    try:
+        tags = Image.Exif()
+        tags.load(exif)
+        return _says_adobe_rgb(tags)
+    except DAMAGE:
+        return False
+
+
+def is_file_of_adobe_rgb(path: Path) -> bool:
+    """The same of a file; OpenImageIO does not read the table in which it stands."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of size, which the caller looks at, and of damaged tables
+            with Image.open(path, formats=_FORMATS) as picture:
+                return _says_adobe_rgb(picture.getexif())
+    except DAMAGE:
+        return False
+
+
+def _says_adobe_rgb(tags: Image.Exif) -> bool:
+    index = tags.get_ifd(_INTEROPERABILITY).get(_INDEX, "")
+    index = index.decode("ascii", "replace") if isinstance(index, bytes) else str(index)
+    return tags.get_ifd(_EXIF).get(_COLOR_SPACE) == UNCALIBRATED and index.strip("\0 ") == _ADOBE_RGB
+
+
+def mark_srgb(tags: Image.Exif) -> None:
+    """Make the data say that colours are sRGB.
+
+    Raises:
+        One of `DAMAGE`.
+    """
+    further = tags.get_ifd(_EXIF)
+    if further:
+        further[_COLOR_SPACE] = SRGB
+        further.pop(_INTEROPERABILITY, None)
