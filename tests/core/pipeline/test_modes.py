@@ -42,10 +42,10 @@ def joint(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def added(post, tmp_path_factory) -> Path:
-    """A copy of the post run with another layer, asked for with no option repeated."""
+    """A copy of the post run with a layer of another enhancer and another strength."""
     out = tmp_path_factory.mktemp("added") / "out"
     shutil.copytree(post, out)
-    run(SHOWROOM, out, "--resume", "--cvd", "protan", "--strength", "0.5")
+    run(SHOWROOM, out, "--resume", "--cvd", "protan", "--strength", "0.5", "--enhancer", "scene")
     return out
 
 
