@@ -2,7 +2,8 @@
 
 A recipe is the command and the constants that shape what it measures: the product's own and the study's. Its
 fingerprint changes with each of them, so a page tells which code it is about, and a test finds pages older than that.
-Code that is not a constant counts by `RESULTS`, which is raised by hand; a test of small runs finds when it has to be.
+Code that is not a constant counts by `RESULTS`, which is raised by hand; a test finds when small runs of the demo show
+that it has to be.
 """
 
 from __future__ import annotations

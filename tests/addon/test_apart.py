@@ -19,7 +19,7 @@ from cvdgs.ui.display import CVDGS_PT_display
 from . import ewa
 from .layouts import drawn
 from .scenes import CAMERA, cloud, look_at, look_through, read_png, render_png, ring_view, take
-from .test_apply_simulation import structure
+from .test_apply_simulation import insert_glare, structure
 
 EIGHT_BITS = 1.0 / 255.0
 
@@ -303,11 +303,7 @@ def test_nodes_that_somebody_adds_stay_when_it_ends(scene, place):
         "pictures": node.inputs[1].links[0],
         "output": node.outputs["Vector"].links[0],
     }[place]
-    source, target = link.from_socket, link.to_socket
-    glare = tree.nodes.new("CompositorNodeGlare")
-    glare.name = "mine"
-    tree.links.new(source, glare.inputs["Image"])
-    tree.links.new(glare.outputs["Image"], target)
+    glare = insert_glare(tree, link)
     before = len(bpy.data.node_groups)
     bpy.ops.cvdgs.restore_render()
     assert not is_apart(scene)

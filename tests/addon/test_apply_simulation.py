@@ -122,6 +122,16 @@ def test_an_artists_compositor_is_left_as_it_was(fresh_scene, tmp_path):
     np.testing.assert_array_equal(composited(fresh_scene, tmp_path), pixels)
 
 
+def insert_glare(tree: bpy.types.NodeTree, link: bpy.types.NodeLink) -> bpy.types.Node:
+    """Put a node called "mine" into a link of the tree, as an artist does; returns the node."""
+    source, target = link.from_socket, link.to_socket
+    glare = tree.nodes.new("CompositorNodeGlare")
+    glare.name = "mine"
+    tree.links.new(source, glare.inputs["Image"])
+    tree.links.new(glare.outputs["Image"], target)
+    return glare
+
+
 @pytest.mark.parametrize("view_transform", ["AgX", "Standard"])
 @pytest.mark.parametrize("place", ["before it", "in it", "after it"])
 def test_nodes_that_somebody_adds_to_the_simulations_compositor_stay(fresh_scene, view_transform, place):
@@ -136,11 +146,7 @@ def test_nodes_that_somebody_adds_to_the_simulations_compositor_stay(fresh_scene
         "in it": node.inputs["Image"].links[0],
         "after it": node.outputs["Image"].links[0],
     }[place]
-    source, target = link.from_socket, link.to_socket
-    glare = tree.nodes.new("CompositorNodeGlare")
-    glare.name = "mine"
-    tree.links.new(source, glare.inputs["Image"])
-    tree.links.new(glare.outputs["Image"], target)
+    insert_glare(tree, link)
     assert not renders_can_go_without(fresh_scene)
     use_simulation(fresh_scene, in_renders=False, in_viewport=True)
     assert fresh_scene.render.use_compositing

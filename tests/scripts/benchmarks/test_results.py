@@ -1,4 +1,4 @@
-"""What short runs make of the demo is what the revision of results stands for: no change of it goes unnoticed."""
+"""What short runs make of the demo is what the revision of results stands for; what does not show there, they miss."""
 
 from __future__ import annotations
 
