@@ -12,12 +12,11 @@ import mathutils
 import numpy as np
 
 from ...core.errors import InputError
-from ...core.splats.gaussians import core_bounds
 from ...core.splats.similarity import FEWEST, fit_similarity
 from .beside import link_beside
 from .cameras import is_capture_camera
 from .placement import found_of, is_capture, set_metres
-from .splat_attributes import point_positions
+from .splat_attributes import core_of
 
 _MARK = "cvdgs_mark"  # custom property of an Empty: the number of its pair
 _SPREAD, _SIZE = 0.4, 0.04  # of new marks around the middle and of their spheres, in radii of the core
@@ -146,7 +145,7 @@ def _cameras_of(splats: bpy.types.Object) -> dict[object, bpy.types.Object]:
 
 def _add_mark(splats: bpy.types.Object, number: int) -> bpy.types.Object:
     """Around the middle, each in another direction, where it is seen."""
-    center, radius = core_bounds(point_positions(splats.data))
+    center, radius = core_of(splats)
     angle = 2.4 * number
     mark = bpy.data.objects.new(f"Mark {number} of {splats.name}", None)
     mark[_MARK] = number

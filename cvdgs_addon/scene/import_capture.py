@@ -29,7 +29,7 @@ from .placement import (
     placement,
 )
 from .sparse_points import add_sparse_points, is_sparse_points
-from .splat_attributes import point_positions
+from .splat_attributes import core_of
 from .splats import is_splats
 
 _CLIP_END = 500.0  # far end of the cameras' range in distances to the subject: generous, yet well inside float32
@@ -181,7 +181,7 @@ def _center_of(empty: bpy.types.Object, views: Sequence[CaptureView]) -> NDArray
     for is_subject in (is_splats, is_sparse_points):
         for child in empty.children:
             if is_subject(child):
-                return core_bounds(point_positions(child.data))[0]
+                return core_of(child)[0]
     return _focus(views)
 
 
