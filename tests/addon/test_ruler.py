@@ -23,7 +23,8 @@ from cvdgs.cvdgs_addon.scene import ruler
 from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.finished_run import read_run
 from cvdgs.cvdgs_addon.scene.placement import found_of
-from cvdgs.cvdgs_addon.scene.ruler import add_ruler, measure
+from cvdgs.cvdgs_addon.scene.ruler import add_ruler, ends_of, measure
+from cvdgs.cvdgs_addon.scene.splats import is_splats
 from cvdgs.ui.capture import CVDGS_PT_import_capture
 
 from .interpreters import REFUSING
@@ -71,6 +72,33 @@ def test_the_ends_of_a_ruler_come_to_be_as_far_apart_as_was_measured(run: Path, 
     bpy.ops.cvdgs.place_capture(up="Z")  # and it keeps its size when it is placed anew
     again = in_scene(splats)
     assert np.linalg.norm(again[3] - again[50]) == pytest.approx(2.4, rel=1e-4)
+
+
+def test_of_two_runs_the_panels_own_is_measured_unless_what_is_active_belongs_to_another(
+    tmp_path: Path, empty: bpy.types.Object
+) -> None:
+    shown = show_run(str(synthetic_run(tmp_path / "window")), bpy.context.scene)
+    assert bpy.ops.cvdgs.add_ruler() == {"FINISHED"}
+    assert (len(ends_of(shown.parent)), len(ends_of(empty))) == (2, 0)
+    bpy.context.view_layer.objects.active = active = next(child for child in empty.children if is_splats(child))
+    active.hide_set(True)  # as "Hide Others" does, which leaves it active
+    assert bpy.ops.cvdgs.add_ruler() == {"FINISHED"}
+    assert not ends_of(empty)
+    active.hide_set(False)
+    assert bpy.ops.cvdgs.add_ruler() == {"FINISHED"}
+    assert len(ends_of(empty)) == 2
+
+
+def test_undo_leaves_the_run_as_it_was_told_and_who_measures_is_told_so(run: Path, empty, capfd) -> None:
+    name = empty.name
+    add_ruler(empty)
+    bpy.ops.ed.undo_push(message="ruler")
+    assert bpy.ops.cvdgs.measure(metres=2.4) == {"FINISHED"}
+    bpy.ops.ed.undo_push(message="measured")
+    bpy.ops.ed.undo()
+    assert found_of(bpy.data.objects[name]).metres_per_unit is None
+    assert read_run(run).metres_per_unit is not None
+    assert "Undo does not reach the run: set the right length to correct it" in capfd.readouterr().out
 
 
 def test_without_a_ruler_or_with_one_of_no_length_nothing_is_measured(empty: bpy.types.Object) -> None:
