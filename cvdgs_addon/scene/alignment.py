@@ -15,6 +15,7 @@ from ...core.errors import InputError
 from ...core.splats.similarity import FEWEST, fit_similarity
 from .beside import link_beside
 from .cameras import is_capture_camera
+from .import_capture import scale_ranges
 from .placement import found_of, is_capture, set_metres
 from .splat_attributes import core_of
 
@@ -121,6 +122,7 @@ def _align(
         )
     root = moved.parent or moved
     root.matrix_world = mathutils.Matrix(found.matrix.tolist()) @ root.matrix_world
+    scale_ranges(root, found.scale)
     if metric(fixed) and is_capture(root):
         set_metres(root, max(root.matrix_world.to_scale()))
     bpy.context.view_layer.update()

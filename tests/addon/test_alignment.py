@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cvdgs.cvdgs_addon.scene.alignment import add_marks, align_by_marks
+from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.placement import found_of, set_metres
 from cvdgs.ui.display import CVDGS_PT_display
 
@@ -27,6 +28,10 @@ def apart(two):  # noqa: F811
     ) @ second.parent.matrix_world
     bpy.context.view_layer.update()
     return first, second
+
+
+def cameras_of(splats: bpy.types.Object) -> list[bpy.types.Object]:
+    return list(filter(is_capture_camera, splats.parent.children))
 
 
 def put_marks(first, second, shift: float = 0.0) -> None:
@@ -50,6 +55,17 @@ def test_marks_bring_a_run_onto_another(apart):
     assert bpy.ops.cvdgs.align_marks() == {"FINISHED"}
     np.testing.assert_allclose(in_scene(second), before, atol=1e-4)
     np.testing.assert_array_equal(in_scene(first), before)
+
+
+def test_cameras_of_a_run_that_was_resized_see_as_much_of_it_as_before(apart):
+    first, second = apart
+    put_marks(first, second)
+    ranges = {child: (child.data.clip_start, child.data.clip_end) for child in cameras_of(second)}
+    found = align_by_marks(second, first)
+    assert found.scale == pytest.approx(2.0, rel=1e-3)
+    for camera, (start, end) in ranges.items():
+        assert camera.data.clip_start == pytest.approx(start * found.scale, rel=1e-4)
+        assert camera.data.clip_end == pytest.approx(end * found.scale, rel=1e-4)
 
 
 def test_marks_are_in_the_artists_scene_where_lit_objects_are_rendered_apart(apart):
