@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,14 +13,13 @@ import numpy as np
 from ...core.errors import InputError
 from ...core.splats.similarity import FEWEST, fit_similarity
 from .beside import link_beside
-from .cameras import is_capture_camera
+from .cameras import is_capture_camera, view_key
 from .import_capture import scale_ranges
 from .placement import found_of, is_capture, set_metres
 from .splat_attributes import core_of
 
 _MARK = "cvdgs_mark"  # custom property of an Empty: the number of its pair
 _SPREAD, _SIZE = 0.4, 0.04  # of new marks around the middle and of their spheres, in radii of the core
-_COPY_NUMBER = re.compile(r"\.\d{3,}$")  # that Blender adds to a name which is taken
 _MOST_ERROR = 0.05  # of cameras that should coincide, in shares of how far they are apart
 
 
@@ -141,8 +139,8 @@ def _marks_of(splats: bpy.types.Object) -> dict[int, bpy.types.Object]:
     return {found[_MARK]: found for found in _family(splats) if _MARK in found and found.users_scene}
 
 
-def _cameras_of(splats: bpy.types.Object) -> dict[object, bpy.types.Object]:
-    return {_COPY_NUMBER.sub("", found.name): found for found in _family(splats) if is_capture_camera(found)}
+def _cameras_of(splats: bpy.types.Object) -> dict[str, bpy.types.Object]:
+    return {view_key(found): found for found in _family(splats) if is_capture_camera(found)}
 
 
 def _add_mark(splats: bpy.types.Object, number: int) -> bpy.types.Object:

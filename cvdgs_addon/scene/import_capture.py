@@ -15,7 +15,7 @@ from ...core.capture.folder import CaptureView, read_capture_folder, read_points
 from ...core.splats.gaussians import core_bounds
 from .bystanders import hide_start_cube
 from .camera_view import views_3d
-from .cameras import Clip, add_camera, camera_intrinsics, camera_to_world, is_capture_camera
+from .cameras import Clip, add_camera, camera_intrinsics, camera_to_world, is_capture_camera, view_key
 from .display import match_display
 from .placement import (
     NOTHING_FOUND,
@@ -170,7 +170,7 @@ def middle_of(empty: bpy.types.Object) -> tuple[NDArray[np.float64], float]:
 
 def _views_of(empty: bpy.types.Object) -> list[CaptureView]:
     return [
-        CaptureView(camera.name, camera_intrinsics(camera), camera_to_world(camera))
+        CaptureView(view_key(camera), camera_intrinsics(camera), camera_to_world(camera))
         for camera in empty.children
         if is_capture_camera(camera)
     ]

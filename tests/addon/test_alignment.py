@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
+
 import bpy
 import mathutils
 import numpy as np
 import pytest
 
-from cvdgs.cvdgs_addon.scene.alignment import add_marks, align_by_marks
+from cvdgs.cvdgs_addon.results import show_run
+from cvdgs.cvdgs_addon.scene.alignment import add_marks, align_by_marks, align_by_photographs
 from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.placement import found_of, set_metres
 from cvdgs.ui.display import CVDGS_PT_display
 
 from .layouts import drawn
+from .scenes import synthetic_run
 from .test_neighbours import in_scene, two  # noqa: F401 - a fixture
 
 PLACES = [(1.0, 0.2, 0.1), (-0.7, 0.9, 0.3), (0.1, -0.8, 0.9)]
@@ -119,6 +123,31 @@ def test_two_runs_that_know_metres_keep_their_sizes(apart):
 def test_photographs_of_both_do_without_marks(apart):
     first, second = apart
     assert bpy.ops.cvdgs.align_photographs() == {"FINISHED"}
+    np.testing.assert_allclose(in_scene(second), in_scene(first), atol=1e-3)
+
+
+def test_photographs_are_recognised_in_files_of_versions_that_kept_their_objects_names_alone(apart):
+    for splats in apart:
+        for camera in cameras_of(splats):
+            del camera.data["cvdgs_view"]
+    first, second = apart
+    assert bpy.ops.cvdgs.align_photographs() == {"FINISHED"}
+    np.testing.assert_allclose(in_scene(second), in_scene(first), atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["frame.{:04d}", "a room with a name too long for Blender, from " * 4 + "{}"])
+def test_photographs_may_have_names_that_blender_changes(addon, tmp_path, name):
+    loaded = []
+    for folder in ("shop", "window"):
+        file = synthetic_run(tmp_path / folder) / "capture" / "transforms.json"
+        document = json.loads(file.read_text())
+        for number, frame in enumerate(document["frames"], start=1):
+            frame["file_path"] = f"images/{name.format(number)}.png"
+        file.write_text(json.dumps(document))
+        loaded.append(show_run(str(tmp_path / folder), bpy.context.scene))
+    first, second = loaded
+    second.parent.location.x = 3.0
+    assert align_by_photographs(second, first).pairs == 5
     np.testing.assert_allclose(in_scene(second), in_scene(first), atol=1e-3)
 
 
