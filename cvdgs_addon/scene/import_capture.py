@@ -25,6 +25,7 @@ from .placement import (
     camera_distance,
     found_of,
     is_capture,
+    metres_of_unit,
     near_depth,
     placement,
 )
@@ -82,7 +83,7 @@ def import_capture(folder: Path, scene: bpy.types.Scene, options: ImportOptions 
     positions, colors = read_points(folder)
     center = core_bounds(positions)[0] if len(positions) else _focus(capture.views)
     found = Found(capture.up, capture.metres_per_unit)
-    matrix = placement(capture.views, center, options.placing, found)
+    matrix = placement(capture.views, center, options.placing, found, metres_of_unit(scene))
     added = add_cameras(capture.views, matrix, center, scene, found)
     hide_start_cube(scene)
     if options.images:
@@ -146,7 +147,8 @@ def place_again(empty: bpy.types.Object, placing: Placing) -> None:
     views = _views_of(empty)
     if not views:
         return
-    matrix = placement(views, _center_of(empty, views), placing, found_of(empty))
+    metres = metres_of_unit(bpy.context.scene)
+    matrix = placement(views, _center_of(empty, views), placing, found_of(empty), metres)
     ratio = _scale_of(matrix) / _scale_of(np.array(empty.matrix_basis))
     empty.matrix_basis = mathutils.Matrix(matrix.tolist())
     scale_ranges(empty, ratio)

@@ -111,13 +111,34 @@ def test_the_run_that_knows_metres_stays_and_passes_them_on(apart):
 def test_two_runs_that_know_metres_keep_their_sizes(apart):
     first, second = apart
     for found in apart:
-        set_metres(found.parent, 1.0)
+        set_metres(found.parent, max(found.parent.matrix_world.to_scale()))
     put_marks(first, second)
     size = second.parent.matrix_world.to_scale()
     found = align_by_marks(second, first)
     assert (found.scale, found.is_metric) == (1.0, True)
     assert list(second.parent.matrix_world.to_scale()) == pytest.approx(list(size), rel=1e-5)
     assert " m apart" in found.in_words
+
+
+def test_a_run_that_was_resized_since_it_was_measured_gets_its_size_back(apart):
+    first, second = apart
+    for found in apart:
+        set_metres(found.parent, 1.0)  # as the second, half as large, no longer has
+    assert bpy.ops.cvdgs.align_photographs() == {"FINISHED"}
+    np.testing.assert_allclose(in_scene(second), in_scene(first), atol=1e-3)
+    assert found_of(second.parent).metres_per_unit == pytest.approx(1.0, rel=1e-4)
+
+
+def test_in_a_scene_of_centimetres_metres_are_passed_on_and_told_as_such(apart):
+    bpy.context.scene.unit_settings.system, bpy.context.scene.unit_settings.scale_length = "METRIC", 0.01
+    first, second = apart
+    set_metres(first.parent, 0.01)
+    put_marks(first, second, shift=0.3)
+    found = align_by_marks(second, first)
+    assert found.is_metric
+    assert 0.0001 < found.error < 0.006
+    in_metres = 0.01 * max(second.parent.matrix_world.to_scale())
+    assert found_of(second.parent).metres_per_unit == pytest.approx(in_metres, rel=1e-4)
 
 
 def test_photographs_of_both_do_without_marks(apart):
