@@ -22,10 +22,10 @@ from .scene.color_nodes import coefficient_attribute, coefficient_count
 from .scene.crop import left_by_crop
 from .scene.origin import run_of
 from .scene.shapes import frame_map, rotation_matrices
-from .scene.splat_attributes import Attribute, color_attribute, read_attribute, vertex_positions
+from .scene.splat_attributes import Attribute, color_attribute, read_attribute, require_object_mode, vertex_positions
 from .scene.splat_nodes import Input
 from .scene.splats import get_input, layer_names
-from .shown import require_object_mode, shown_layer
+from .shown import shown_layer
 
 # A logit beyond this is as good as 0 or 1, and finite.
 _LARGEST_LOGIT = 15.0

@@ -77,8 +77,9 @@ def _move_border(simulate: bpy.types.PropertyGroup, _context: bpy.types.Context)
     apply_simulation(simulate.id_data)
 
 
-def _is_target(_display: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:
-    return is_splats(candidate)
+def is_target(display: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:
+    """Whether the panel's fields offer `candidate`: Gaussians of the same scene, which are what its buttons change."""
+    return is_splats(candidate) and display.id_data.objects.get(candidate.name) == candidate
 
 
 class CaptureProperties(bpy.types.PropertyGroup):
@@ -209,7 +210,7 @@ class DisplayProperties(bpy.types.PropertyGroup):
         name="Gaussians",
         description="The Gaussians that this panel controls; empty: the active object, or the first in the scene",
         type=bpy.types.Object,
-        poll=_is_target,
+        poll=is_target,
     )
     engine: bpy.props.EnumProperty(
         name="Engine", description="The render engine to set up for Gaussians", items=_ENGINES, default="CYCLES"
@@ -227,7 +228,7 @@ class DisplayProperties(bpy.types.PropertyGroup):
         name="With",
         description="The run that this one is aligned with; empty: the first other one that is visible",
         type=bpy.types.Object,
-        poll=_is_target,
+        poll=is_target,
     )
     automatic: bpy.props.BoolProperty(
         name="Automatic",

@@ -20,9 +20,15 @@ from .scene.bystanders import hide_start_cube
 from .scene.convert import load_run
 from .scene.finished_run import RUN_PROPERTY, FinishedRun, read_run
 from .scene.origin import run_of
-from .scene.splat_attributes import color_attribute, is_gaussian, opaque, point_positions, write_attribute
+from .scene.splat_attributes import (
+    color_attribute,
+    is_gaussian,
+    opaque,
+    point_positions,
+    require_object_mode,
+    write_attribute,
+)
 from .scene.splats import is_splats, layer_names, show_layer
-from .shown import require_object_mode
 from .watching import WATCHER
 
 _MOST_SHOWN = 1e15  # no figure of a run is larger

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import bpy
 
-from ..core.errors import InputError
 from ..core.runs.layout import ORIGINAL
 from .scene.origin import run_of
 from .scene.splat_attributes import color_attribute
@@ -43,16 +42,6 @@ def shown_run(context: bpy.types.Context) -> str:
     """The folder of the run that the panels are about, in full; "" where there is none."""
     splats = shown_splats(context)
     return run_of(splats) if splats is not None else ""
-
-
-def require_object_mode(splats: bpy.types.Object) -> None:
-    """Refuse Gaussians that are being edited: their attributes cannot be reached meanwhile.
-
-    Raises:
-        InputError: they are.
-    """
-    if splats.mode == "EDIT":
-        raise InputError("the Gaussians are being edited", where=splats.name, remedy="leave Edit Mode first")
 
 
 def _forget_if_deleted(display: bpy.types.PropertyGroup, name: str) -> None:

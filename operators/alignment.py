@@ -9,7 +9,8 @@ from ..cvdgs_addon.joining import join
 from ..cvdgs_addon.picking_marks import Picking, ray_below
 from ..cvdgs_addon.scene.alignment import Alignment, add_marks, align_by_marks, align_by_photographs, metric
 from ..cvdgs_addon.scene.neighbours import partner_of
-from ..cvdgs_addon.shown import require_object_mode, shown_splats
+from ..cvdgs_addon.scene.splat_attributes import require_object_mode
+from ..cvdgs_addon.shown import shown_splats
 from .base import NeedsGaussians
 
 

@@ -15,8 +15,9 @@ from ..cvdgs_addon.inspection import inspect_now, start_inspection
 from ..cvdgs_addon.report_pages import start_writing_pages, write_pages_now
 from ..cvdgs_addon.scene.cameras import is_capture_camera, use_camera
 from ..cvdgs_addon.scene.import_capture import ImportOptions, capture_of, place_again
-from ..cvdgs_addon.scene.placement import Placing, Up, is_capture
+from ..cvdgs_addon.scene.placement import Placing, Up, is_capture, metres_of_unit
 from ..cvdgs_addon.scene.ruler import add_ruler, ends_of, measure
+from ..cvdgs_addon.shown import shown_splats
 from .base import Action
 
 _UP_ITEMS = (
@@ -174,8 +175,8 @@ class CVDGS_OT_measure(_OfCapture, bpy.types.Operator):
     bl_idname = "cvdgs.measure"
     bl_label = "Set Length"
 
-    metres: bpy.props.FloatProperty(
-        name="Length", description="From A to B, as measured", subtype="DISTANCE", unit="LENGTH", min=0.001, default=1.0
+    length: bpy.props.FloatProperty(
+        name="Length", description="From A to B, as measured", subtype="DISTANCE", unit="LENGTH", min=1e-6, default=1.0
     )
 
     _waits = True  # for the worker that writes the run's report page; an artist must not be held up
@@ -190,10 +191,13 @@ class CVDGS_OT_measure(_OfCapture, bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self)
 
     def act(self, context: bpy.types.Context) -> None:
-        told = measure(_shown_capture(context), self.metres)
+        metres = self.length * metres_of_unit(context.scene)  # Blender's lengths are in units of the scene
+        told = measure(_shown_capture(context), metres)
         (write_pages_now if self._waits else start_writing_pages)(told)
-        where = "the scene, and in its run for exports" if told else "the scene"
-        self.report({"INFO"}, f"A to B is {self.metres:.3g} m now in {where}")
+        said = f"A to B is {metres:.3g} m now in the scene"
+        if told:
+            said += ", and in its run for exports. Undo does not reach the run: set the right length to correct it"
+        self.report({"INFO"}, said)
 
 
 class CVDGS_OT_look_through(Action, bpy.types.Operator):
@@ -219,8 +223,10 @@ class CVDGS_OT_look_through(Action, bpy.types.Operator):
 
 
 def _shown_capture(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The capture of the active object, else the scene's first."""
-    found = capture_of(context.view_layer.objects.active)
+    """The capture of the active object if that is seen, else of the Gaussians that the panels are about, else any."""
+    active = context.view_layer.objects.active
+    found = capture_of(active) if active is not None and active.visible_get() else None
+    found = found or capture_of(shown_splats(context))
     return found or next((candidate for candidate in context.scene.objects if is_capture(candidate)), None)
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import bpy
 
 from ..cvdgs_addon.scene import relight
-from ..cvdgs_addon.shown import require_object_mode, shown_splats
+from ..cvdgs_addon.scene.splat_attributes import require_object_mode
+from ..cvdgs_addon.shown import shown_splats
 from .base import ChangesGaussians
 
 

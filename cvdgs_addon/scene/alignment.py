@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,16 +12,16 @@ import mathutils
 import numpy as np
 
 from ...core.errors import InputError
-from ...core.splats.gaussians import core_bounds
 from ...core.splats.similarity import FEWEST, fit_similarity
 from .beside import link_beside
-from .cameras import is_capture_camera
-from .placement import found_of, is_capture, set_metres
-from .splat_attributes import point_positions
+from .cameras import is_capture_camera, view_key
+from .import_capture import scale_ranges
+from .placement import found_of, is_capture, metres_of_unit, metres_shown, set_metres
+from .splat_attributes import core_of
 
 _MARK = "cvdgs_mark"  # custom property of an Empty: the number of its pair
 _SPREAD, _SIZE = 0.4, 0.04  # of new marks around the middle and of their spheres, in radii of the core
-_COPY_NUMBER = re.compile(r"\.\d{3,}$")  # that Blender adds to a name which is taken
+_SAME_SIZE = 1e-3  # largest relative difference of two sizes that are taken for one
 _MOST_ERROR = 0.05  # of cameras that should coincide, in shares of how far they are apart
 
 
@@ -31,9 +31,9 @@ class Alignment:
 
     Attributes:
         pairs: points that were compared.
-        error: root of their mean squared distance then, in units of the scene.
+        error: root of their mean squared distance then, in metres where `is_metric`, else in units of the scene.
         scale: by which the moved run was resized.
-        is_metric: whether the scene's units are metres, as far as the runs know.
+        is_metric: whether they have their true size now.
     """
 
     pairs: int
@@ -96,8 +96,13 @@ def align_by_photographs(moved: bpy.types.Object, fixed: bpy.types.Object) -> Al
 
 
 def metric(splats: bpy.types.Object) -> bool:
-    """Whether somebody has measured the run of `splats`, so that the scene's units are metres."""
-    return bool(splats.parent and is_capture(splats.parent) and found_of(splats.parent).metres_per_unit)
+    """Whether the run of `splats` has its true size in the scene: it was measured, and not resized otherwise since."""
+    root = splats.parent
+    known = found_of(root).metres_per_unit if root is not None and is_capture(root) else None
+    if known is None:
+        return False
+    bpy.context.view_layer.update()
+    return math.isclose(metres_shown(root, bpy.context.scene), known, rel_tol=_SAME_SIZE)
 
 
 def _align(
@@ -111,8 +116,8 @@ def _align(
     bpy.context.view_layer.update()
     common = [key for key in sources if key in targets]
     source, target = _places(sources[key] for key in common), _places(targets[key] for key in common)
-    both = metric(moved) and metric(fixed)  # then sizes are known
-    found = fit_similarity(source, target, with_scale=not both, where=f"{moved.name}, {what}")
+    is_metric = metric(fixed)
+    found = fit_similarity(source, target, with_scale=not (is_metric and metric(moved)), where=f"{moved.name}, {what}")
     width = float(np.sqrt(np.mean(((target - target.mean(axis=0)) ** 2).sum(axis=1))))
     if found.error > most * width:
         raise InputError(
@@ -122,10 +127,13 @@ def _align(
         )
     root = moved.parent or moved
     root.matrix_world = mathutils.Matrix(found.matrix.tolist()) @ root.matrix_world
-    if metric(fixed) and is_capture(root):
-        set_metres(root, max(root.matrix_world.to_scale()))
+    scale_ranges(root, found.scale)
     bpy.context.view_layer.update()
-    return Alignment(len(common), found.error, found.scale, metric(fixed))
+    if not is_metric:
+        return Alignment(len(common), found.error, found.scale, False)
+    if is_capture(root):
+        set_metres(root, metres_shown(root, bpy.context.scene))
+    return Alignment(len(common), found.error * metres_of_unit(bpy.context.scene), found.scale, True)
 
 
 def _places(objects: Iterable[bpy.types.Object]) -> np.ndarray:
@@ -140,13 +148,13 @@ def _marks_of(splats: bpy.types.Object) -> dict[int, bpy.types.Object]:
     return {found[_MARK]: found for found in _family(splats) if _MARK in found and found.users_scene}
 
 
-def _cameras_of(splats: bpy.types.Object) -> dict[object, bpy.types.Object]:
-    return {_COPY_NUMBER.sub("", found.name): found for found in _family(splats) if is_capture_camera(found)}
+def _cameras_of(splats: bpy.types.Object) -> dict[str, bpy.types.Object]:
+    return {view_key(found): found for found in _family(splats) if is_capture_camera(found)}
 
 
 def _add_mark(splats: bpy.types.Object, number: int) -> bpy.types.Object:
     """Around the middle, each in another direction, where it is seen."""
-    center, radius = core_bounds(point_positions(splats.data))
+    center, radius = core_of(splats)
     angle = 2.4 * number
     mark = bpy.data.objects.new(f"Mark {number} of {splats.name}", None)
     mark[_MARK] = number

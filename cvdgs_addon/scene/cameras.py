@@ -12,6 +12,7 @@ a = aspect_x / aspect_y (from Blender's view plane computation)::
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import bpy
@@ -24,9 +25,11 @@ from ...core.errors import InputError
 
 SENSOR_WIDTH = 36.0  # mm, of the full-frame format that artists' lens numbers refer to
 
-_WIDTH, _HEIGHT = "cvdgs_width", "cvdgs_height"  # custom properties of the camera data, in pixels
+_KEY = "cvdgs_view"  # custom property of the camera data: the view's key, which Blender's names number and cut
+_WIDTH, _HEIGHT = "cvdgs_width", "cvdgs_height"  # the same, in pixels
 _ASPECT_X, _ASPECT_Y = "cvdgs_pixel_aspect_x", "cvdgs_pixel_aspect_y"
 
+_COPY_NUMBER = re.compile(r"\.\d{3,}$")  # that Blender adds to a name which is taken
 _ASPECT_LIMIT = 200.0  # Blender's largest pixel aspect
 
 
@@ -44,7 +47,7 @@ def add_camera(
     """Add a camera object.
 
     Args:
-        name: of the object and its data.
+        name: of the object and its data, and the key of the view.
         camera: intrinsics in pixels.
         camera_to_world: (4, 4) rigid, OpenGL axes, in the space of the object's parent.
         clip: visible range.
@@ -65,6 +68,7 @@ def add_camera(
     data.shift_x = (camera.width / 2.0 - camera.cx) / camera.width
     data.shift_y = (camera.cy - camera.height / 2.0) / (camera.width * aspect_x / aspect_y)
     data.clip_start, data.clip_end = clip.start, clip.end
+    data[_KEY] = name
     data[_WIDTH], data[_HEIGHT] = camera.width, camera.height
     data[_ASPECT_X], data[_ASPECT_Y] = aspect_x, aspect_y
     camera_object = bpy.data.objects.new(name, data)
@@ -93,6 +97,12 @@ def camera_to_world(camera_object: bpy.types.Object) -> NDArray[np.float64]:
 def is_capture_camera(candidate: bpy.types.Object) -> bool:
     """Whether `candidate` was made by `add_camera`."""
     return candidate.type == "CAMERA" and _WIDTH in candidate.data
+
+
+def view_key(camera_object: bpy.types.Object) -> str:
+    """The key of the view that a camera of `add_camera` shows."""
+    # In files that earlier versions saved, the name is all there is.
+    return str(camera_object.data.get(_KEY) or _COPY_NUMBER.sub("", camera_object.name))
 
 
 def use_camera(scene: bpy.types.Scene, camera_object: bpy.types.Object) -> None:

@@ -10,8 +10,7 @@ import bpy
 import mathutils
 import numpy as np
 
-from ...core.splats.gaussians import core_bounds
-from .splat_attributes import point_positions
+from .splat_attributes import core_of, point_positions
 
 NAME = "Shadow Catcher"
 
@@ -24,9 +23,9 @@ _CORNERS = ((-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.
 def add_catcher(scene: bpy.types.Scene, splats: bpy.types.Object, standing: list[bpy.types.Object]) -> bpy.types.Object:
     """Add a level floor under the objects `standing` on it, or under the Gaussians; returns the Empty that moves it."""
     bpy.context.view_layer.update()
+    center, radius = core_of(splats)
     positions = point_positions(splats.data)
     matrix = np.array(splats.matrix_world)
-    center, radius = core_bounds(positions)
     center = matrix[:3, :3] @ center + matrix[:3, 3]
     radius *= max(splats.matrix_world.to_scale())
     heights = positions @ matrix[2, :3] + matrix[2, 3]

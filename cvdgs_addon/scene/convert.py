@@ -22,7 +22,7 @@ from .display import BACKGROUND_PROPERTY, Form, show_form
 from .finished_run import PARTIAL_FOLDER, RUN_PROPERTY, FinishedRun, read_run
 from .import_capture import add_cameras
 from .origin import BESIDE
-from .placement import Found, placement
+from .placement import Found, metres_of_unit, placement
 from .preview import shade_flat
 from .render_settings import Display, display_of, set_background, set_cycles, set_display
 from .splat_attributes import Attribute, is_gaussian, write_attribute
@@ -119,7 +119,7 @@ def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOption
     check_gaussians(run.gaussians, run.layers, where=run.folder)
     center, _ = core_bounds(run.gaussians.means)
     found = Found(run.up, run.metres_per_unit)
-    matrix = placement(run.views, center, found=found) if options.place else np.eye(4)
+    matrix = placement(run.views, center, found=found, metres=metres_of_unit(scene)) if options.place else np.eye(4)
     added = add_cameras(run.views, matrix, center, scene, found, name=run.name)
     splats = add_gaussians(run.gaussians, run.layers, added.collection, f"{run.name} Gaussians")
     if run.floaters is not None:

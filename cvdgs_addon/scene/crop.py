@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.splats.gaussians import core_bounds
 from .beside import link_beside
-from .splat_attributes import point_positions
+from .splat_attributes import core_of
 from .splat_nodes import Input
 from .splats import get_input, set_input
 
@@ -19,7 +18,7 @@ _CROP_MARGIN = 1.2  # of a new crop box, in radii of the scene's core
 
 def add_crop_box(splats: bpy.types.Object) -> bpy.types.Object:
     """Crop `splats` to a box around most of them: an Empty that can be moved, turned and scaled. Returns it."""
-    center, radius = core_bounds(point_positions(splats.data))
+    center, radius = core_of(splats)
     box = bpy.data.objects.new(f"{splats.name} Crop", None)
     box.empty_display_type, box.empty_display_size = "CUBE", 1.0
     box.matrix_basis = mathutils.Matrix.LocRotScale(center.tolist(), None, [_CROP_MARGIN * radius] * 3)

@@ -19,7 +19,7 @@ from ...core.color import srgb
 from ...core.errors import InputError
 from ...core.runs.layout import ORIGINAL
 from .shapes import rotation_matrices, towards_cameras
-from .splat_attributes import Attribute, color_attribute, is_gaussian, read_attribute
+from .splat_attributes import Attribute, color_attribute, is_gaussian, read_attribute, require_object_mode
 
 LIGHT_NAME = "Light of the Photographs"
 
@@ -51,8 +51,9 @@ def estimate_light(splats: bpy.types.Object) -> EstimatedLight:
     """The light in which `splats` were photographed.
 
     Raises:
-        InputError: too few flat Gaussians to tell.
+        InputError: too few flat Gaussians to tell, or they are being edited.
     """
+    require_object_mode(splats)
     mesh, mask = splats.data, is_gaussian(splats.data)
     scales, opacity, rotation = (
         read_attribute(mesh, name)[mask].astype(np.float64)
@@ -89,7 +90,7 @@ def add_estimated_light(splats: bpy.types.Object, scene: bpy.types.Scene) -> lis
     one from all sides of the sky. Returns them.
 
     Raises:
-        InputError: too few flat Gaussians to tell.
+        InputError: see `estimate_light`.
     """
     light = estimate_light(splats)
     for earlier in [found for found in scene.objects if found.type == "LIGHT" and found.name.startswith(LIGHT_NAME)]:

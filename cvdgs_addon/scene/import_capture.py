@@ -15,7 +15,7 @@ from ...core.capture.folder import CaptureView, read_capture_folder, read_points
 from ...core.splats.gaussians import core_bounds
 from .bystanders import hide_start_cube
 from .camera_view import views_3d
-from .cameras import Clip, add_camera, camera_intrinsics, camera_to_world, is_capture_camera
+from .cameras import Clip, add_camera, camera_intrinsics, camera_to_world, is_capture_camera, view_key
 from .display import match_display
 from .placement import (
     NOTHING_FOUND,
@@ -25,11 +25,12 @@ from .placement import (
     camera_distance,
     found_of,
     is_capture,
+    metres_of_unit,
     near_depth,
     placement,
 )
 from .sparse_points import add_sparse_points, is_sparse_points
-from .splat_attributes import point_positions
+from .splat_attributes import core_of
 from .splats import is_splats
 
 _CLIP_END = 500.0  # far end of the cameras' range in distances to the subject: generous, yet well inside float32
@@ -82,7 +83,7 @@ def import_capture(folder: Path, scene: bpy.types.Scene, options: ImportOptions 
     positions, colors = read_points(folder)
     center = core_bounds(positions)[0] if len(positions) else _focus(capture.views)
     found = Found(capture.up, capture.metres_per_unit)
-    matrix = placement(capture.views, center, options.placing, found)
+    matrix = placement(capture.views, center, options.placing, found, metres_of_unit(scene))
     added = add_cameras(capture.views, matrix, center, scene, found)
     hide_start_cube(scene)
     if options.images:
@@ -146,7 +147,8 @@ def place_again(empty: bpy.types.Object, placing: Placing) -> None:
     views = _views_of(empty)
     if not views:
         return
-    matrix = placement(views, _center_of(empty, views), placing, found_of(empty))
+    metres = metres_of_unit(bpy.context.scene)
+    matrix = placement(views, _center_of(empty, views), placing, found_of(empty), metres)
     ratio = _scale_of(matrix) / _scale_of(np.array(empty.matrix_basis))
     empty.matrix_basis = mathutils.Matrix(matrix.tolist())
     scale_ranges(empty, ratio)
@@ -170,7 +172,7 @@ def middle_of(empty: bpy.types.Object) -> tuple[NDArray[np.float64], float]:
 
 def _views_of(empty: bpy.types.Object) -> list[CaptureView]:
     return [
-        CaptureView(camera.name, camera_intrinsics(camera), camera_to_world(camera))
+        CaptureView(view_key(camera), camera_intrinsics(camera), camera_to_world(camera))
         for camera in empty.children
         if is_capture_camera(camera)
     ]
@@ -181,7 +183,7 @@ def _center_of(empty: bpy.types.Object, views: Sequence[CaptureView]) -> NDArray
     for is_subject in (is_splats, is_sparse_points):
         for child in empty.children:
             if is_subject(child):
-                return core_bounds(point_positions(child.data))[0]
+                return core_of(child)[0]
     return _focus(views)
 
 

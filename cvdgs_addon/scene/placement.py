@@ -71,6 +71,7 @@ def placement(
     center: NDArray[np.float64],
     placing: Placing = Placing(),
     found: Found = NOTHING_FOUND,
+    metres: float = 1.0,
 ) -> NDArray[np.float64]:
     """(4, 4) similarity from the capture's world to Blender's, the identity where that suits already.
 
@@ -82,14 +83,17 @@ def placement(
         center: (3,) of the subject.
         placing: what to do instead.
         found: what is known of the capture's world.
+        metres: that a unit of the scene has (see `metres_of_unit`), for a capture whose size is known.
     """
     if placing.up is Up.AUTO and found.up is not None:
         rotation = _rotation(found.up, _KNOWN_TOLERANCE)
     else:
         tolerance = _UPRIGHT_TOLERANCE if placing.up is Up.AUTO else 0.0
         rotation = _rotation(_up_direction(views, placing.up), tolerance)
-    measured = found.metres_per_unit if not placing.distance else None
-    scale = measured or _scale(camera_distance(views, center), placing.distance)
+    if found.metres_per_unit and not placing.distance:
+        scale = found.metres_per_unit / metres
+    else:
+        scale = _scale(camera_distance(views, center), placing.distance)
     if scale == 1.0 and np.array_equal(rotation, np.eye(3)):
         return np.eye(4)
     matrix = np.eye(4)
@@ -173,6 +177,17 @@ def found_of(empty: bpy.types.Object) -> Found:
 def set_metres(empty: bpy.types.Object, metres_per_unit: float) -> None:
     """Let `empty` remember how many metres a unit of its capture has."""
     empty[_METRES] = metres_per_unit
+
+
+def metres_of_unit(scene: bpy.types.Scene) -> float:
+    """Metres that a unit of `scene` has: its Unit Scale, which Blender heeds where it shows lengths with units."""
+    settings = scene.unit_settings
+    return 1.0 if settings.system == "NONE" else float(settings.scale_length)
+
+
+def metres_shown(empty: bpy.types.Object, scene: bpy.types.Scene) -> float:
+    """Metres that a unit of a capture has as it stands in `scene`, measured or not."""
+    return max(empty.matrix_world.to_scale()) * metres_of_unit(scene)
 
 
 def is_capture(candidate: bpy.types.Object) -> bool:

@@ -13,7 +13,7 @@ from ...core.runs.measured import note_metres
 from .beside import link_beside
 from .import_capture import middle_of, scale_ranges
 from .origin import run_of
-from .placement import set_metres
+from .placement import metres_of_unit, metres_shown, set_metres
 
 _END = "cvdgs_ruler"  # custom property of an Empty: which end of the ruler it is
 _APART, _SIZE = 0.2, 0.02  # of new ends around the middle and of their spheres, in distances of the cameras
@@ -58,11 +58,12 @@ def measure(empty: bpy.types.Object, metres: float) -> list[Path]:
     if len(ends) < 2:
         raise InputError("no ruler", where=empty.name, remedy="add one, and move its ends to two places")
     first, second = (np.array(ends[name].matrix_world.translation, np.float64) for name in "AB")
-    apart = float(np.linalg.norm(second - first))
+    scene = bpy.context.scene
+    apart = float(np.linalg.norm(second - first)) * metres_of_unit(scene)
     if not apart > 0.0 or not 0.0 < metres <= _LONGEST:
         raise InputError("the ruler has no length", where=empty.name, remedy="move its ends to two places")
     ratio = metres / apart
-    unit = ratio * max(empty.matrix_world.to_scale())
+    unit = ratio * metres_shown(empty, scene)
     folders = [Path(folder) for folder in sorted({run_of(child) for child in empty.children}) if folder]
     # First what may fail, so that a run that cannot be told leaves the scene as it is.
     told = [folder for folder in folders if _is_told(folder, unit)]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
+from ...core.splats.gaussians import core_bounds
 
 # The field that holds an attribute's values and the shape of one, by the attribute's type.
 _STORED = {
@@ -106,3 +107,26 @@ def is_gaussian(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:
 def point_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
     """(N, 3) positions of a mesh's points; of Gaussians those alone, without the points of the frame."""
     return vertex_positions(mesh)[is_gaussian(mesh)]
+
+
+def require_object_mode(owner: bpy.types.Object) -> None:
+    """Refuse an object whose mesh is being edited: its attributes cannot be reached meanwhile.
+
+    Raises:
+        InputError: it is.
+    """
+    if owner.data.is_editmode:
+        raise InputError("it is being edited", where=owner.name, remedy="leave Edit Mode first")
+
+
+def core_of(owner: bpy.types.Object) -> tuple[NDArray[np.float64], float]:
+    """Centre (3,) and radius of the part that holds most of an object's points, in its own space.
+
+    Raises:
+        InputError: it is being edited, or somebody has deleted all its points.
+    """
+    require_object_mode(owner)
+    positions = point_positions(owner.data)
+    if not len(positions):
+        raise InputError("it has no points any more", where=owner.name, remedy="load the run again")
+    return core_bounds(positions)

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.splats.gaussians import core_bounds
 from ..activity import scene_by_uid
 from .apart import follow
 from .bystanders import bystanders
@@ -22,7 +21,7 @@ from .cameras import SENSOR_WIDTH, is_capture_camera
 from .display import match_display
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import Display, Engine, display_of, engine_settings, literal_path, png_settings
-from .splat_attributes import point_positions
+from .splat_attributes import core_of
 
 _RENDER = "cvdgs_turntable_render"
 _IS_RIG = "cvdgs_turntable"  # custom property of the Empty
@@ -68,10 +67,12 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
     of the first photograph, that of a swing from the middle. The angle is driven by the frame, so it is exact in every
     frame and goes on after the last one. Scenes that look through the earlier turntable's camera then look through the
     new one.
+
+    Raises:
+        InputError: the Gaussians are being edited, or none are left; the earlier turntable stays.
     """
     earlier = turntable_of(scene)
     looking = [found for found in bpy.data.scenes if earlier is not None and found.camera == earlier]
-    remove_turntable(scene)
     bpy.context.view_layer.update()
     center, core_radius = _subject(splats)
     photographs = [camera for camera in _related(splats) if is_capture_camera(camera)]
@@ -79,6 +80,7 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
     places = np.array([camera.matrix_world.translation for camera in photographs], np.float64).reshape(-1, 3) - center
     radius = turntable.radius or _usual_radius(places) or _RADII_AWAY * core_radius
     start, swing = _way_around(places, math.radians(turntable.arc))
+    remove_turntable(scene)  # not before all is known of the new one
 
     rig = bpy.data.objects.new(_NAME, None)
     rig[_IS_RIG], rig[_FRAMES], rig[_START], rig[_SWING] = True, turntable.frames, start, swing
@@ -243,7 +245,7 @@ def _require_writable(folder: Path) -> None:
 
 def _subject(splats: bpy.types.Object) -> tuple[NDArray[np.float64], float]:
     """Centre (3,) and radius of the Gaussians' core in the scene."""
-    center, radius = core_bounds(point_positions(splats.data))
+    center, radius = core_of(splats)
     matrix = splats.matrix_world
     in_scene = np.array(matrix @ mathutils.Vector(center.tolist()), np.float64)
     return in_scene, float(radius) * max(matrix.to_scale())

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
+
 import bpy
 import mathutils
 import numpy as np
 import pytest
 
-from cvdgs.cvdgs_addon.scene.alignment import add_marks, align_by_marks
+from cvdgs.cvdgs_addon.results import show_run
+from cvdgs.cvdgs_addon.scene.alignment import add_marks, align_by_marks, align_by_photographs
+from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.placement import found_of, set_metres
 from cvdgs.ui.display import CVDGS_PT_display
 
 from .layouts import drawn
+from .scenes import synthetic_run
 from .test_neighbours import in_scene, two  # noqa: F401 - a fixture
 
 PLACES = [(1.0, 0.2, 0.1), (-0.7, 0.9, 0.3), (0.1, -0.8, 0.9)]
@@ -27,6 +32,10 @@ def apart(two):  # noqa: F811
     ) @ second.parent.matrix_world
     bpy.context.view_layer.update()
     return first, second
+
+
+def cameras_of(splats: bpy.types.Object) -> list[bpy.types.Object]:
+    return list(filter(is_capture_camera, splats.parent.children))
 
 
 def put_marks(first, second, shift: float = 0.0) -> None:
@@ -50,6 +59,17 @@ def test_marks_bring_a_run_onto_another(apart):
     assert bpy.ops.cvdgs.align_marks() == {"FINISHED"}
     np.testing.assert_allclose(in_scene(second), before, atol=1e-4)
     np.testing.assert_array_equal(in_scene(first), before)
+
+
+def test_cameras_of_a_run_that_was_resized_see_as_much_of_it_as_before(apart):
+    first, second = apart
+    put_marks(first, second)
+    ranges = {child: (child.data.clip_start, child.data.clip_end) for child in cameras_of(second)}
+    found = align_by_marks(second, first)
+    assert found.scale == pytest.approx(2.0, rel=1e-3)
+    for camera, (start, end) in ranges.items():
+        assert camera.data.clip_start == pytest.approx(start * found.scale, rel=1e-4)
+        assert camera.data.clip_end == pytest.approx(end * found.scale, rel=1e-4)
 
 
 def test_marks_are_in_the_artists_scene_where_lit_objects_are_rendered_apart(apart):
@@ -91,7 +111,7 @@ def test_the_run_that_knows_metres_stays_and_passes_them_on(apart):
 def test_two_runs_that_know_metres_keep_their_sizes(apart):
     first, second = apart
     for found in apart:
-        set_metres(found.parent, 1.0)
+        set_metres(found.parent, max(found.parent.matrix_world.to_scale()))
     put_marks(first, second)
     size = second.parent.matrix_world.to_scale()
     found = align_by_marks(second, first)
@@ -100,9 +120,55 @@ def test_two_runs_that_know_metres_keep_their_sizes(apart):
     assert " m apart" in found.in_words
 
 
+def test_a_run_that_was_resized_since_it_was_measured_gets_its_size_back(apart):
+    first, second = apart
+    for found in apart:
+        set_metres(found.parent, 1.0)  # as the second, half as large, no longer has
+    assert bpy.ops.cvdgs.align_photographs() == {"FINISHED"}
+    np.testing.assert_allclose(in_scene(second), in_scene(first), atol=1e-3)
+    assert found_of(second.parent).metres_per_unit == pytest.approx(1.0, rel=1e-4)
+
+
+def test_in_a_scene_of_centimetres_metres_are_passed_on_and_told_as_such(apart):
+    bpy.context.scene.unit_settings.system, bpy.context.scene.unit_settings.scale_length = "METRIC", 0.01
+    first, second = apart
+    set_metres(first.parent, 0.01)
+    put_marks(first, second, shift=0.3)
+    found = align_by_marks(second, first)
+    assert found.is_metric
+    assert 0.0001 < found.error < 0.006
+    in_metres = 0.01 * max(second.parent.matrix_world.to_scale())
+    assert found_of(second.parent).metres_per_unit == pytest.approx(in_metres, rel=1e-4)
+
+
 def test_photographs_of_both_do_without_marks(apart):
     first, second = apart
     assert bpy.ops.cvdgs.align_photographs() == {"FINISHED"}
+    np.testing.assert_allclose(in_scene(second), in_scene(first), atol=1e-3)
+
+
+def test_photographs_are_recognised_in_files_of_versions_that_kept_their_objects_names_alone(apart):
+    for splats in apart:
+        for camera in cameras_of(splats):
+            del camera.data["cvdgs_view"]
+    first, second = apart
+    assert bpy.ops.cvdgs.align_photographs() == {"FINISHED"}
+    np.testing.assert_allclose(in_scene(second), in_scene(first), atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["frame.{:04d}", "a room with a name too long for Blender, from " * 4 + "{}"])
+def test_photographs_may_have_names_that_blender_changes(addon, tmp_path, name):
+    loaded = []
+    for folder in ("shop", "window"):
+        file = synthetic_run(tmp_path / folder) / "capture" / "transforms.json"
+        document = json.loads(file.read_text())
+        for number, frame in enumerate(document["frames"], start=1):
+            frame["file_path"] = f"images/{name.format(number)}.png"
+        file.write_text(json.dumps(document))
+        loaded.append(show_run(str(tmp_path / folder), bpy.context.scene))
+    first, second = loaded
+    second.parent.location.x = 3.0
+    assert align_by_photographs(second, first).pairs == 5
     np.testing.assert_allclose(in_scene(second), in_scene(first), atol=1e-3)
 
 

@@ -20,7 +20,7 @@ from cvdgs.ui.display import CVDGS_PT_display
 
 from . import ewa
 from .layouts import drawn
-from .scenes import CAMERA, add_with_inverse, cloud, opencv, render_png, ring_view, take
+from .scenes import CAMERA, add_with_inverse, cloud, opencv, render_png, ring_view, synthetic_run, take
 
 POSE = ring_view(0.4)
 LAYER = "tritan-0.5"
@@ -224,6 +224,41 @@ def test_a_removal_can_be_undone(shown, mode):
     if bpy.context.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
     assert len(read_gaussians(bpy.data.objects[name], "original", 1.0).gaussians) == 400
+
+
+# What looks for the middle of the Gaussians, and the light on them.
+NEEDS_POINTS = ("add_turntable", "add_crop_box", "add_ruler", "place_capture", "add_marks", "add_catcher", "add_light")
+
+
+@pytest.fixture
+def beside_another(shown, tmp_path):
+    """Gaussians for which all of `NEEDS_POINTS` is offered."""
+    display = bpy.context.scene.cvdgs.display
+    show_run(str(synthetic_run(tmp_path / "other")), bpy.context.scene)
+    display.target, display.colors = shown, "SCENE_LINEAR"
+    bpy.ops.cvdgs.set_up_render()
+    return shown
+
+
+def test_what_needs_the_points_asks_to_leave_edit_mode(beside_another):
+    bpy.ops.cvdgs.edit_points()
+    for name in NEEDS_POINTS:
+        with pytest.raises(RuntimeError, match=r"^Error: run Gaussians: it is being edited - leave Edit Mode first$"):
+            getattr(bpy.ops.cvdgs, name)()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert {getattr(bpy.ops.cvdgs, name)() == {"FINISHED"} for name in NEEDS_POINTS} == {True}
+
+
+def test_what_needs_the_points_says_that_all_were_deleted(beside_another):
+    bpy.ops.cvdgs.edit_points()
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.mesh.delete(type="VERT")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    for name in NEEDS_POINTS[:-1]:
+        with pytest.raises(RuntimeError, match=r"^Error: run Gaussians: it has no points any more - load"):
+            getattr(bpy.ops.cvdgs, name)()
+    with pytest.raises(RuntimeError, match="too few flat Gaussians"):
+        bpy.ops.cvdgs.add_light()
 
 
 def test_the_panel_offers_it(shown):

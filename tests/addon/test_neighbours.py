@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
+from cvdgs.cvdgs_addon.properties import is_target
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.camera_view import views_3d
 from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
@@ -43,6 +44,15 @@ def test_objects_are_called_after_their_runs(two):
     assert {"shop", "window"} <= set(top.keys())
     assert list(top["shop"].children.keys()) == ["shop Cameras"]
     assert all(map(is_capture_camera, top["shop"].children["shop Cameras"].objects))
+
+
+def test_only_gaussians_of_the_scene_can_be_chosen(two):
+    first, second = two
+    other = bpy.data.scenes.new("Other")
+    other.collection.objects.link(second)
+    assert is_target(bpy.context.scene.cvdgs.display, first)
+    assert not is_target(other.cvdgs.display, first)
+    assert is_target(other.cvdgs.display, second)
 
 
 def test_the_panel_says_what_stands_in_what_and_hides_the_others(two):

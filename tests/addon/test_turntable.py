@@ -318,6 +318,16 @@ def test_the_operators_and_the_panel(addon, run_folder, tmp_path):
     assert turntable_of(scene) is None
 
 
+def test_a_turntable_that_cannot_be_made_anew_stays(addon, run_folder):
+    show_run(str(run_folder), bpy.context.scene)
+    bpy.ops.cvdgs.add_turntable()
+    camera = bpy.context.scene.camera = turntable_of(bpy.context.scene)
+    bpy.ops.cvdgs.edit_points()
+    with pytest.raises(RuntimeError, match="leave Edit Mode"):
+        bpy.ops.cvdgs.add_turntable()
+    assert bpy.context.scene.camera == turntable_of(bpy.context.scene) == camera
+
+
 def test_while_blender_renders_the_turntable_stays_as_it_is(addon, run_folder, monkeypatch):
     show_run(str(run_folder), bpy.context.scene)
     bpy.ops.cvdgs.add_turntable()
