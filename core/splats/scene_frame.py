@@ -12,10 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..capture.model import View
+from ..capture.model import PinholeCamera, View
 from .gaussians import Gaussians
 
 _MOST_CONDITION = 1e4  # of the equations for where axes meet; beyond that they are all but parallel
+# The unit in typical depths, at most: the capture of an object has a unit of 0.4 to 0.9 of them, that of a room of up
+# to 2. On a longer way, or with one camera far from the others, the near plane would cut off what is looked at.
+_MOST_DEPTHS = 3.0
+_SAMPLED = 2000  # points by which depths are measured
 
 
 @dataclass(frozen=True)
@@ -32,17 +36,9 @@ class SceneFrame:
 
     @classmethod
     def around(cls, views: Sequence[View], points: NDArray[np.float32]) -> SceneFrame:
-        """The frame whose origin is the mean camera centre and whose unit is the farthest camera's distance from it.
-
-        If the cameras share one centre (a panorama), the unit is the points' median distance from it.
-        """
-        centers = np.stack([view.center for view in views])
-        origin = centers.mean(axis=0)
-        extent = float(np.linalg.norm(centers - origin, axis=1).max())
-        reach = float(np.median(np.linalg.norm(points - origin, axis=1))) if len(points) else 0.0
-        if extent <= 1e-6 * max(reach, float(np.abs(origin).max()), 1e-30):
-            extent = reach if reach > 0.0 else 1.0
-        return cls(origin, 1.0 / extent)
+        """The frame whose origin is the mean camera centre and whose unit is `unit_of_length`."""
+        unit = unit_of_length([view.world_to_camera for view in views], [view.camera for view in views], points)
+        return cls(np.stack([view.center for view in views]).mean(axis=0), 1.0 / unit)
 
     def points(self, world: NDArray) -> NDArray[np.float32]:
         """(P, 3) world positions in the frame."""
@@ -75,6 +71,38 @@ class SceneFrame:
             means=self.points(gaussians.means.astype(np.float64)),
             log_scales=(gaussians.log_scales + np.log(self.scale)).astype(np.float32),
         )
+
+
+def unit_of_length(
+    poses: Sequence[NDArray[np.float64]], cameras: Sequence[PinholeCamera], points: NDArray[np.floating]
+) -> float:
+    """The farthest camera's distance from the mean of all, world units, but at most three typical depths.
+
+    If the cameras share one centre (a panorama), it is the points' median distance from that.
+
+    Args:
+        poses: world to camera, (4, 4) each, OpenCV axes; at least one.
+        cameras: their intrinsics.
+        points: (P, 3) of the scene, world units; P may be 0.
+    """
+    centers = np.stack([-pose[:3, :3].T @ pose[:3, 3] for pose in poses])
+    origin = centers.mean(axis=0)
+    extent = float(np.linalg.norm(centers - origin, axis=1).max())
+    reach = float(np.median(np.linalg.norm(points - origin, axis=1))) if len(points) else 0.0
+    if extent <= 1e-6 * max(reach, float(np.abs(origin).max()), 1e-30):
+        return reach if reach > 0.0 else 1.0
+    depths = [_typical_depth(pose, camera, points) for pose, camera in zip(poses, cameras, strict=True)]
+    seen = [depth for depth in depths if depth > 0.0]
+    return min(extent, _MOST_DEPTHS * float(np.median(seen))) if seen else extent
+
+
+def _typical_depth(pose: NDArray[np.float64], camera: PinholeCamera, points: NDArray[np.floating]) -> float:
+    """The median depth of the points in the picture, world units; 0 where there are none."""
+    sampled = points[:: max(len(points) // _SAMPLED, 1)]
+    x, y, depth = (sampled @ pose[:3, :3].T + pose[:3, 3]).T
+    across, down = camera.fx * x + camera.cx * depth, camera.fy * y + camera.cy * depth
+    within = (across > 0) & (across < camera.width * depth) & (down > 0) & (down < camera.height * depth)
+    return float(np.median(depth[within])) if within.any() else 0.0
 
 
 def nearest_to_axes(centers: NDArray[np.float64], axes: NDArray[np.float64]) -> NDArray[np.float64] | None:

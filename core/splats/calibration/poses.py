@@ -32,7 +32,7 @@ from .tried import Tried
 # Of `PosePlan.align_steps`, in a trial: with 20 or 60 of them, what a correction gained differed by 0.13 dB at most
 # (docs/rooms.md), and 60 on six views took three quarters of the trial's time.
 _ROUGHLY = 1.0 / 3.0
-_DEPTH = 1.0  # frame units from a camera to what it looks at; the unit is the farthest camera's distance from the mean
+_DEPTH = 1.0  # frame units from a camera to what it looks at, as around an object
 
 
 @dataclass(frozen=True)

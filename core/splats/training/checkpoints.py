@@ -25,7 +25,7 @@ from ...files.untrusted import explained, replacing
 from ...runs.layout import CHECKPOINT_CAPTURE_FILE, CHECKPOINT_RUN_FILE, CHECKPOINT_STATE_FILE
 
 _WORTH_SECONDS = 30.0  # of training, from which a cancelled or finished one leaves a checkpoint
-_FORMAT = "cvdgs-checkpoint-3"  # another one whenever the trainer's state or its steps change
+_FORMAT = "cvdgs-checkpoint-4"  # another one whenever the trainer's state or its steps change
 _MOST_BYTES = 16 << 30  # 23 million Gaussians of degree 3 with their moments
 _WHAT, _REMEDY = "the checkpoint", "run again without --resume"
 

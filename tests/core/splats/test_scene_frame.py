@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.core.splats.scene_frame import SceneFrame, nearest_to_axes
+from cvdgs.core.capture.model import PinholeCamera
+from cvdgs.core.splats.scene_frame import SceneFrame, nearest_to_axes, unit_of_length
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -29,6 +30,33 @@ def test_a_point_is_at_the_same_pixel_in_the_world_and_in_the_frame(seed: int, s
     local = in_frame[:3, :3] @ ((point - frame.origin) * scale) + in_frame[:3, 3]
     assert local == pytest.approx(scale * (pose[:3, :3] @ point + pose[:3, 3]), rel=1e-9, abs=1e-9 * scale)
     assert frame.pose_to_world(in_frame) == pytest.approx(pose, abs=1e-9)
+
+
+CAMERA = PinholeCamera(96, 72, 100.0, 100.0, 48.0, 36.0)
+
+
+def facing(places: np.ndarray) -> list[np.ndarray]:
+    """Poses at (V, 2) places across that look along +Z."""
+    poses = np.tile(np.eye(4), (len(places), 1, 1))
+    poses[:, :2, 3] = -places
+    return list(poses)
+
+
+def test_around_an_object_the_unit_is_the_distance_of_the_farthest_camera() -> None:
+    poses = facing(np.array([[-1.0, 0.0], [0.0, 0.0], [0.0, 0.5], [1.0, 0.0]]))
+    points = np.random.default_rng(0).uniform([-0.5, -0.5, 1.5], [0.5, 0.5, 2.5], (300, 3)).astype(np.float32)
+    assert unit_of_length(poses, [CAMERA] * 4, points) == pytest.approx(np.hypot(1.0, 0.125))
+    assert unit_of_length(poses, [CAMERA] * 4, points[:0]) == pytest.approx(np.hypot(1.0, 0.125))
+
+
+@pytest.mark.parametrize("length", [20.0, 2000.0])
+def test_on_a_long_way_the_unit_is_three_depths_of_what_is_seen(length: float) -> None:
+    """Or a near plane of a share of the unit would cut it off."""
+    along = np.linspace(-length, length, 41)
+    poses = facing(np.stack([along, np.zeros(41)], axis=1))
+    rng = np.random.default_rng(0)
+    points = np.concatenate([rng.uniform([x - 0.5, -0.5, 1.9], [x + 0.5, 0.5, 2.1], (50, 3)) for x in along])
+    assert unit_of_length(poses, [CAMERA] * 41, points) == pytest.approx(6.0, rel=0.02)
 
 
 @given(seed=SEEDS, count=st.integers(3, 40))
