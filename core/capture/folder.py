@@ -54,6 +54,14 @@ class CaptureView:
     camera_to_world: NDArray[np.float64]
     image: Path | None = None
 
+    @property
+    def world_to_camera(self) -> NDArray[np.float64]:
+        """(4, 4) rigid, OpenCV axes."""
+        pose = np.eye(4)
+        pose[:3, :3] = (self.camera_to_world[:3, :3] * (1.0, -1.0, -1.0)).T
+        pose[:3, 3] = -pose[:3, :3] @ self.camera_to_world[:3, 3]
+        return pose
+
 
 @dataclass(frozen=True)
 class CaptureFolder:

@@ -12,9 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..capture.folder import CaptureView
 from ..capture.model import PinholeCamera, View
 from .gaussians import Gaussians
 
+NEAR = 0.05
+"""Smallest depth that is drawn, in units of the frame."""
 _MOST_CONDITION = 1e4  # of the equations for where axes meet; beyond that they are all but parallel
 # The unit in typical depths, at most: the capture of an object has a unit of 0.4 to 0.9 of them, that of a room of up
 # to 2. On a longer way, or with one camera far from the others, the near plane would cut off what is looked at.
@@ -94,6 +97,16 @@ def unit_of_length(
     depths = [_typical_depth(pose, camera, points) for pose, camera in zip(poses, cameras, strict=True)]
     seen = [depth for depth in depths if depth > 0.0]
     return min(extent, _MOST_DEPTHS * float(np.median(seen))) if seen else extent
+
+
+def near_depth(views: Sequence[CaptureView], points: NDArray[np.floating]) -> float:
+    """Smallest depth that is drawn in training, world units.
+
+    Args:
+        points: (P, 3) of the scene; P may be 0.
+    """
+    poses, cameras = [view.world_to_camera for view in views], [view.camera for view in views]
+    return NEAR * unit_of_length(poses, cameras, points)
 
 
 def _typical_depth(pose: NDArray[np.float64], camera: PinholeCamera, points: NDArray[np.floating]) -> float:

@@ -120,7 +120,7 @@ def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOption
     center, _ = core_bounds(run.gaussians.means)
     found = Found(run.up, run.metres_per_unit)
     matrix = placement(run.views, center, found=found, metres=metres_of_unit(scene)) if options.place else np.eye(4)
-    added = add_cameras(run.views, matrix, center, scene, found, name=run.name)
+    added = add_cameras(run.views, matrix, center, run.gaussians.means, scene, found, name=run.name)
     splats = add_gaussians(run.gaussians, run.layers, added.collection, f"{run.name} Gaussians")
     if run.floaters is not None:
         scores = np.zeros(len(splats.data.vertices), np.float32)

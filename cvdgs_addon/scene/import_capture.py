@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.capture.folder import CaptureView, read_capture_folder, read_points
 from ...core.splats.gaussians import core_bounds
+from ...core.splats.scene_frame import near_depth
 from .bystanders import hide_start_cube
 from .camera_view import views_3d
 from .cameras import Clip, add_camera, camera_intrinsics, camera_to_world, is_capture_camera, view_key
@@ -26,7 +27,6 @@ from .placement import (
     found_of,
     is_capture,
     metres_of_unit,
-    near_depth,
     placement,
 )
 from .sparse_points import add_sparse_points, is_sparse_points
@@ -84,7 +84,8 @@ def import_capture(folder: Path, scene: bpy.types.Scene, options: ImportOptions 
     center = core_bounds(positions)[0] if len(positions) else _focus(capture.views)
     found = Found(capture.up, capture.metres_per_unit)
     matrix = placement(capture.views, center, options.placing, found, metres_of_unit(scene))
-    added = add_cameras(capture.views, matrix, center, scene, found)
+    points = positions if len(positions) else center[None]
+    added = add_cameras(capture.views, matrix, center, points, scene, found)
     hide_start_cube(scene)
     if options.images:
         for view in capture.views:
@@ -103,6 +104,7 @@ def add_cameras(
     views: Sequence[CaptureView],
     matrix: NDArray[np.float64],
     center: NDArray[np.float64],
+    points: NDArray[np.floating],
     scene: bpy.types.Scene,
     found: Found = NOTHING_FOUND,
     name: str = "",
@@ -115,12 +117,13 @@ def add_cameras(
         views: at least one.
         matrix: (4, 4) similarity from the capture's world to the scene (see `placement`).
         center: (3,) of the subject, in the capture's world.
+        points: (P, 3) of what the cameras see, likewise: the range of depths follows from them.
         scene: gets all of it.
         found: what is known of the capture's world, for placing it again.
         name: of a run; collections and the Empty are called after it.
     """
     scale, distance = _scale_of(matrix), camera_distance(views, center)
-    clip = Clip(near_depth(views, distance) * scale, _CLIP_END * distance * scale)
+    clip = Clip(near_depth(views, points) * scale, _CLIP_END * distance * scale)
     top = _add_collection(name or "Capture", scene.collection)
     empty = add_empty(f"{name} Capture".strip(), matrix, _EMPTY_SIZE * distance, top, found)
     collection = _add_collection(f"{name} Cameras".strip(), top)

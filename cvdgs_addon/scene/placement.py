@@ -20,7 +20,6 @@ _IS_CAPTURE, _UP, _METRES = "cvdgs_capture", "cvdgs_up", "cvdgs_metres_per_unit"
 _UPRIGHT_TOLERANCE = np.radians(25.0)
 # The same where the worker has found out what is up.
 _KNOWN_TOLERANCE = np.radians(1.0)
-NEAR = 0.05  # of the rasteriser (`core.splats.raster.frame`), in the trainer's units
 # Distances from camera to subject that suit Blender's units, grid and clipping, and what another one is scaled to.
 _COMFORTABLE_DISTANCE = (0.3, 30.0)  # metres
 _DISTANCE = 3.0  # metres
@@ -127,20 +126,6 @@ def camera_distance(views: Sequence[CaptureView], center: NDArray[np.float64]) -
     """Median distance of the cameras from `center`, never zero."""
     positions = np.stack([view.camera_to_world[:3, 3] for view in views])
     return max(float(np.median(np.linalg.norm(positions - center, axis=1))), 1e-6)
-
-
-def near_depth(views: Sequence[CaptureView], distance: float) -> float:
-    """Smallest depth that was drawn in training, in the capture's units.
-
-    The trainer's unit is the farthest camera's distance from their mean position (`core.splats.scene_frame`).
-
-    Args:
-        views: the cameras.
-        distance: of the cameras from the subject, which stands in where they all share one centre.
-    """
-    positions = np.stack([view.camera_to_world[:3, 3] for view in views])
-    extent = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    return NEAR * (extent if extent > 1e-6 * distance else distance)
 
 
 def add_empty(

@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from ..scene_frame import NEAR
 from .parameters import ParameterSet
 
 CAMERA_FLOATS = 27  # length of `RasterCamera.packed`
@@ -36,7 +37,7 @@ class RasterCamera:
     cx: float
     cy: float
     world_to_camera: NDArray[np.float64] = field(repr=False)
-    near: float = 0.05
+    near: float = NEAR
 
     @property
     def center(self) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from ...runs.layout import ORIGINAL
 from ...settings import CVD_TYPES, Layer
 from ..gaussians import Gaussians, core_bounds
 from ..io.layers import direction_of, first_of
-from ..scene_frame import unit_of_length
+from ..scene_frame import near_depth
 from .streams import pack
 
 SUFFIX = ".html"
@@ -33,7 +33,6 @@ _ENOUGH_TO_SORT = 1 << 24  # more Gaussians than any graphics card's texture of 
 _SEVERITIES = len(next(iter(MATRICES.values())))
 _UPRIGHT_TOLERANCE = np.radians(25.0)  # +Z within this angle of the cameras' mean is up
 _USUAL_UP = "-y"  # of scenes from structure from motion
-_NEAR = 0.05  # smallest depth drawn, in units of the scene's frame: as trained (core/splats/raster)
 _MOST_CAMERAS = 500  # in a page: those of more photographs are thinned out
 _ORIGINAL_TITLE = "Original"  # as viewer.js knows it
 _FIELD_OF_VIEW = 0.9  # radians, where no camera is known
@@ -165,7 +164,6 @@ def _cameras(
             "near": 1e-3 * radius,
             "fieldOfView": _FIELD_OF_VIEW,
         }
-    unit = unit_of_length([_pose(view) for view in around.views], [view.camera for view in around.views], means)
     every = -(-len(around.views) // _MOST_CAMERAS)
     shown = [view for n, view in enumerate(around.views) if n % every == 0 or view.key == around.start]
     names = [view.key for view in shown]
@@ -173,28 +171,20 @@ def _cameras(
         "up": list(direction_of(up) if up else up_of(around.views) if around.up is None else around.up),
         "cameras": [_camera(view, center) for view in shown],
         "start": names.index(around.start) if around.start in names else 0,
-        "near": _NEAR * unit,
+        "near": near_depth(around.views, means),
         "fieldOfView": _FIELD_OF_VIEW,
     }
 
 
 def _camera(view: CaptureView, center: NDArray[np.float64]) -> dict[str, Any]:
     """World to camera in OpenCV axes, and intrinsics."""
-    pose, camera = _pose(view), view.camera
+    pose, camera = view.world_to_camera, view.camera
     return {
         "name": view.key,
         "rotation": pose[:3, :3].ravel().tolist(),
         "translation": (pose[:3, :3] @ center + pose[:3, 3]).tolist(),
         **{name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")},
     }
-
-
-def _pose(view: CaptureView) -> NDArray[np.float64]:
-    """(4, 4) world to camera, OpenCV axes."""
-    pose = np.eye(4)
-    pose[:3, :3] = (view.camera_to_world[:3, :3] * (1.0, -1.0, -1.0)).T
-    pose[:3, 3] = -pose[:3, :3] @ view.camera_to_world[:3, 3]
-    return pose
 
 
 def _simulations(model: str) -> dict[str, Any]:
