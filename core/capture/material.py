@@ -25,13 +25,13 @@ from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 from ..intake.raw import Development
 from ..intake.selection import choose
 from ..intake.video import MAX_SECONDS, Look, extract, look_through
-from ..runs.layout import MASKS_FOLDER
 from ..runtime.protocol import Reporter
 from .files import (
     FOREIGN_EXTENSIONS,
     FRAMES_FILE,
     IMAGE_FOLDERS,
     SPLAT_EXTENSION,
+    is_in_masks,
     list_images,
     make_keys,
     quote_first,
@@ -140,7 +140,7 @@ def find_material(path: Path) -> Material:
     folders = [f"{name}/" for name in IMAGE_FOLDERS if (path / name).is_dir()]
     listings = ([f"{folder}{name}" for name in list_images(path / folder)] for folder in (*folders, ""))
     names = next(filter(None, listings), [])
-    names = [name for name in names if not name.startswith(f"{MASKS_FOLDER}/")]
+    names = [name for name in names if not is_in_masks(PurePosixPath(name))]
     pictures = [name for name in names if not _DEPTH_FOLDERS & set(PurePosixPath(name.lower()).parent.parts)]
     depths = len(names) - len(pictures) if pictures or videos else 0
     names = pictures if depths else names

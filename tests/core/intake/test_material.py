@@ -37,6 +37,25 @@ def test_plain_photographs_stay_where_they_are(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("images", "masks"),
+    [("scene/images", "scene/masks"), ("Images", "Masks"), ("a/b/Images/left", "a/b/MASKS/left"), ("c", "masks/c")],
+)
+@pytest.mark.parametrize("ending", [".jpg.png", ".png"])
+def test_masks_in_any_folder_are_masks_and_no_photographs(
+    tmp_path: Path, images: str, masks: str, ending: str
+) -> None:
+    for number in (1, 2):
+        for name in (f"{images}/{number}.jpg", f"{masks}/{number}{ending}"):
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(WALL[:64, :64]).save(tmp_path / name)
+    material = find_material(tmp_path)
+    assert material.photographs == (f"{images}/1.jpg", f"{images}/2.jpg")
+    found = masks_of(material)
+    assert found.unused == []
+    assert found.files == {f"{images}/{n}.jpg": tmp_path / masks / f"{n}{ending}" for n in (1, 2)}
+
+
 def test_an_empty_folder_for_images_hides_no_photographs(tmp_path: Path) -> None:
     (tmp_path / "1.jpg").touch()
     for name in ("images", "rgb"):
