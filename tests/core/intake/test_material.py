@@ -69,7 +69,7 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
     mixed, out = tmp_path / "in", tmp_path / "out"
     mixed.mkdir()
     out.mkdir()
-    Image.fromarray(WALL[:64, :96]).save(mixed / "IMG_1.JPG")
+    Image.fromarray(WALL[:64, :96]).save(mixed / "img_1.JPG")
     save(mixed / "IMG_1.HEIC", WALL[100:164, :96])
     write_dng(mixed / "IMG_2.dng", np.full((64, 96, 3), 0.3))
     for name in ("walk.mp4", "walk.mov"):
@@ -77,7 +77,7 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
     before = sorted(mixed.iterdir())
     made = make_photographs(find_material(mixed), out, Reporter())
     assert made.names[0] == "IMG_1.HEIC.jpg"  # IMG_1.jpg would be another one's where case does not count
-    assert {"IMG_1.JPG", "IMG_2.jpg"} <= set(made.names)
+    assert {"img_1.JPG", "IMG_2.jpg"} <= set(made.names)
     assert len(made.names) == len({name.lower() for name in made.names})
     assert all(read_header(out / name).orientation == 1 for name in made.names)
     assert sorted(mixed.iterdir()) == before
@@ -88,6 +88,43 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
     assert times == sorted(times)
     assert 0.0 <= times[0] < times[-1] < 2.0
     assert made.times == {frame["name"]: frame["time"] for frame in frames}
+
+
+@pytest.mark.parametrize(
+    ("names", "used"),
+    [
+        ("1.DNG 1.JPG 2.DNG 2.JPG", "1.DNG 2.DNG"),
+        ("1.heic 1.jpg 2.heic 2.jpg 2.dng", "1.heic 2.heic"),
+        ("1.DNG 1.JPG 2.DNG 2.JPG 3.JPG", "1.JPG 2.JPG 3.JPG"),
+        ("1.DNG 1.JPG 2.JPG 3.DNG", "1.DNG 2.JPG 3.DNG"),
+        ("1.png 1.jpg a/1.png b/1.jpg", "1.jpg a/1.png b/1.jpg"),
+        ("1.exr 1.png", "1.png"),
+    ],
+)
+def test_a_photograph_in_several_formats_counts_once(tmp_path: Path, names: str, used: str) -> None:
+    for name in names.split():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    material = find_material(tmp_path)
+    assert sorted(material.photographs) == used.split()
+    assert {*material.photographs, *material.copies} == {*names.split()}
+
+
+@pytest.mark.parametrize("kind", ["jpg", "dng"])
+def test_photographs_that_are_left_out_are_named(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "out").mkdir()
+    for number in range(3):
+        if kind == "dng":
+            write_dng(tmp_path / "in" / f"{number}.dng", np.full((64, 96, 3), 0.3))
+        for ending in ("jpg", "png") if kind == "jpg" else ("jpg",):
+            save(tmp_path / "in" / f"{number}.{ending}", WALL[:64, :96])
+    made = make_photographs(find_material(tmp_path / "in"), tmp_path / "out", Reporter())
+    assert list(made.originals.values()) == [f"{number}.{kind}" for number in range(3)]
+    (warning,) = made.warnings
+    assert warning.name == "copies"
+    left_out = ", ".join(f"{number}.{'png' if kind == 'jpg' else 'jpg'}" for number in range(3))
+    assert warning.message.endswith(f"files that show photographs once more are left out: {left_out}")
 
 
 def test_photographs_in_a_folder_called_like_a_video_do_not_meet_its_frames(tmp_path: Path) -> None:
