@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from pathlib import PurePosixPath
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePosixPath
 
+from ..errors import InputError
 from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS
-from .files import IMAGE_EXTENSIONS
+from ..intake.video import read_video_header
+from .files import IMAGE_EXTENSIONS, resolve_inside
+
+_LIVE_SECONDS = 5.0  # an iPhone films 1.5 s before a photograph and 1.5 s behind it
 
 
 def without_copies(names: Iterable[str]) -> list[str]:
@@ -31,3 +35,23 @@ def _kind(path: PurePosixPath) -> str:
 
 def _rank(kind: str) -> tuple[bool, bool, int]:
     return kind in RAW_EXTENSIONS, kind in HEIF_EXTENSIONS, -IMAGE_EXTENSIONS.index(kind)
+
+
+def without_live_photos(folder: Path, videos: Sequence[str], photographs: Iterable[str]) -> list[str]:
+    """`videos` without the moving parts of Live Photos, which are short and called like one of the photographs.
+
+    A longer video is none: its download may have left a picture of the same name beside it.
+
+    Raises:
+        InputError: a video is a link out of `folder`.
+    """
+    places = {PurePosixPath(name).with_suffix("") for name in photographs}
+    return [name for name in videos if PurePosixPath(name).with_suffix("") not in places or not _is_short(folder, name)]
+
+
+def _is_short(folder: Path, name: str) -> bool:
+    path = resolve_inside(folder, name, where=folder)
+    try:
+        return 0.0 < read_video_header(path).seconds <= _LIVE_SECONDS
+    except InputError:  # whoever needs the video says what is wrong with it
+        return False

@@ -26,7 +26,7 @@ from ..intake.raw import Development
 from ..intake.selection import choose
 from ..intake.video import MAX_SECONDS, Look, extract, look_through
 from ..runtime.protocol import Reporter
-from .copies import without_copies
+from .copies import without_copies, without_live_photos
 from .files import (
     FOREIGN_EXTENSIONS,
     FRAMES_FILE,
@@ -153,7 +153,8 @@ def find_material(path: Path) -> Material:
     depths = len(names) - len(pictures) if pictures or videos else 0
     found = pictures if depths else names
     names = without_copies(found)
-    copies = sorted({*found} - {*names}, key=natural_key)
+    filmed = without_live_photos(path, videos, found) if len(names) > 1 else videos
+    copies = sorted({*found, *videos} - {*names, *filmed}, key=natural_key)
     what = remedy = ""
     if not names and not videos:
         unreadable = list_images(path, FOREIGN_EXTENSIONS)
@@ -167,9 +168,9 @@ def find_material(path: Path) -> Material:
             remedy = way_round(Path(unreadable[0])) or "export them as JPEG, PNG or TIFF"
     if what:
         raise InputError(what, where=path, remedy=remedy)
-    for name in (*names, *videos):
+    for name in (*names, *filmed):
         resolve_inside(path, name, where=path, root=path)
-    return Material(path, tuple(names), tuple(videos), depths, tuple(copies))
+    return Material(path, tuple(names), tuple(filmed), depths, tuple(copies))
 
 
 def way_round(path: Path) -> str:

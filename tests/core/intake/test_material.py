@@ -110,6 +110,25 @@ def test_a_photograph_in_several_formats_counts_once(tmp_path: Path, names: str,
     assert {*material.photographs, *material.copies} == {*names.split()}
 
 
+def test_the_videos_of_live_photos_are_not_used(tmp_path: Path) -> None:
+    (tmp_path / "film").mkdir()
+    for name in ("IMG_1", "IMG_2", "walk"):
+        save(tmp_path / f"{name}.jpg", WALL[:64, :96])
+    for name, seconds in (("IMG_1.MOV", 2), ("film/IMG_2.mov", 2), ("walk.mp4", 6)):
+        write_video(tmp_path / name, [window(WALL, 50)] * (RATE * seconds))
+    (tmp_path / "IMG_2.mp4").touch()
+    material = find_material(tmp_path)
+    assert material.photographs == ("IMG_1.jpg", "IMG_2.jpg", "walk.jpg")
+    assert material.videos == ("IMG_2.mp4", "film/IMG_2.mov", "walk.mp4"), "one is damaged, elsewhere, or long"
+    assert material.copies == ("IMG_1.MOV",)
+
+
+def test_a_live_photo_alone_is_a_video(tmp_path: Path) -> None:
+    save(tmp_path / "IMG_1.jpg", WALL[:64, :96])
+    write_video(tmp_path / "IMG_1.mov", [window(WALL, 50)] * RATE)
+    assert find_material(tmp_path).videos == ("IMG_1.mov",)
+
+
 @pytest.mark.parametrize("kind", ["jpg", "dng"])
 def test_photographs_that_are_left_out_are_named(tmp_path: Path, kind: str) -> None:
     (tmp_path / "in").mkdir()
