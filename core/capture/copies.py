@@ -2,20 +2,48 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
+from ..files.untrusted import is_file
 from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS
 from ..intake.video import read_video_header
 from .files import IMAGE_EXTENSIONS, resolve_inside
 
+_REDUCED = re.compile(r"images_[0-9]+")
 _LIVE_SECONDS = 5.0  # an iPhone films 1.5 s before a photograph and 1.5 s behind it
 
 
-def without_copies(names: Iterable[str]) -> list[str]:
-    """`names` of photographs without those that differ from another one in the extension alone: IMG_1.DNG, IMG_1.JPG.
+def without_copies(folder: Path, names: Sequence[str]) -> list[str]:
+    """The photographs `names` in `folder`, each once.
+
+    Left out are smaller copies (``images_2`` beside ``images``, in datasets), what ``corrected_images`` beside
+    ``images`` has undistorted (Polycam), and what differs from another one in the extension alone.
+    """
+    folders = {parent for name in names for parent in PurePosixPath(name).parents}
+    whole = [name for name in names if not _is_reduced(PurePosixPath(name), folders)]
+    return _in_one_format(dict.fromkeys(_corrected(folder, name) for name in whole))
+
+
+def _is_reduced(path: PurePosixPath, folders: Collection[PurePosixPath]) -> bool:
+    above = [folder for folder in path.parents if _REDUCED.fullmatch(folder.name)]
+    return any(folder.with_name("images") in folders for folder in above)
+
+
+def _corrected(folder: Path, name: str) -> str:
+    path = PurePosixPath(name)
+    if path.parent.name == "images":
+        corrected = path.parent.with_name("corrected_images") / path.name
+        if is_file(folder / corrected):
+            return corrected.as_posix()
+    return name
+
+
+def _in_one_format(names: Iterable[str]) -> list[str]:
+    """`names` without those that differ from another one in the extension alone: IMG_1.DNG, IMG_1.JPG.
 
     Kept is the kind that most photographs have, so that all are of one kind where that can be; else what the camera
     wrote first, which a JPEG is made of.

@@ -110,6 +110,28 @@ def test_a_photograph_in_several_formats_counts_once(tmp_path: Path, names: str,
     assert {*material.photographs, *material.copies} == {*names.split()}
 
 
+@pytest.mark.parametrize(
+    ("names", "used"),
+    [
+        ("a/images/1.JPG a/images_2/1.JPG a/images_8/image000.png", "a/images/1.JPG"),
+        ("a/images/b/1.jpg a/images_4/b/1.jpg b/images_2/1.jpg", "a/images/b/1.jpg b/images_2/1.jpg"),
+        ("a/images/1.jpg a/images_old/1.jpg", "a/images/1.jpg a/images_old/1.jpg"),
+        (
+            "k/images/1.jpg k/images/2.jpg k/corrected_images/1.jpg k/depth/1.png",
+            "k/corrected_images/1.jpg k/images/2.jpg",
+        ),
+        ("images/1.jpg images/2.jpg corrected_images/2.jpg", "corrected_images/2.jpg images/1.jpg"),
+    ],
+)
+def test_smaller_and_uncorrected_copies_in_folders_do_not_count(tmp_path: Path, names: str, used: str) -> None:
+    for name in names.split():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    material = find_material(tmp_path)
+    assert sorted(material.photographs) == used.split()
+    assert bool(material.copies) == ("images_old" not in names)
+
+
 def test_the_videos_of_live_photos_are_not_used(tmp_path: Path) -> None:
     (tmp_path / "film").mkdir()
     for name in ("IMG_1", "IMG_2", "walk"):
