@@ -32,7 +32,7 @@ from .colmap_records import (
 )
 
 _LONGEST_LINE = 16 << 20  # bytes: the features of an image, hundreds of thousands
-_START_BYTES = 4096
+_START_BYTES = 4096  # COLMAP's header and the first entry have some 500
 _MOST_POINT_NUMBER = 2**63 - 1
 
 

@@ -46,7 +46,9 @@ class FoundMasks:
 
 
 def find_masks(capture: Path, photographs: Mapping[str, Path]) -> FoundMasks:
-    """The masks in ``masks/`` (in any case) beside the photographs' folder, called ``<name>.<extension>.png`` or ``<name>.png``.
+    """The masks in ``masks/`` beside the photographs' folder, called ``<name>.<extension>.png`` or ``<name>.png``.
+
+    The folder's name may be in upper case.
 
     Args:
         capture: the capture, or what of it was given.

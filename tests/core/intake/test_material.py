@@ -42,9 +42,7 @@ def test_plain_photographs_stay_where_they_are(tmp_path: Path) -> None:
     [("scene/images", "scene/masks"), ("Images", "Masks"), ("a/b/Images/left", "a/b/MASKS/left"), ("c", "masks/c")],
 )
 @pytest.mark.parametrize("ending", [".jpg.png", ".png"])
-def test_masks_in_any_folder_are_masks_and_no_photographs(
-    tmp_path: Path, images: str, masks: str, ending: str
-) -> None:
+def test_masks_in_any_folder_are_masks_and_no_photographs(tmp_path: Path, images: str, masks: str, ending: str) -> None:
     for number in (1, 2):
         for name in (f"{images}/{number}.jpg", f"{masks}/{number}{ending}"):
             (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
