@@ -13,6 +13,7 @@ from ..errors import InputError
 from ..files.untrusted import is_file
 from ..runtime.protocol import Reporter
 from .colmap_files import ColmapModel, read_model
+from .colmap_text import lists_poses
 from .files import IMAGE_FOLDERS, Spelling, list_images, quote_first, resolve_inside
 from .shared_lens import describe, may_share_lens, share_lens
 from .source import SourceModel, SourceView, rigid_pose
@@ -149,7 +150,11 @@ def _subfolders(folder: Path) -> list[Path]:
 
 
 def _is_model(folder: Path) -> bool:
-    return any(is_file(folder / name) for name in ("images.bin", "images.txt", "cameras.bin", "points3D.bin"))
+    """Whether it holds a model, or what is left of one; a list of names called images.txt is none."""
+    if any(is_file(folder / name) for name in ("images.bin", "cameras.bin", "points3D.bin")):
+        return True
+    images = folder / "images.txt"
+    return is_file(images) and (is_file(folder / "cameras.txt") or lists_poses(images))
 
 
 def _image_count(folder: Path) -> int:

@@ -58,7 +58,8 @@ def read_model(folder: Path, reporter: Reporter | None = None, *, observed: bool
     cameras, images, points = whole[0] if whole else most
     for path in (cameras, images):
         if not is_file(path):
-            raise InputError(f"{path.name} is missing", where=folder, remedy=EXPORT_AGAIN)
+            remedy = f"{EXPORT_AGAIN}, or add --cameras estimate"
+            raise InputError(f"{path.name} is missing", where=folder, remedy=remedy)
     binary = cameras.suffix == ".bin"
     model = ColmapModel()
     for number, camera in (binary_cameras if binary else text_cameras)(cameras):

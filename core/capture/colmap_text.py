@@ -32,6 +32,7 @@ from .colmap_records import (
 )
 
 _LONGEST_LINE = 16 << 20  # bytes: the features of an image, hundreds of thousands
+_START_BYTES = 4096  # COLMAP's header and the first entry have some 500
 _MOST_POINT_NUMBER = 2**63 - 1
 
 
@@ -96,6 +97,23 @@ class _Lines:
         except ValueError:
             self.require(False)
             raise
+
+
+def lists_poses(path: Path) -> bool:
+    """Whether an ``images.txt`` is of COLMAP, by its header or its first entry. Others list photographs in such a file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    with opened(path, most_bytes=MOST_BYTES) as file:
+        lines = file.read(_START_BYTES).removeprefix(codecs.BOM_UTF8).splitlines()
+    if any(line.startswith(b"#") and b"IMAGE_ID" in line for line in lines):
+        return True
+    entry = next((words for line in lines if (words := line.split()) and not line.startswith(b"#")), [])
+    try:
+        return len([float(word) for word in entry[:9]]) == 9
+    except ValueError:
+        return False
 
 
 def text_cameras(path: Path) -> Iterator[tuple[int, pycolmap.Camera]]:

@@ -8,7 +8,7 @@ import stat
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePath, PurePosixPath
 
 from ..errors import InputError
 from ..files.untrusted import is_encodable, is_file, is_folder, is_there, read_json
@@ -227,7 +227,12 @@ def files_of_a_capture(folder: Path) -> list[Path]:
 
 def _is_material(path: Path) -> bool:
     """Whether `path`, in a capture, is called like a photograph or a video."""
-    return path.suffix.lower() in (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS) and MASKS_FOLDER not in path.parts
+    return path.suffix.lower() in (*IMAGE_EXTENSIONS, *VIDEO_EXTENSIONS) and not is_in_masks(path)
+
+
+def is_in_masks(path: PurePath) -> bool:
+    """Whether `path`, in a capture, lies in a folder of masks, however that is spelled."""
+    return MASKS_FOLDER in (part.lower() for part in path.parent.parts)
 
 
 def _usual_folders(folder: Path, files: Iterable[Path]) -> Iterator[Path]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..color.profiles import can_convert, convert_to_srgb
 from ..errors import InputError
 from ..files.untrusted import opened
+from ..intake.exif import LENS_ATTRIBUTES, name_lens
 from ..intake.heif import read_heif, read_heif_header, taken_with
 from ..intake.kinds import kind_of, video_as_photograph
 from ..intake.raw import Development, read_raw, read_raw_header
@@ -86,7 +87,7 @@ class ImageHeader:
             there, or EXIF data say that colours are sRGB.
         bits: of a channel.
         converts: whether `read_pixels` makes colours of that profile sRGB.
-        taken_with: what EXIF data say of camera and focal length, as a text to compare; empty where they say nothing.
+        taken_with: what EXIF data say of camera, lens and zoom, as a text to compare; empty where they say nothing.
     """
 
     width: int
@@ -275,9 +276,8 @@ def _orientation(spec: oiio.ImageSpec) -> int:
 
 
 def _taken_with(spec: oiio.ImageSpec) -> str:
-    focal = spec.get_float_attribute("Exif:FocalLength", 0.0)
-    parts = [attribute(spec, "Make"), attribute(spec, "Model"), f"{focal:g} mm" if focal else ""]
-    return " ".join(part for part in parts if part)
+    numbers = (spec.get_float_attribute(name, 0.0) for name in LENS_ATTRIBUTES)
+    return name_lens(attribute(spec, "Make"), attribute(spec, "Model"), *numbers)
 
 
 def upright_rotation(orientation: int) -> NDArray[np.float64] | None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files.untrusted import is_file, is_folder
 from ..runs.layout import MASKS_FOLDER
-from .files import IMAGE_FOLDERS, list_images, quote_first, resolve_inside, shared_root
+from .files import IMAGE_FOLDERS, Spelling, list_images, quote_first, resolve_inside, shared_root
 from .images import ImageHeader, apply_orientation, read_pixels
 from .model import View
 from .scaling import same_aspect
@@ -48,6 +48,8 @@ class FoundMasks:
 def find_masks(capture: Path, photographs: Mapping[str, Path]) -> FoundMasks:
     """The masks in ``masks/`` beside the photographs' folder, called ``<name>.<extension>.png`` or ``<name>.png``.
 
+    The folder's name may be in upper case.
+
     Args:
         capture: the capture, or what of it was given.
         photographs: files by name.
@@ -61,8 +63,10 @@ def find_masks(capture: Path, photographs: Mapping[str, Path]) -> FoundMasks:
     root = shared_root(capture, paths.values())
     files: dict[str, Path] = {}
     folders: dict[Path, bool] = {}
+    spelling = Spelling()
     for name, path in paths.items():
-        for folder, relative in _places(path, root):
+        for beside, relative in _places(path, root):
+            folder = beside / spelling.find(beside, MASKS_FOLDER)
             if folder not in folders:
                 folders[folder] = is_folder(folder)
             if folders[folder] and name not in files and (found := _mask_in(folder, relative)):
@@ -74,12 +78,13 @@ def find_masks(capture: Path, photographs: Mapping[str, Path]) -> FoundMasks:
 
 
 def _places(photograph: Path, root: Path) -> list[tuple[Path, Path]]:
-    """Folders in which the mask of a photograph may lie, and the photograph's name relative to each."""
+    """Folders whose ``masks`` may hold the mask of a photograph, and the photograph's name in each of these."""
     above = [folder for folder in photograph.parents if folder.is_relative_to(root)]
-    named = [folder for folder in above if folder.name in IMAGE_FOLDERS or folder.name.startswith("images_")][:1]
+    names = [(folder, folder.name.lower()) for folder in above]
+    named = [folder for folder, name in names if name in IMAGE_FOLDERS or name.startswith("images_")][:1]
     beside = [*named, *(folder for folder in above[:1] if folder != root)]
-    places = [(folder.parent / MASKS_FOLDER, photograph.relative_to(folder)) for folder in beside]
-    return [*places, (root / MASKS_FOLDER, photograph.relative_to(root))]
+    places = [(folder.parent, photograph.relative_to(folder)) for folder in beside]
+    return [*places, (root, photograph.relative_to(root))]
 
 
 def _mask_in(folder: Path, photograph: Path) -> Path | None:

@@ -25,15 +25,17 @@ from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 from ..intake.raw import Development
 from ..intake.selection import choose
 from ..intake.video import MAX_SECONDS, Look, extract, look_through
-from ..runs.layout import MASKS_FOLDER
 from ..runtime.protocol import Reporter
+from .copies import without_copies, without_live_photos
 from .files import (
     FOREIGN_EXTENSIONS,
     FRAMES_FILE,
     IMAGE_FOLDERS,
     SPLAT_EXTENSION,
+    is_in_masks,
     list_images,
     make_keys,
+    natural_key,
     quote_first,
     resolve_inside,
 )
@@ -57,12 +59,18 @@ _REMEDIES = dict.fromkeys(PANORAMA_EXTENSIONS, f"360° pictures are not supporte
 
 @dataclass(frozen=True)
 class Material:
-    """Photographs and videos, by their names in `folder` and in order; `depths` are depth maps beside them."""
+    """Photographs and videos, by their names in `folder` and in order.
+
+    Attributes:
+        depths: how many depth maps lie beside them.
+        copies: names of files that show photographs once more.
+    """
 
     folder: Path
     photographs: tuple[str, ...]
     videos: tuple[str, ...] = ()
     depths: int = 0
+    copies: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -140,10 +148,13 @@ def find_material(path: Path) -> Material:
     folders = [f"{name}/" for name in IMAGE_FOLDERS if (path / name).is_dir()]
     listings = ([f"{folder}{name}" for name in list_images(path / folder)] for folder in (*folders, ""))
     names = next(filter(None, listings), [])
-    names = [name for name in names if not name.startswith(f"{MASKS_FOLDER}/")]
+    names = [name for name in names if not is_in_masks(PurePosixPath(name))]
     pictures = [name for name in names if not _DEPTH_FOLDERS & set(PurePosixPath(name.lower()).parent.parts)]
     depths = len(names) - len(pictures) if pictures or videos else 0
-    names = pictures if depths else names
+    found = pictures if depths else names
+    names = without_copies(path, found)
+    filmed = without_live_photos(path, videos, found) if len(names) > 1 else videos
+    copies = sorted({*found, *videos} - {*names, *filmed}, key=natural_key)
     what = remedy = ""
     if not names and not videos:
         unreadable = list_images(path, FOREIGN_EXTENSIONS)
@@ -157,9 +168,9 @@ def find_material(path: Path) -> Material:
             remedy = way_round(Path(unreadable[0])) or "export them as JPEG, PNG or TIFF"
     if what:
         raise InputError(what, where=path, remedy=remedy)
-    for name in (*names, *videos):
+    for name in (*names, *filmed):
         resolve_inside(path, name, where=path, root=path)
-    return Material(path, tuple(names), tuple(videos), depths)
+    return Material(path, tuple(names), tuple(filmed), depths, tuple(copies))
 
 
 def way_round(path: Path) -> str:
@@ -183,8 +194,9 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter, si
     if not material.videos and not any(kind in _CONVERTED for kind in kinds.values()):
         folder, names = common_folder(material)
         originals = dict(zip(names, material.photographs, strict=True))
-        return Photographs(folder, names, originals=originals, warnings=_depth_warning(material, material.depths))
-    made = Photographs(workspace, [])
+        warnings = [*_copies_warning(material), *_depth_warning(material, material.depths)]
+        return Photographs(folder, names, originals=originals, warnings=warnings)
+    made = Photographs(workspace, [], warnings=_copies_warning(material))
     frames = _extract_frames(material, made, reporter, size)
     _convert_photographs(material, kinds, made, reporter)
     made.originals.update(zip(made.names, material.photographs, strict=True))
@@ -323,6 +335,13 @@ def _warnings_about_photographs(material: Material, headers: Sequence[HeifHeader
     yield from _depth_warning(material, material.depths + sum(header.depth for header in headers))
 
 
+def _copies_warning(material: Material) -> list[CaptureWarning]:
+    if not material.copies:
+        return []
+    what = f"{material.folder}: files that show photographs once more are left out: {quote_first(material.copies)}"
+    return [CaptureWarning("copies", what)]
+
+
 def _depth_warning(material: Material, count: int) -> list[CaptureWarning]:
     if not count:
         return []
@@ -331,7 +350,7 @@ def _depth_warning(material: Material, count: int) -> list[CaptureWarning]:
 
 
 def _free_name(name: str, taken: set[str]) -> str:
-    """`name` as a JPEG's, unlike all others: IMG_1.HEIC and IMG_1.JPG often lie side by side."""
+    """`name` as a JPEG's, unlike all others also where case does not count: img_1.JPG may lie beside IMG_1.HEIC."""
     path = PurePosixPath(name)
     wanted = path.with_suffix(".jpg").as_posix()
     if wanted in taken or wanted.lower() in {other.lower() for other in taken}:

@@ -131,9 +131,9 @@ def _sheet(job: SfmJob, placed: Placed) -> NDArray[np.uint8]:
 def number_cameras(folder: Path, names: Sequence[str], frames: Mapping[str, Frame]) -> list[int]:
     """For each of `names` the number of the camera that took it, counted from 0.
 
-    One camera took what is of one size, of one video, and of one camera and focal length where EXIF data name them.
-    pycolmap would give each photograph without such data (frames of a video, what a messenger passed on) a camera of
-    its own, which is then guessed from that photograph alone.
+    One camera took what is of one size, of one video, and of one camera, focal length and digital zoom where EXIF data
+    name them. pycolmap would give each photograph without such data (frames of a video, what a messenger passed on) a
+    camera of its own, which is then guessed from that photograph alone.
     """
     numbers: dict[tuple[int, int, str, str], int] = {}
     cameras = []

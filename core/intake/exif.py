@@ -1,7 +1,8 @@
-"""What EXIF data say of the colours of a photograph that has no ICC profile."""
+"""What EXIF data say of a photograph: its colours where it has no ICC profile, and what it was taken with."""
 
 from __future__ import annotations
 
+import math
 import struct
 import warnings
 from pathlib import Path
@@ -14,6 +15,8 @@ SRGB, UNCALIBRATED = 1, 65535
 """Values of ColorSpace (EXIF 2.32, tag 40961)."""
 _ADOBE_RGB = "R03"  # DCF 2.0 (JEITA CP-3461B): "DCF optional file", Adobe RGB (1998) with ColorSpace uncalibrated
 _FORMATS = ("JPEG", "PNG", "TIFF")  # that carry EXIF data, of those that OpenImageIO reads
+LENS_ATTRIBUTES = ("Exif:FocalLength", "Exif:FocalLengthIn35mmFilm", "Exif:DigitalZoomRatio")
+"""As OpenImageIO calls the numbers of `name_lens`, in their order."""
 DAMAGE: tuple[type[Exception], ...] = (
     *(OSError, ValueError, SyntaxError, RuntimeError, EOFError, IndexError, KeyError, TypeError),
     AttributeError,
@@ -61,3 +64,19 @@ def mark_srgb(tags: Image.Exif) -> None:
     if further:
         further[_COLOR_SPACE] = SRGB
         further.pop(_INTEROPERABILITY, None)
+
+
+def name_lens(make: str, model: str, focal: float, equivalent: float, zoom: float) -> str:
+    """Camera and lens as a text to compare; empty where nothing is known.
+
+    A digital zoom leaves the focal length as it is, and often the size of the picture; only the other two numbers tell.
+
+    Args:
+        focal: in mm; 0 or NaN is unknown, as for what follows.
+        equivalent: the focal length of the same view on 35 mm film, in mm.
+        zoom: the ratio of a digital zoom; 1 is none.
+    """
+    zoom = round(zoom, 2)  # a hundredth makes no other lens
+    numbers = ((focal, "mm"), (equivalent, "mm on film"), (zoom if zoom != 1.0 else 0.0, "x zoom"))
+    lens = [f"{number:g} {unit}" for number, unit in numbers if number and math.isfinite(number)]
+    return " ".join(part for part in (make, model, *lens) if part)

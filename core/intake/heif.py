@@ -15,7 +15,7 @@ from PIL import Image, ImageOps
 from ..color.hdr import TRANSFERS, tone_map
 from ..color.profiles import ADOBE_RGB, DISPLAY_P3, convert_to_srgb
 from ..errors import InputError
-from .exif import DAMAGE, is_adobe_rgb
+from .exif import DAMAGE, is_adobe_rgb, name_lens
 
 _COPY_AGAIN = "copy or export the image again"
 _GAIN_MAP = ("gainmap", "iso:ts:21496")
@@ -170,8 +170,9 @@ def taken_with(exif: bytes) -> str:
     try:
         tags = Image.Exif()
         tags.load(exif)
-        focal = tags.get_ifd(0x8769).get(0x920A)
-        parts = [str(tags.get(0x010F, "")), str(tags.get(0x0110, "")), f"{float(focal):g} mm" if focal else ""]
-    except DAMAGE:  # a division by zero among them: lenses state 0/0 mm
+        make, model = (str(tags.get(number, "")).strip("\0 ") for number in (0x010F, 0x0110))
+        further = tags.get_ifd(0x8769)
+        focal, equivalent, zoom = (float(further.get(number) or 0.0) for number in (0x920A, 0xA405, 0xA404))
+    except DAMAGE:
         return ""
-    return " ".join(part.strip("\0 ") for part in parts if part.strip("\0 "))
+    return name_lens(make, model, focal, equivalent, zoom)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .exif import LENS_ATTRIBUTES, name_lens
 from .kinds import kind_of_file
 from .sampling import evenly_spread
 
@@ -70,7 +71,7 @@ class Development:
 
 @dataclass(frozen=True)
 class RawHeader:
-    """Size of the developed picture, upright, and the camera's name."""
+    """Size of the developed picture, upright, and what it was taken with."""
 
     width: int
     height: int
@@ -153,13 +154,12 @@ def _taken_with(path: Path) -> str:
         return ""
     try:
         spec = file.spec()
-        focal = spec.get_float_attribute("Exif:FocalLength", 0.0)
-        names = [spec.get_string_attribute(name) for name in ("Make", "Model")]
+        make, model = (spec.get_string_attribute(name) for name in ("Make", "Model"))
+        return name_lens(make, model, *(spec.get_float_attribute(name, 0.0) for name in LENS_ATTRIBUTES))
     except UnicodeDecodeError:
         return ""
     finally:
         file.close()
-    return " ".join(part for part in (*names, f"{focal:g} mm" if focal else "") if part)
 
 
 @contextmanager

@@ -11,8 +11,9 @@ import numpy as np
 import pycolmap
 import pytest
 
+from cvdgs.core.capture.colmap import find_colmap
 from cvdgs.core.capture.colmap_files import read_model
-from cvdgs.core.capture.reader import inspect_capture, read_capture
+from cvdgs.core.capture.reader import inspect_capture, read_cameras, read_capture
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 
@@ -358,6 +359,29 @@ def test_missing_model_file_is_named(tmp_path: Path) -> None:
     write_colmap(tmp_path, shots(3))
     (tmp_path / "sparse" / "0" / "cameras.bin").unlink()
     with pytest.raises(InputError, match=r"cameras.bin is missing"):
+        inspect_capture(tmp_path)
+
+
+@pytest.mark.parametrize("place", ["", "sparse/0", "a/b/c"])
+@pytest.mark.parametrize("text", ["0001.png\n0002.png\n", "# my images\n1 0001.png\n", ""])
+def test_a_list_of_photographs_called_like_colmaps_is_no_model(tmp_path: Path, place: str, text: str) -> None:
+    save_images(tmp_path, shots(3))
+    (tmp_path / place).mkdir(parents=True, exist_ok=True)
+    (tmp_path / place / "images.txt").write_text(text)
+    assert find_colmap(tmp_path) is None
+    assert read_cameras(tmp_path) is None
+
+
+@pytest.mark.parametrize(
+    ("place", "kept"), [("sparse/0", slice(4)), ("sparse/0", slice(4, None)), ("a/b/c", slice(None))]
+)
+def test_a_text_model_without_its_cameras_is_refused(tmp_path: Path, place: str, kept: slice) -> None:
+    """COLMAP's header of four lines is enough to know it, and so is an entry."""
+    write_colmap(tmp_path, shots(3), model_folder=place, text=True)
+    (tmp_path / place / "cameras.txt").unlink()
+    images = tmp_path / place / "images.txt"
+    images.write_text("".join(images.read_text().splitlines(keepends=True)[kept]))
+    with pytest.raises(InputError, match=r"cameras.txt is missing - .*, or add --cameras estimate"):
         inspect_capture(tmp_path)
 
 

@@ -14,7 +14,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pillow_heif
 import pytest
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from cvdgs.core.capture import sfm
 from cvdgs.core.capture.images import read_pixels
@@ -26,6 +29,7 @@ from cvdgs.core.errors import Cancelled, InputError
 from cvdgs.core.runtime.progress import CAMERAS
 from cvdgs.core.runtime.protocol import Reporter
 
+from ..intake.dng import RATIONAL, SHORT, write_dng
 from .make_captures import save
 
 
@@ -137,6 +141,32 @@ def test_photographs_are_numbered_by_camera_and_a_video_has_one(tmp_path: Path) 
     take("e.jpg", 20)
     frames = {"e.jpg": Frame(0.0, "walk.mp4")}
     assert number_cameras(tmp_path, ["a.jpg", "b.jpg", "c.jpg", "d.jpg", "e.jpg"], frames) == [0, 1, 2, 0, 3]
+
+
+@pytest.mark.parametrize("ending", ["jpg", "heic", "dng"])
+def test_zoomed_photographs_have_a_camera_of_their_own(tmp_path: Path, ending: str) -> None:
+    pixels = np.full((64, 96, 3), 90, np.uint8)
+
+    def take(name: str, equivalent: int = 0, zoom: float = 0.0) -> str:
+        tags = Image.Exif()
+        tags[0x010F], tags[0x0110] = "Acme", "Acme One"
+        further = tags.get_ifd(0x8769)
+        further[0x920A], further[0xA405] = IFDRational(57, 10), equivalent
+        further[0xA404] = IFDRational(round(zoom * 1000), 1000)
+        path = tmp_path / f"{name}.{ending}"
+        if ending == "dng":
+            focal, ratio = [57, 10], [round(zoom * 1000), 1000]
+            exif = [(0x920A, RATIONAL, focal), (0xA404, RATIONAL, ratio), (0xA405, SHORT, [equivalent])]
+            write_dng(path, pixels / 255.0, exif=exif)
+        elif ending == "heic":
+            pillow_heif.from_pillow(Image.fromarray(pixels)).save(path, exif=tags.tobytes())
+        else:
+            Image.fromarray(pixels).save(path, exif=tags)
+        return path.name
+
+    lenses = ((24, 0.0), (48, 0.0), (24, 1.0), (24, 2.0), (24, 1.001), (0, 2.0), (48, 0.0))
+    names = [take(f"{number}", *lens) for number, lens in enumerate(lenses)]
+    assert number_cameras(tmp_path, names, {}) == [0, 1, 0, 2, 0, 3, 1]
 
 
 def test_names_may_hold_spaces_and_lie_in_folders(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,10 @@ import numpy as np
 WHITE, BLACK = 16000, 256
 # From CIE XYZ (D65) to the sensor; anything invertible.
 XYZ_TO_SENSOR = np.array([[0.95, -0.30, -0.08], [-0.42, 1.22, 0.22], [-0.05, 0.16, 0.60]])
-_SHORT, _LONG, _ASCII, _BYTE, _RATIONAL, _SIGNED = 3, 4, 2, 1, 5, 10
-_FORMATS = {_SHORT: "H", _LONG: "I", _ASCII: "s", _BYTE: "B", _RATIONAL: "II", _SIGNED: "ii"}
+SHORT, _LONG, _ASCII, _BYTE, RATIONAL, _SIGNED = 3, 4, 2, 1, 5, 10
+Entry = tuple[int, int, Sequence[int]]
+"""Number, type and values of a tag."""
+_FORMATS = {SHORT: "H", _LONG: "I", _ASCII: "s", _BYTE: "B", RATIONAL: "II", _SIGNED: "ii"}
 
 
 def sensor_values(xyz: np.ndarray, exposure: float = 1.0) -> np.ndarray:
@@ -20,9 +23,15 @@ def sensor_values(xyz: np.ndarray, exposure: float = 1.0) -> np.ndarray:
 
 
 def write_dng(
-    path: Path, xyz: np.ndarray, *, exposure: float = 0.5, orientation: int = 1, balance: float = 1.0
+    path: Path,
+    xyz: np.ndarray,
+    *,
+    exposure: float = 0.5,
+    orientation: int = 1,
+    balance: float = 1.0,
+    exif: Sequence[Entry] = (),
 ) -> Path:
-    """`xyz` is (H, W, 3); `balance` is what the camera errs by in its white balance's red."""
+    """`xyz` is (H, W, 3); `balance` is what the camera errs by in its white balance's red; `exif` is in order."""
     height, width = xyz.shape[:2]
     values = sensor_values(xyz, exposure)
     codes = np.clip(values * (WHITE - BLACK) + BLACK, 0, WHITE).astype("<u2")
@@ -37,14 +46,26 @@ def write_dng(
         return [part for value in rows.ravel() for part in (round(value * 10000), 10000)]
 
     entries = [
-        (254, _LONG, [0]), (256, _LONG, [width]), (257, _LONG, [height]), (258, _SHORT, [16]), (259, _SHORT, [1]),
-        (262, _SHORT, [32803]), (271, _ASCII, b"Acme\0"), (272, _ASCII, b"Acme One\0"), (273, _LONG, [0]),
-        (274, _SHORT, [orientation]), (277, _SHORT, [1]), (278, _LONG, [height]), (279, _LONG, [len(pixels)]),
-        (284, _SHORT, [1]), (33421, _SHORT, [2, 2]), (33422, _BYTE, [0, 1, 1, 2]), (50706, _BYTE, [1, 4, 0, 0]),
+        (254, _LONG, [0]), (256, _LONG, [width]), (257, _LONG, [height]), (258, SHORT, [16]), (259, SHORT, [1]),
+        (262, SHORT, [32803]), (271, _ASCII, b"Acme\0"), (272, _ASCII, b"Acme One\0"), (273, _LONG, [0]),
+        (274, SHORT, [orientation]), (277, SHORT, [1]), (278, _LONG, [height]), (279, _LONG, [len(pixels)]),
+        (284, SHORT, [1]), (33421, SHORT, [2, 2]), (33422, _BYTE, [0, 1, 1, 2]), (50706, _BYTE, [1, 4, 0, 0]),
         (50708, _ASCII, b"Acme One\0"), (50714, _LONG, [BLACK]), (50717, _LONG, [WHITE]),
-        (50721, _SIGNED, signed(XYZ_TO_SENSOR)), (50728, _RATIONAL, signed(neutral)), (50778, _SHORT, [21]),
+        (50721, _SIGNED, signed(XYZ_TO_SENSOR)), (50728, RATIONAL, signed(neutral)), (50778, SHORT, [21]),
     ]  # fmt: skip
-    table = 8 + 2 + 12 * len(entries) + 4
+    if exif:
+        entries = sorted([*entries, (34665, _LONG, [0])])
+    main = _table(entries, 8)
+    further = _table(exif, 8 + len(main)) if exif else b""
+    ends = {273: 8 + len(main) + len(further), 34665: 8 + len(main)}
+    entries = [(tag, kind, [ends[tag]] if tag in ends else content) for tag, kind, content in entries]
+    path.write_bytes(b"II*\0" + struct.pack("<I", 8) + _table(entries, 8) + further + pixels)
+    return path
+
+
+def _table(entries: Sequence[Entry], start: int) -> bytes:
+    """A TIFF directory that begins at the byte `start`, and behind it the values that do not fit into it."""
+    behind = start + 2 + 12 * len(entries) + 4
     extra, fields = b"", b""
     for tag, kind, content in entries:
         if kind == _ASCII:
@@ -53,14 +74,9 @@ def write_dng(
             form = _FORMATS[kind]
             count = len(content) // len(form)
             data = struct.pack("<" + form * count, *content)
-        if tag == 273:
-            data = b"PIXL"
         if len(data) > 4:
-            fields += struct.pack("<HHII", tag, kind, count, table + len(extra))
+            fields += struct.pack("<HHII", tag, kind, count, behind + len(extra))
             extra += data + bytes(len(data) % 2)
         else:
             fields += struct.pack("<HHI", tag, kind, count) + data.ljust(4, b"\0")
-    fields = fields.replace(b"PIXL", struct.pack("<I", table + len(extra)))
-    head = b"II*\0" + struct.pack("<IH", 8, len(entries))
-    path.write_bytes(head + fields + bytes(4) + extra + pixels)
-    return path
+    return struct.pack("<H", len(entries)) + fields + bytes(4) + extra

@@ -37,6 +37,23 @@ def test_plain_photographs_stay_where_they_are(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("images", "masks"),
+    [("scene/images", "scene/masks"), ("Images", "Masks"), ("a/b/Images/left", "a/b/MASKS/left"), ("c", "masks/c")],
+)
+@pytest.mark.parametrize("ending", [".jpg.png", ".png"])
+def test_masks_in_any_folder_are_masks_and_no_photographs(tmp_path: Path, images: str, masks: str, ending: str) -> None:
+    for number in (1, 2):
+        for name in (f"{images}/{number}.jpg", f"{masks}/{number}{ending}"):
+            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(WALL[:64, :64]).save(tmp_path / name)
+    material = find_material(tmp_path)
+    assert material.photographs == (f"{images}/1.jpg", f"{images}/2.jpg")
+    found = masks_of(material)
+    assert found.unused == []
+    assert found.files == {f"{images}/{n}.jpg": tmp_path / masks / f"{n}{ending}" for n in (1, 2)}
+
+
 def test_an_empty_folder_for_images_hides_no_photographs(tmp_path: Path) -> None:
     (tmp_path / "1.jpg").touch()
     for name in ("images", "rgb"):
@@ -50,7 +67,7 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
     mixed, out = tmp_path / "in", tmp_path / "out"
     mixed.mkdir()
     out.mkdir()
-    Image.fromarray(WALL[:64, :96]).save(mixed / "IMG_1.JPG")
+    Image.fromarray(WALL[:64, :96]).save(mixed / "img_1.JPG")
     save(mixed / "IMG_1.HEIC", WALL[100:164, :96])
     write_dng(mixed / "IMG_2.dng", np.full((64, 96, 3), 0.3))
     for name in ("walk.mp4", "walk.mov"):
@@ -58,7 +75,7 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
     before = sorted(mixed.iterdir())
     made = make_photographs(find_material(mixed), out, Reporter())
     assert made.names[0] == "IMG_1.HEIC.jpg"  # IMG_1.jpg would be another one's where case does not count
-    assert {"IMG_1.JPG", "IMG_2.jpg"} <= set(made.names)
+    assert {"img_1.JPG", "IMG_2.jpg"} <= set(made.names)
     assert len(made.names) == len({name.lower() for name in made.names})
     assert all(read_header(out / name).orientation == 1 for name in made.names)
     assert sorted(mixed.iterdir()) == before
@@ -69,6 +86,84 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
     assert times == sorted(times)
     assert 0.0 <= times[0] < times[-1] < 2.0
     assert made.times == {frame["name"]: frame["time"] for frame in frames}
+
+
+@pytest.mark.parametrize(
+    ("names", "used"),
+    [
+        ("1.DNG 1.JPG 2.DNG 2.JPG", "1.DNG 2.DNG"),
+        ("1.heic 1.jpg 2.heic 2.jpg 2.dng", "1.heic 2.heic"),
+        ("1.DNG 1.JPG 2.DNG 2.JPG 3.JPG", "1.JPG 2.JPG 3.JPG"),
+        ("1.DNG 1.JPG 2.JPG 3.DNG", "1.DNG 2.JPG 3.DNG"),
+        ("1.png 1.jpg a/1.png b/1.jpg", "1.jpg a/1.png b/1.jpg"),
+        ("1.exr 1.png", "1.png"),
+    ],
+)
+def test_a_photograph_in_several_formats_counts_once(tmp_path: Path, names: str, used: str) -> None:
+    for name in names.split():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    material = find_material(tmp_path)
+    assert sorted(material.photographs) == used.split()
+    assert {*material.photographs, *material.copies} == {*names.split()}
+
+
+@pytest.mark.parametrize(
+    ("names", "used"),
+    [
+        ("a/images/1.JPG a/images_2/1.JPG a/images_8/image000.png", "a/images/1.JPG"),
+        ("a/images/b/1.jpg a/images_4/b/1.jpg b/images_2/1.jpg", "a/images/b/1.jpg b/images_2/1.jpg"),
+        ("a/images/1.jpg a/images_old/1.jpg", "a/images/1.jpg a/images_old/1.jpg"),
+        (
+            "k/images/1.jpg k/images/2.jpg k/corrected_images/1.jpg k/depth/1.png",
+            "k/corrected_images/1.jpg k/images/2.jpg",
+        ),
+        ("images/1.jpg images/2.jpg corrected_images/2.jpg", "corrected_images/2.jpg images/1.jpg"),
+    ],
+)
+def test_smaller_and_uncorrected_copies_in_folders_do_not_count(tmp_path: Path, names: str, used: str) -> None:
+    for name in names.split():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    material = find_material(tmp_path)
+    assert sorted(material.photographs) == used.split()
+    assert bool(material.copies) == ("images_old" not in names)
+
+
+def test_the_videos_of_live_photos_are_not_used(tmp_path: Path) -> None:
+    (tmp_path / "film").mkdir()
+    for name in ("IMG_1", "IMG_2", "walk"):
+        save(tmp_path / f"{name}.jpg", WALL[:64, :96])
+    for name, seconds in (("IMG_1.MOV", 2), ("film/IMG_2.mov", 2), ("walk.mp4", 6)):
+        write_video(tmp_path / name, [window(WALL, 50)] * (RATE * seconds))
+    (tmp_path / "IMG_2.mp4").touch()
+    material = find_material(tmp_path)
+    assert material.photographs == ("IMG_1.jpg", "IMG_2.jpg", "walk.jpg")
+    assert material.videos == ("IMG_2.mp4", "film/IMG_2.mov", "walk.mp4"), "one is damaged, elsewhere, or long"
+    assert material.copies == ("IMG_1.MOV",)
+
+
+def test_a_live_photo_alone_is_a_video(tmp_path: Path) -> None:
+    save(tmp_path / "IMG_1.jpg", WALL[:64, :96])
+    write_video(tmp_path / "IMG_1.mov", [window(WALL, 50)] * RATE)
+    assert find_material(tmp_path).videos == ("IMG_1.mov",)
+
+
+@pytest.mark.parametrize("kind", ["jpg", "dng"])
+def test_photographs_that_are_left_out_are_named(tmp_path: Path, kind: str) -> None:
+    (tmp_path / "in").mkdir()
+    (tmp_path / "out").mkdir()
+    for number in range(3):
+        if kind == "dng":
+            write_dng(tmp_path / "in" / f"{number}.dng", np.full((64, 96, 3), 0.3))
+        for ending in ("jpg", "png") if kind == "jpg" else ("jpg",):
+            save(tmp_path / "in" / f"{number}.{ending}", WALL[:64, :96])
+    made = make_photographs(find_material(tmp_path / "in"), tmp_path / "out", Reporter())
+    assert list(made.originals.values()) == [f"{number}.{kind}" for number in range(3)]
+    (warning,) = made.warnings
+    assert warning.name == "copies"
+    left_out = ", ".join(f"{number}.{'png' if kind == 'jpg' else 'jpg'}" for number in range(3))
+    assert warning.message.endswith(f"files that show photographs once more are left out: {left_out}")
 
 
 def test_photographs_in_a_folder_called_like_a_video_do_not_meet_its_frames(tmp_path: Path) -> None:

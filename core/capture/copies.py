@@ -1,0 +1,85 @@
+"""Files of a capture that show a photograph once more: it would count twice, and be held out and trained on at once."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
+from pathlib import Path, PurePosixPath
+
+from ..errors import InputError
+from ..files.untrusted import is_file
+from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS
+from ..intake.video import read_video_header
+from .files import IMAGE_EXTENSIONS, resolve_inside
+
+_REDUCED = re.compile(r"images_[0-9]+")
+_LIVE_SECONDS = 5.0  # an iPhone films 1.5 s before a photograph and 1.5 s behind it
+
+
+def without_copies(folder: Path, names: Sequence[str]) -> list[str]:
+    """The photographs `names` in `folder`, each once.
+
+    Left out are smaller copies (``images_2`` beside ``images``, in datasets), what ``corrected_images`` beside
+    ``images`` has undistorted (Polycam), and what differs from another one in the extension alone.
+    """
+    folders = {parent for name in names for parent in PurePosixPath(name).parents}
+    whole = [name for name in names if not _is_reduced(PurePosixPath(name), folders)]
+    return _in_one_format(dict.fromkeys(_corrected(folder, name) for name in whole))
+
+
+def _is_reduced(path: PurePosixPath, folders: Collection[PurePosixPath]) -> bool:
+    above = [folder for folder in path.parents if _REDUCED.fullmatch(folder.name)]
+    return any(folder.with_name("images") in folders for folder in above)
+
+
+def _corrected(folder: Path, name: str) -> str:
+    path = PurePosixPath(name)
+    if path.parent.name == "images":
+        corrected = path.parent.with_name("corrected_images") / path.name
+        if is_file(folder / corrected):
+            return corrected.as_posix()
+    return name
+
+
+def _in_one_format(names: Iterable[str]) -> list[str]:
+    """`names` without those that differ from another one in the extension alone: IMG_1.DNG, IMG_1.JPG.
+
+    Kept is the kind that most photographs have, so that all are of one kind where that can be; else what the camera
+    wrote first, which a JPEG is made of.
+    """
+    paths = {name: PurePosixPath(name) for name in names}
+    counts = Counter(_kind(path) for path in paths.values())
+    kept: dict[PurePosixPath, str] = {}
+    for path in paths.values():
+        place, kind = path.with_suffix(""), _kind(path)
+        kept[place] = max(kind, kept.get(place, kind), key=lambda kind: (counts[kind], *_rank(kind)))
+    return [name for name, path in paths.items() if _kind(path) == kept[path.with_suffix("")]]
+
+
+def _kind(path: PurePosixPath) -> str:
+    return path.suffix.lower()
+
+
+def _rank(kind: str) -> tuple[bool, bool, int]:
+    return kind in RAW_EXTENSIONS, kind in HEIF_EXTENSIONS, -IMAGE_EXTENSIONS.index(kind)
+
+
+def without_live_photos(folder: Path, videos: Sequence[str], photographs: Iterable[str]) -> list[str]:
+    """`videos` without the moving parts of Live Photos, which are short and called like one of the photographs.
+
+    A longer video is none: its download may have left a picture of the same name beside it.
+
+    Raises:
+        InputError: a video is a link out of `folder`.
+    """
+    places = {PurePosixPath(name).with_suffix("") for name in photographs}
+    return [name for name in videos if PurePosixPath(name).with_suffix("") not in places or not _is_short(folder, name)]
+
+
+def _is_short(folder: Path, name: str) -> bool:
+    path = resolve_inside(folder, name, where=folder)
+    try:
+        return 0.0 < read_video_header(path).seconds <= _LIVE_SECONDS
+    except InputError:  # whoever needs the video says what is wrong with it
+        return False
