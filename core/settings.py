@@ -124,6 +124,15 @@ class Layer:
         cvd, _, severity = name.partition("-")  # the first one: the exponent of 1e-05 has another
         return cls(cvd, float(severity))
 
+    @classmethod
+    def is_name(cls, text: str) -> bool:
+        """Whether `text` is the name of a layer that a run can have, as the run writes it."""
+        try:
+            layer = cls.from_name(text)
+        except ValueError:
+            return False
+        return layer.cvd in CVD_TYPES and 0.0 <= layer.severity <= 1.0 and layer.name == text
+
 
 @dataclass(frozen=True)
 class Settings:

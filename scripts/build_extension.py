@@ -9,7 +9,6 @@ a complete one. Exit codes: 0 done, 2 unusable arguments or manifest.
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import os
 import shutil
@@ -25,7 +24,7 @@ import bootstrap
 
 bootstrap.load()
 from cvdgs.core.errors import InputError
-from cvdgs.core.runtime.cli import exit_code
+from cvdgs.core.runtime.cli import OneLineParser, exit_code
 
 MANIFEST = bootstrap.ROOT / "blender_manifest.toml"
 _TOOL_IN_WHEEL = "*/scripts/addons_core/bl_pkg/cli/blender_ext.py"
@@ -100,14 +99,14 @@ def _run(tool: Path, *arguments: str) -> None:
 
 def main() -> int:
     """Parse the command line and build; returns the exit code."""
-    parser = argparse.ArgumentParser(
+    parser = OneLineParser(
         description="Build the Blender extension.", epilog="example: python scripts/build_extension.py --out dist"
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the zip")
     parser.add_argument("--tool", type=Path, metavar="FILE", help="blender_ext.py (default: the bpy wheel's)")
-    arguments = parser.parse_args()
 
     def work() -> None:
+        arguments = parser.parse_args()
         zip_file = build(arguments.out, arguments.tool or find_tool())
         print(f"{zip_file} ({zip_file.stat().st_size / 1e6:.1f} MB)")
 

@@ -8,7 +8,6 @@ Every file is checked by its hash. Exit codes: 0 done, 2 a file cannot be had or
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -17,17 +16,17 @@ import bootstrap
 
 bootstrap.load()
 from cvdgs.core.errors import InputError
-from cvdgs.core.runtime.cli import ConsoleReporter, exit_code
+from cvdgs.core.runtime.cli import ConsoleReporter, OneLineParser, exit_code
 from cvdgs.core.runtime.environment import LISTED_PYTHONS, REQUIREMENTS, install_locked
 
 
 def main() -> int:
     """Parse the command line and install; returns the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = OneLineParser(description=__doc__.splitlines()[0])
     parser.add_argument("list", nargs="?", type=Path, default=REQUIREMENTS, metavar="FILE", help="(requirements.txt)")
-    requirements = parser.parse_args().list
 
     def work() -> None:
+        requirements = parser.parse_args().list
         if sys.version_info[:2] not in LISTED_PYTHONS:
             version = ".".join(map(str, sys.version_info[:2]))
             remedy = "install Python 3.11 or 3.13, and type 'make venv PYTHON=python3.13'"

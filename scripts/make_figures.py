@@ -8,8 +8,6 @@ Exit codes: 0 done, 2 not a finished run.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,8 +22,9 @@ from cvdgs.core.color.simulation import simulate
 from cvdgs.core.color.spaces import image_to_tensor, srgb_to_lab
 from cvdgs.core.errors import InputError
 from cvdgs.core.files.images import read_png
-from cvdgs.core.runs.layout import CAPTURE_FOLDER, ENHANCED_FOLDER, IMAGES_FOLDER, REPORT_FILE
-from cvdgs.core.runtime.cli import exit_code
+from cvdgs.core.runs.layout import CAPTURE_FOLDER, ENHANCED_FOLDER, IMAGES_FOLDER
+from cvdgs.core.runs.report import read_report
+from cvdgs.core.runtime.cli import OneLineParser, exit_code
 from cvdgs.core.settings import Layer
 from cvdgs.scripts.benchmarks.charts import Theme, plot_series, write_charts
 
@@ -74,15 +73,16 @@ def make_figures(run: Path, out: Path) -> None:
     Raises:
         InputError: `run` is not a finished run, or held no views out.
     """
+    report = read_report(run)
     try:
-        report = json.loads((run / REPORT_FILE).read_text(encoding="utf-8"))
         layer, view = next(iter(report["layers"])), report["views_shown"][0]
         curve, simulation, observer = report["curve"], report["settings"]["simulation"], Layer.from_name(layer)
         before = read_png(run / CAPTURE_FOLDER / IMAGES_FOLDER / f"{view}.png").reshape(-1, 3)
         after = read_png(run / ENHANCED_FOLDER / layer / f"{view}.png").reshape(-1, 3)
-    except (OSError, KeyError, ValueError, StopIteration) as error:
+        measured = all(entry["psnr"] is not None for entry in curve)
+    except (OSError, LookupError, TypeError, ValueError, StopIteration) as error:
         raise InputError(f"is not a finished run ({error})", where=run, remedy="run 'make demo' first") from None
-    if any(entry["psnr"] is None for entry in curve):
+    if not measured:
         raise InputError("the run held no views out to be measured on", where=run, remedy="make it with --holdout 8")
     chosen = np.random.default_rng(SEED).choice(len(before), COLORS, replace=False)
 
@@ -95,11 +95,15 @@ def make_figures(run: Path, out: Path) -> None:
 
 def main(arguments: list[str]) -> int:
     """Parse the command line and draw; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="make_figures.py", description=__doc__.splitlines()[0])
+    parser = OneLineParser(prog="make_figures.py", description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path, metavar="RUN", help="output folder of scripts/run.py")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the figures")
-    options = parser.parse_args(arguments)
-    return exit_code("make_figures.py", lambda: make_figures(options.run, options.out))
+
+    def work() -> None:
+        options = parser.parse_args(arguments)
+        make_figures(options.run, options.out)
+
+    return exit_code("make_figures.py", work)
 
 
 if __name__ == "__main__":

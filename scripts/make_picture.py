@@ -5,7 +5,6 @@ Left the photograph, right the enhanced scene; above for normal vision, below as
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 
@@ -17,16 +16,15 @@ import numpy as np
 
 from cvdgs.core.errors import InputError
 from cvdgs.core.files.images import read_png, write_png
-from cvdgs.core.files.untrusted import read_json
 from cvdgs.core.runs.layout import (
     CAPTURE_FOLDER,
     IMAGES_FOLDER,
     RENDERS_FOLDER,
-    REPORT_FILE,
     SIMULATED_FOLDER,
     SIMULATED_INPUT_FOLDER,
 )
-from cvdgs.core.runtime.cli import exit_code
+from cvdgs.core.runs.report import read_report
+from cvdgs.core.runtime.cli import OneLineParser, exit_code
 
 GAP = 6  # pixels of white between the pictures
 
@@ -50,16 +48,19 @@ def sheet(run: Path, layer: str, view: str) -> np.ndarray:
 
 def main(arguments: list[str]) -> int:
     """Write the picture; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="make_picture.py", description=__doc__.splitlines()[0])
+    parser = OneLineParser(prog="make_picture.py", description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path, metavar="RUN", help="output folder of scripts/run.py")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE.png")
     parser.add_argument("--view", help="key of a held-out view (the report's first)")
-    options = parser.parse_args(arguments)
 
     def work() -> None:
-        report = read_json(options.run / REPORT_FILE, remedy="name the output folder of scripts/run.py")
-        layer, views = next(iter(report["layers"])), report["views_shown"]
-        view = options.view or views[0]
+        options = parser.parse_args(arguments)
+        report = read_report(options.run)
+        try:
+            layer, views = next(iter(report["layers"])), [str(view) for view in report["views_shown"]]
+            view = options.view or views[0]
+        except (LookupError, StopIteration, TypeError):
+            raise InputError("its report names no pictures", where=options.run, remedy="make the run again") from None
         if view not in views:
             raise InputError(f"no held-out view '{view}'", where="--view", remedy="use " + ", ".join(views))
         write_png(options.out, sheet(options.run, layer, view))

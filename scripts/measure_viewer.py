@@ -7,7 +7,6 @@ simulation against core/color. Needs playwright, which `make venv` installs.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from pathlib import Path
@@ -26,7 +25,7 @@ from cvdgs.core.errors import InputError
 from cvdgs.core.files.images import read_png
 from cvdgs.core.runs.layout import RENDERS_FOLDER, VIEWER_PAGE
 from cvdgs.core.runs.report import read_report
-from cvdgs.core.runtime.cli import exit_code
+from cvdgs.core.runtime.cli import OneLineParser, exit_code
 from cvdgs.core.settings import CVD_TYPES
 from cvdgs.scripts.benchmarks.browser import browser, open_viewer, picture_of, write_screenshot
 
@@ -128,11 +127,15 @@ def _difference(first: np.ndarray, second: np.ndarray) -> float:
 
 def main(arguments: list[str]) -> int:
     """Parse the command line and measure; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="measure_viewer.py", description=__doc__.splitlines()[0])
+    parser = OneLineParser(prog="measure_viewer.py", description=__doc__.splitlines()[0])
     parser.add_argument("run", type=Path, metavar="RUN", help="output folder of scripts/run.py")
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="a screenshot of the page")
-    options = parser.parse_args(arguments)
-    return exit_code("measure_viewer.py", lambda: print("\n".join(measure(options.run, options.picture))))
+
+    def work() -> None:
+        options = parser.parse_args(arguments)
+        print("\n".join(measure(options.run, options.picture)))
+
+    return exit_code("measure_viewer.py", work)
 
 
 if __name__ == "__main__":

@@ -37,6 +37,7 @@ from .material import (
     way_round,
 )
 from .model import MIN_VIEWS, Capture, CaptureSummary, CaptureWarning, View
+from .origin import warn_about_origin
 from .scaling import downscale_with_alpha, fit_size
 from .sfm import estimate_cameras
 from .sfm_job import SfmSettings
@@ -230,6 +231,7 @@ def warnings_of_cameras(where: Path, views: int, points: int) -> tuple[CaptureWa
 
 def _warn_about_cameras(model: SourceModel) -> None:
     model.warnings.extend(warnings_of_cameras(model.file, len(model.views), len(model.points)))
+    warn_about_origin(model)
 
 
 def _warn_about_alpha(model: SourceModel, views: list[View]) -> None:

@@ -39,7 +39,8 @@ def files_of_a_run(out: Path) -> list[Path]:
     Raises:
         InputError: something is there under such a name, but no run's report: it is the user's own.
     """
-    files = [out / name for name in layout.NAMES] + [path for p in layout.PATTERNS for path in out.glob(p)]
+    files = [out / name for name in layout.NAMES]
+    files += [path for name_of in layout.LAYER_FILES for path in layout.files_by_layer(out, name_of).values()]
     if not is_run(out):
         refuse_foreign_files(files)
     return files

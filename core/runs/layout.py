@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from pathlib import Path
+
+from ..settings import Layer
+
 ORIGINAL = "original"  # the layer of the photographs' own colours
 
 CAPTURE_FOLDER = "capture"  # the photographs and cameras that the run used
@@ -34,9 +39,8 @@ CHECKPOINT_RUN_FILE = "run.json"
 CHECKPOINT_CAPTURE_FILE, CHECKPOINT_STATE_FILE = "capture.safetensors", "state.safetensors"
 
 _LAYER_PREFIX, _LAYER_SUFFIX = "splats.", ".ply"
-LAYER_GAUSSIANS_PATTERN = f"{_LAYER_PREFIX}*{_LAYER_SUFFIX}"
 
-# Everything that a run may have written.
+# Everything that a run may have written, beside the files of layers (`files_by_layer`).
 NAMES = (
     CAPTURE_FOLDER,
     ENHANCED_FOLDER,
@@ -50,7 +54,6 @@ NAMES = (
     VIEWER_PAGE,
     LOG_FILE,
 )
-PATTERNS = (LAYER_GAUSSIANS_PATTERN, "layer.*.cube", "layer.*.safetensors")
 
 
 def layer_gaussians_file(layer: str) -> str:
@@ -71,6 +74,19 @@ def layer_cube_file(layer: str) -> str:
 def layer_network_file(layer: str) -> str:
     """File of the scene network that makes the colours of `layer`."""
     return f"layer.{layer}.safetensors"
+
+
+LAYER_FILES = (layer_gaussians_file, layer_cube_file, layer_network_file)
+
+
+def files_by_layer(folder: Path, name_of: Callable[[str], str]) -> dict[str, Path]:
+    """The files that runs call by `name_of`, one of `LAYER_FILES`, in `folder`, by layer.
+
+    What users call alike, e.g. ``splats.subject.ply``, is no layer's and theirs.
+    """
+    prefix, suffix = name_of("*").split("*")
+    found = {path.name.removeprefix(prefix).removesuffix(suffix): path for path in folder.glob(name_of("*"))}
+    return {layer: found[layer] for layer in sorted(found) if Layer.is_name(layer)}
 
 
 def layer_still_file(layer: str) -> str:

@@ -19,6 +19,7 @@ MOST_BYTES = 4 << 30
 MOST_FILE_BYTES = 3 * MOST_BYTES
 HIGHEST_SH_DEGREE = 3
 SH_TERMS = (0, 3, 8, 15, 24)  # per channel above degree 0, by SH degree; files may have one degree more than ours
+_LARGEST_LOG_AREA = np.float32(88.0)  # whose exponential is a float32
 _BASE_NUMBERS = 14  # per Gaussian of SH degree 0
 # The radius of a scene is taken inside this part of the Gaussians: a few always float far away.
 _CORE_PERCENTILES = (5.0, 95.0)
@@ -58,13 +59,19 @@ class Gaussians:
 
     @property
     def opacities(self) -> NDArray[np.float32]:
-        """(N,) in (0, 1)."""
-        return (1.0 / (1.0 + np.exp(-self.opacity_logits.astype(np.float64)))).astype(np.float32)
+        """(N,) from 0 to 1."""
+        with np.errstate(over="ignore"):  # a logit that is far enough below 0 means an opacity of 0
+            return (1.0 / (1.0 + np.exp(-self.opacity_logits.astype(np.float64)))).astype(np.float32)
 
     @property
     def importance(self) -> NDArray[np.float32]:
-        """(N,) what each contributes to pictures: its opacity times the area of its two longest axes."""
-        return self.opacities * np.exp(self.log_scales.sum(axis=1) - self.log_scales.min(axis=1))
+        """(N,) what each contributes to pictures: its opacity times the area of its two longest axes.
+
+        Areas that single precision cannot hold count as the same.
+        """
+        with np.errstate(over="ignore"):
+            log_area = self.log_scales.sum(axis=1) - self.log_scales.min(axis=1)
+        return self.opacities * np.exp(np.minimum(log_area, _LARGEST_LOG_AREA))
 
     @classmethod
     def none(cls) -> Gaussians:

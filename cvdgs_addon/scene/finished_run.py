@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.capture.folder import CaptureView, read_capture_folder
 from ...core.errors import InputError
-from ...core.runs.layout import CAPTURE_FOLDER, GAUSSIANS_FILE, LAYER_GAUSSIANS_PATTERN, layer_of
+from ...core.runs.layout import CAPTURE_FOLDER, GAUSSIANS_FILE, files_by_layer, layer_gaussians_file
 from ...core.splats.gaussians import Gaussians
 from ...core.splats.io.ply import read_floaters, read_ply
 
@@ -75,7 +75,8 @@ def read_run(folder: str | Path) -> FinishedRun:
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError("no such folder", where=folder, remedy=_RUN_AGAIN)
-    splats = sorted(set(folder.glob("*.ply")) - set(folder.glob(LAYER_GAUSSIANS_PATTERN)))
+    of_layers = files_by_layer(folder, layer_gaussians_file)
+    splats = sorted(set(folder.glob("*.ply")) - set(of_layers.values()))
     if len(splats) > 1 and not (folder / GAUSSIANS_FILE).is_file():
         what = f"{len(splats)} splat files ({splats[0].name}, ...), no run: sequences of splats cannot be shown"
         raise InputError(what, where=folder, remedy=_RUN_AGAIN)
@@ -84,13 +85,13 @@ def read_run(folder: str | Path) -> FinishedRun:
     if not len(gaussians):
         raise InputError("it holds no Gaussians", where=folder / GAUSSIANS_FILE, remedy=_RUN_AGAIN)
     layers = {}
-    for path in sorted(folder.glob(LAYER_GAUSSIANS_PATTERN)):
+    for name, path in of_layers.items():
         layer = read_ply(path)
         if len(layer) != len(gaussians):
             raise InputError(
                 f"{len(layer)} Gaussians, but {GAUSSIANS_FILE} has {len(gaussians)}", where=path, remedy=_RUN_AGAIN
             )
-        layers[layer_of(path.name)] = layer.base_colors
+        layers[name] = layer.base_colors
     background = (1.0, 1.0, 1.0) if capture.is_cut_out else (0.0, 0.0, 0.0)
     floaters = read_floaters(folder / GAUSSIANS_FILE)
     return FinishedRun(

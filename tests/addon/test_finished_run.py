@@ -35,6 +35,11 @@ def test_a_run_is_read_whole(run_folder):
     assert run.view("view3") is run.views[3]
 
 
+def test_splats_that_no_layer_has_are_left_alone(run_folder):
+    write_ply(run_folder / "splats.subject.ply", cloud(7))
+    assert list(read_run(run_folder).layers) == ["deutan-1.0", "tritan-0.5"]
+
+
 def test_cut_outs_were_trained_over_white(run_folder):
     header = b"\x89PNG\r\n\x1a\n" + bytes([0, 0, 0, 13]) + b"IHDR" + bytes(8) + bytes([8, 6])
     (run_folder / "capture" / "images" / "view2.png").write_bytes(header)

@@ -73,6 +73,12 @@ def test_a_layer_is_known_by_its_name(severity, cvd):
     name = Layer(cvd, severity).name
     assert Layer.from_name(name).name == name
     assert Layer.from_name(name).cvd == cvd
+    assert Layer.is_name(name)
+
+
+@pytest.mark.parametrize("text", ["", "subject", "deutan", "deutan-mine", "deutan-2.0", "deutan-nan", "deutan-1"])
+def test_what_no_layer_is_called_is_no_name_of_one(text):
+    assert not Layer.is_name(text)
 
 
 @pytest.mark.parametrize(

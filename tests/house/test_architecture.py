@@ -28,7 +28,8 @@ NUMPY_ONLY = (
 FLOORS = (
     {"bootstrap", "errors", "demo"},
     {"files", "scale_reference"},
-    {"runs", "settings"},
+    {"settings"},
+    {"runs"},
     {"color", "runtime"},
     {"intake"},
     {"capture", "doctor", "enhance", "rendering"},

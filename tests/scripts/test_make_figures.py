@@ -11,13 +11,20 @@ import pytest
 
 from cvdgs.core.files.images import write_png
 from cvdgs.core.runs.layout import CAPTURE_FOLDER, ENHANCED_FOLDER, IMAGES_FOLDER, REPORT_FILE
+from cvdgs.core.runs.report import SCHEMA
 
 pytest.importorskip("matplotlib")
 from cvdgs.scripts import make_figures
 
 LAYER = "deutan-1.0"
 ENTRY = {"seconds": 1.0, "psnr": 20.0, "gaussians": 500}
-REPORT = {"layers": {LAYER: {}}, "views_shown": ["a"], "curve": [ENTRY], "settings": {"simulation": "vienot"}}
+REPORT = {
+    "schema": SCHEMA,
+    "layers": {LAYER: {}},
+    "views_shown": ["a"],
+    "curve": [ENTRY],
+    "settings": {"simulation": "vienot"},
+}
 
 
 def run_with(folder: Path, report: dict[str, Any]) -> Path:
@@ -43,6 +50,8 @@ def test_colours_are_shown_by_the_simulation_of_the_run(tmp_path: Path, monkeypa
     [
         ({**REPORT, "curve": [{**ENTRY, "psnr": None}]}, "held no views out"),
         ({name: value for name, value in REPORT.items() if name != "curve"}, "not a finished run ('curve')"),
+        ({**REPORT, "views_shown": []}, "not a finished run"),
+        ({}, "report.json of the finished run is damaged"),
     ],
 )
 def test_a_run_without_a_curve_of_quality_is_refused(

@@ -223,6 +223,32 @@ def changed_pose(root: Path, change: Any) -> Path:
     return write_transforms(root, photographs, {**intrinsics(photographs[0].camera), "frames": listed})
 
 
+@pytest.mark.parametrize(("away", "told"), [((0.0, 400.0, 0.0), False), ((0.0, 0.0, 600.0), True)])
+def test_a_capture_far_from_the_origin_for_its_size_is_told(
+    tmp_path: Path, away: tuple[float, float, float], told: bool
+) -> None:
+    capture = read_capture(moved(tmp_path, away), max_size=None)  # its cameras are up to 0.3 from their middle
+    assert ("far-from-origin" in warnings_of(capture)) == told
+
+
+def test_a_georeferenced_capture_is_told_what_becomes_of_positions(tmp_path: Path) -> None:
+    capture = read_capture(moved(tmp_path, (500_000.0, 4_000_000.0, 100.0)), max_size=None)
+    (message,) = [warning.message for warning in capture.warnings if warning.name == "far-from-origin"]
+    assert "lies 4,031,129 units from the origin and is 0.3 in radius" in message
+    assert "steps of 0.25" in message
+
+
+def moved(root: Path, away: tuple[float, float, float]) -> Path:
+    """A capture whose cameras are `away` from where they were."""
+    photographs = shots(3)
+    listed = frames(photographs)
+    for frame in listed:
+        matrix = np.array(frame["transform_matrix"])
+        matrix[:3, 3] += away
+        frame["transform_matrix"] = matrix.tolist()
+    return write_transforms(root, photographs, {**intrinsics(photographs[0].camera), "frames": listed})
+
+
 def test_uniform_scale_in_the_axes_is_divided_out(tmp_path: Path) -> None:
     capture = read_capture(changed_pose(tmp_path, lambda m: m @ np.diag([3.0, 3.0, 3.0, 1.0])), max_size=None)
     np.testing.assert_allclose(capture.views[1].world_to_camera, shots(3)[1].world_to_camera, atol=1e-9)

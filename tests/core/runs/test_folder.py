@@ -58,7 +58,21 @@ def test_a_new_result_replaces_all_of_the_old_one_and_nothing_else(tmp_path):
     ]
 
 
-@pytest.mark.parametrize("name", ["capture/IMG_1.jpg", "scene.blend", "layer.look.cube", "report.json"])
+def test_files_called_like_those_of_a_layer_stay_where_no_layer_has_that_name(tmp_path):
+    own = ["splats.subject.ply", "splats.deutan-mine.ply", "layer.mine.cube", "layer.deutan-2.0.safetensors"]
+    layers = ["splats.deutan-1.0.ply", "layer.protan-0.65.cube", "layer.tritan-1e-05.safetensors"]
+    write(tmp_path, {"report.json": OLD_REPORT, **dict.fromkeys(own + layers, "old")})
+    folder = RunFolder(tmp_path)
+    folder.carry_over()
+    assert sorted(files_in(folder.staging)) == sorted(["report.json", *layers])
+    folder.abort()
+    folder = RunFolder(tmp_path)
+    write(folder.staging, NEW)
+    folder.commit()
+    assert files_in(tmp_path) == NEW | dict.fromkeys(own, "old")
+
+
+@pytest.mark.parametrize("name", ["capture/IMG_1.jpg", "scene.blend", "layer.deutan-1.0.cube", "report.json"])
 def test_files_that_no_run_has_made_are_never_replaced(tmp_path, name):
     write(tmp_path, {name: "the artist's own"})
     with pytest.raises(InputError, match="was not made by an earlier run - choose another folder with --out"):

@@ -137,6 +137,17 @@ def test_the_most_important_gaussians_stay_in_their_order():
     assert most_important(layers, 50) == layers
 
 
+@pytest.mark.filterwarnings("error")
+def test_gaussians_larger_than_numbers_can_hold_are_ranked_by_their_opacity_and_above_smaller_ones():
+    first = layered(5)["original"]
+    log_scales = np.zeros((5, 3), np.float32)
+    log_scales[1:] = 500.0
+    log_scales[4] = 3e38
+    logits = np.array([0.0, -1000.0, 1.0, 2.0, 3.0], np.float32)
+    ranked = np.argsort(-replace(first, log_scales=log_scales, opacity_logits=logits).importance, kind="stable")
+    assert ranked.tolist() == [4, 3, 2, 0, 1]
+
+
 @pytest.mark.parametrize("model", ["machado", "vienot", "brettel"])
 def test_matrices_between_the_steps_are_those_of_the_simulation(tmp_path, model):
     write_web_page(tmp_path / "scene.html", layered(5), "", Surroundings(model=model))
