@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from safetensors.torch import save_file
 from torch import Tensor
 
 from ..errors import InputError
-from ..files.tensors import read_tensors
+from ..files.tensors import read_tensors, write_tensors
 
 CUBE_SIZE = 33
 """Nodes along an edge of an exported `.cube` file: what grading tools commonly expect."""
@@ -56,7 +55,7 @@ class ColorLut:
     def save(self, path: Path) -> None:
         """Write the table as safetensors."""
         metadata = {**self.description, "format": _FORMAT}
-        save_file({"residual": self.residual.float().contiguous()}, path, metadata=metadata)
+        write_tensors(path, {"residual": self.residual.float().contiguous()}, metadata)
 
     @classmethod
     def load(cls, path: Path) -> ColorLut:

@@ -1,12 +1,14 @@
-"""Tensors out of safetensors files that somebody else may have made. Never a pickle."""
+"""Tensors in safetensors files, of which somebody else may have made those that are read. Never a pickle."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 from pathlib import Path
 
 import torch
 from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
 from torch import Tensor
 
 from ..errors import InputError
@@ -32,6 +34,16 @@ def read_tensors(path: Path, what: str, remedy: str, *, most_bytes: int) -> tupl
             return file.metadata() or {}, tensors
     except (SafetensorError, OSError, RuntimeError, ValueError, TypeError, AttributeError, KeyError) as error:
         raise InputError(f"{what} cannot be read ({error})", where=path, remedy=remedy) from None
+
+
+def write_tensors(path: Path, tensors: dict[str, Tensor], metadata: dict[str, str]) -> None:
+    """Write a safetensors file: the same bytes for the same content, where the library shuffles the metadata."""
+    saved = save(tensors, metadata)
+    end = 8 + int.from_bytes(saved[:8], "little")  # the header is JSON, whose length comes before it
+    header = {**json.loads(saved[8:end]), "__metadata__": dict(sorted(metadata.items()))}
+    text = json.dumps(header, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)  # as the library aligns it
+    path.write_bytes(len(text).to_bytes(8, "little") + text + saved[end:])
 
 
 def checksum(tensors: dict[str, Tensor]) -> str:

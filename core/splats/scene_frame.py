@@ -92,7 +92,7 @@ def unit_of_length(
     origin = centers.mean(axis=0)
     extent = float(np.linalg.norm(centers - origin, axis=1).max())
     reach = float(np.median(np.linalg.norm(points - origin, axis=1))) if len(points) else 0.0
-    if extent <= 1e-6 * max(reach, float(np.abs(origin).max()), 1e-30):
+    if extent <= max(1e-6 * reach, 1e-9 * float(np.abs(origin).max()), 1e-30):
         return reach if reach > 0.0 else 1.0
     depths = [_typical_depth(pose, camera, points) for pose, camera in zip(poses, cameras, strict=True)]
     seen = [depth for depth in depths if depth > 0.0]

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import torch
 from safetensors import safe_open
-from safetensors.torch import save_file
 from torch import nn
 
 from ...errors import InputError
-from ...files.tensors import checksum, read_tensors
+from ...files.tensors import checksum, read_tensors, write_tensors
 from ...files.untrusted import parse_json
 from .networks import Generator, GeneratorConfig
 
@@ -39,7 +38,7 @@ def save_generator(generator: Generator, path: Path, notes: dict[str, str] | Non
         "config": json.dumps(generator.config.to_dict()),
         "sha256": checksum(tensors),
     }
-    save_file(tensors, path, metadata=metadata)
+    write_tensors(path, tensors, metadata)
 
 
 def load_generator(path: Path) -> Generator:

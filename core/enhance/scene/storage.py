@@ -6,13 +6,12 @@ import math
 from pathlib import Path
 
 import torch
-from safetensors.torch import save_file
 from torch import Tensor
 
 from ...color.matrices import check_simulation
 from ...color.simulation import Observer
 from ...errors import InputError
-from ...files.tensors import checksum, read_tensors
+from ...files.tensors import checksum, read_tensors, write_tensors
 from .fit import FittedNetwork
 from .network import SceneNetwork
 
@@ -40,7 +39,7 @@ def save_network(fitted: FittedNetwork, path: Path) -> None:
         "change": repr(float(fitted.change)),
         "sha256": checksum(tensors),
     }
-    save_file(tensors, path, metadata=metadata)
+    write_tensors(path, tensors, metadata)
 
 
 def load_network(path: Path) -> FittedNetwork:
