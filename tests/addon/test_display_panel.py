@@ -137,6 +137,37 @@ def test_a_3d_view_shows_the_colours_through_a_photographs_camera(shown):
     assert scene.render.preview_pixel_size == pixel
 
 
+def own_camera(scene: bpy.types.Scene) -> bpy.types.Object:
+    """An artist's camera and output size."""
+    scene.camera = bpy.data.objects.new("Mine", bpy.data.cameras.new("Mine"))
+    scene.collection.objects.link(scene.camera)
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 3840, 2160, 50
+    return scene.camera
+
+
+def test_the_artists_camera_and_output_size_are_restored_after_a_3d_view_in_colour(shown):
+    scene = bpy.context.scene
+    mine = own_camera(scene)
+    view_in_color()
+    assert is_capture_camera(scene.camera)
+    assert {"Camera", "Render > Resolution x"} <= {told.partition(":")[0] for told in display.render_changes(scene)}
+    bpy.ops.cvdgs.restore_render()
+    assert scene.camera == mine
+    render = scene.render
+    assert (render.resolution_x, render.resolution_y, render.resolution_percentage) == (3840, 2160, 50)
+
+
+def test_the_artists_camera_is_restored_after_the_turntable_that_was_looked_through_is_gone(shown):
+    scene = bpy.context.scene
+    mine = own_camera(scene)
+    bpy.ops.cvdgs.add_turntable()
+    view_in_color()
+    assert scene.camera == turntable_of(scene)
+    bpy.ops.cvdgs.remove_turntable()
+    bpy.ops.cvdgs.restore_render()
+    assert scene.camera == mine
+
+
 BORDER = [f"border_{end}_{axis}" for end in ("min", "max") for axis in "xy"]
 
 
