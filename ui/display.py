@@ -13,7 +13,7 @@ from ..cvdgs_addon.scene.masks import Treatment
 from ..cvdgs_addon.scene.native_splats import has_native_splats
 from ..cvdgs_addon.scene.neighbours import overlapping, partner_of
 from ..cvdgs_addon.scene.relight import is_relit
-from ..cvdgs_addon.scene.render_settings import fog_of, keeps_colors, view_transform_of
+from ..cvdgs_addon.scene.render_settings import fog_of, what_changes_colors
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
 from ..cvdgs_addon.shown import shown_layer
@@ -203,10 +203,10 @@ def _draw_lamps(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def say_unsuitable_view(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Say that the scene's view transform changes the photographs' colours, where it does."""
-    if not keeps_colors(context.scene):
-        view = view_transform_of(context.scene)
-        say(layout, context, f"{view} changes the photographs' colours; Set Up Render fixes that", "INFO")
+    """Say what in the scene's color management changes the photographs' colours, where it does."""
+    changes = what_changes_colors(context.scene)
+    if changes:
+        say(layout, context, f"{changes} changes the photographs' colours; Set Up Render fixes that", "INFO")
 
 
 def say_bystanders(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:

@@ -230,6 +230,24 @@ def test_the_panel_shows_layers_form_and_what_was_changed(shown):
     assert "View transform: " in " ".join(panel.texts)
 
 
+def test_the_panel_says_what_changes_the_photographs_colours(shown):
+    scene = bpy.context.scene
+
+    def told() -> list[str]:
+        return [text.split(" changes ")[0] for text in drawn(CVDGS_PT_display).texts if " changes " in text]
+
+    bpy.ops.cvdgs.set_up_render()
+    assert told() == []
+    scene.view_settings.use_white_balance = True
+    assert told() == ["White balance"]
+    scene.view_settings.use_white_balance = False
+    saved = scene.render.image_settings
+    saved.color_management, saved.view_settings.view_transform = "OVERRIDE", "AgX"
+    assert told() == ["AgX of the output"]
+    bpy.ops.cvdgs.set_up_render()
+    assert told() == []
+
+
 def test_the_panel_warns_of_fog_until_the_render_is_set_up(shown):
     bpy.context.scene.render.engine = "CYCLES"
     assert "8 of 512 transparent bounces: renders will be grey" in " ".join(drawn(CVDGS_PT_display).texts)
