@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bpy
+import numpy as np
 import pytest
 
 from cvdgs.cvdgs_addon.compositor.apply import simulation_node
@@ -10,7 +11,7 @@ from cvdgs.cvdgs_addon.compositor.scene_tree import scene_tree
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import crop, display, splats
 from cvdgs.cvdgs_addon.scene.camera_view import views_3d
-from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
+from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera, use_camera
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 from cvdgs.cvdgs_addon.scene.turntable import turntable_of
 from cvdgs.cvdgs_addon.shown import shown_layer
@@ -18,6 +19,7 @@ from cvdgs.ui import display as display_panel
 from cvdgs.ui.display import CVDGS_PT_display
 
 from .layouts import drawn
+from .scenes import render_png
 
 
 @pytest.fixture
@@ -213,6 +215,39 @@ def test_a_simulation_follows_the_view_transform_that_is_set_up(shown):
     assert len(scene_tree(scene).nodes) == nodes
     scene.cvdgs.simulate.in_renders = False
     assert scene.view_settings.view_transform == "AgX"
+
+
+def test_colours_follow_a_view_transform_that_is_chosen_by_hand(shown, tmp_path):
+    scene = bpy.context.scene
+    bpy.ops.cvdgs.set_up_render()
+    use_camera(scene, next(filter(is_capture_camera, scene.objects)))
+    scene.view_settings.view_transform = "Standard"
+    at_once = render_png(scene, tmp_path / "at_once.png")
+    assert splats.get_input(shown, Input.SCENE_LINEAR)
+    np.testing.assert_array_equal(render_png(scene, tmp_path / "again.png"), at_once)
+    scene.view_settings.view_transform = "Raw"
+    bpy.context.view_layer.update()
+    assert not splats.get_input(shown, Input.SCENE_LINEAR)
+    splats.set_input(shown, Input.SCENE_LINEAR, True)
+    render_png(scene, tmp_path / "by_hand.png")
+    assert splats.get_input(shown, Input.SCENE_LINEAR), "what was chosen for them since stays"
+
+
+def test_gaussians_of_two_scenes_are_rendered_in_colours_that_suit_each(shown, tmp_path):
+    scene = bpy.context.scene
+    bpy.ops.cvdgs.set_up_render()
+    use_camera(scene, next(filter(is_capture_camera, scene.objects)))
+    before = render_png(scene, tmp_path / "before.png")
+    bpy.ops.scene.new(type="LINK_COPY")
+    bpy.ops.cvdgs.restore_render()
+    assert splats.get_input(shown, Input.SCENE_LINEAR)
+    bpy.ops.render.render(scene=scene.name)
+    assert not splats.get_input(shown, Input.SCENE_LINEAR)
+    shown.update_tag()
+    bpy.context.view_layer.update()
+    assert splats.get_input(shown, Input.SCENE_LINEAR), "the window shows the copy"
+    bpy.context.window.scene = scene
+    np.testing.assert_array_equal(render_png(scene, tmp_path / "after.png"), before)
 
 
 def test_the_panel_shows_layers_form_and_what_was_changed(shown):
