@@ -13,7 +13,7 @@ from ..cvdgs_addon.scene.masks import Treatment
 from ..cvdgs_addon.scene.native_splats import has_native_splats
 from ..cvdgs_addon.scene.neighbours import overlapping, partner_of
 from ..cvdgs_addon.scene.relight import is_relit
-from ..cvdgs_addon.scene.render_settings import fog_of, what_changes_colors
+from ..cvdgs_addon.scene.render_settings import REC709, fog_of, other_working_space, what_changes_colors
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
 from ..cvdgs_addon.shown import shown_layer
@@ -189,6 +189,9 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
 def _draw_lamps(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """What an artist's own objects need to stand in the scene."""
     say(layout, context, "Lamps light your objects, not the Gaussians", "INFO")
+    other = other_working_space()
+    if other:
+        say(layout, context, f"Working space {other} shifts the Gaussians' colours; choose {REC709}", "ERROR")
     if context.scene.cvdgs.display.engine == "CYCLES" and has_rigid_bodies(context.scene):
         say(layout, context, "Renders do not move rigid bodies; use Object > Rigid Body > Bake to Keyframes", "ERROR")
     column = layout.column(align=True)

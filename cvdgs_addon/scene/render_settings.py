@@ -23,6 +23,8 @@ FOG = f"{{bounces}} of {TRANSPARENT_BOUNCES} transparent bounces: renders will b
 WORLD_NAME = "CVD Background"
 
 RAW, STANDARD = "Raw", "Standard"  # view transforms
+REC709 = "Linear Rec.709"
+"""The working space whose light the Gaussians' colours are converted to."""
 SIMULATION_VIEW = "cvdgs_simulation_view"
 """Purpose (see `remembered_settings`) for which the view transform moves into the compositor."""
 _EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
@@ -129,6 +131,12 @@ def what_changes_colors(scene: bpy.types.Scene) -> str:
     if saved.color_management == "OVERRIDE" and saved.view_settings.view_transform != view:
         return f"{saved.view_settings.view_transform} of the output"
     return ""
+
+
+def other_working_space() -> str:
+    """The working space of the file, which shifts Gaussians of `Display.SCENE_LINEAR`; "" where it is `REC709`."""
+    chosen = getattr(bpy.data, "colorspace", None)  # from Blender 5.0 on
+    return chosen.working_space if chosen is not None and chosen.working_space != REC709 else ""
 
 
 def set_display(scene: bpy.types.Scene, display: Display) -> None:

@@ -283,6 +283,24 @@ def test_the_panel_says_what_changes_the_photographs_colours(shown):
     assert told() == []
 
 
+@pytest.mark.skipif(bpy.app.version < (5, 0), reason="this Blender has one working space")
+def test_the_panel_warns_of_another_working_space_with_lamps(shown):
+    chosen = bpy.context.scene.cvdgs.display
+
+    def warns() -> bool:
+        return "Working space ACEScg shifts" in " ".join(drawn(CVDGS_PT_display).texts)
+
+    chosen.colors = "SCENE_LINEAR"
+    assert not warns()
+    bpy.ops.wm.set_working_color_space(working_space="ACEScg", convert_colors=False)
+    try:
+        assert warns()
+        chosen.colors = "PHOTO"
+        assert not warns(), "values are shown as they are"
+    finally:
+        bpy.ops.wm.set_working_color_space(working_space="Linear Rec.709", convert_colors=False)
+
+
 def test_the_panel_warns_of_fog_until_the_render_is_set_up(shown):
     bpy.context.scene.render.engine = "CYCLES"
     assert "8 of 512 transparent bounces: renders will be grey" in " ".join(drawn(CVDGS_PT_display).texts)
