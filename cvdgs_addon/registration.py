@@ -14,7 +14,7 @@ from .inspection import catch_up
 from .pictures import PICTURES
 from .scene.apart import Followers
 from .scene.camera_view import has_graphics_card, leave_slow_views
-from .scene.display import Form, form_of
+from .scene.display import Form, form_of, match_after_change, match_before_render
 from .scene.origin import keep_appended_run, keep_open_runs, keep_runs
 from .scene.preview import end_looking_around
 from .scene.splats import is_splats
@@ -159,6 +159,8 @@ PARTS: tuple[_Part, ...] = (
     _Handler("save_post", _end_saving),
     _Handler("save_post_fail", _end_saving),
     _Handler("blend_import_post", _keep_appended_runs),
+    _Handler("depsgraph_update_post", match_after_change),
+    _Handler("render_init", match_before_render),
     Followers(),
     WATCHER,
     *map(_Class, operators.CLASSES),

@@ -13,7 +13,7 @@ from ..cvdgs_addon.scene.masks import Treatment
 from ..cvdgs_addon.scene.native_splats import has_native_splats
 from ..cvdgs_addon.scene.neighbours import overlapping, partner_of
 from ..cvdgs_addon.scene.relight import is_relit
-from ..cvdgs_addon.scene.render_settings import fog_of, keeps_colors, view_transform_of
+from ..cvdgs_addon.scene.render_settings import REC709, fog_of, other_working_space, what_changes_colors
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
 from ..cvdgs_addon.shown import shown_layer
@@ -189,6 +189,9 @@ def _draw_render(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
 def _draw_lamps(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """What an artist's own objects need to stand in the scene."""
     say(layout, context, "Lamps light your objects, not the Gaussians", "INFO")
+    other = other_working_space()
+    if other:
+        say(layout, context, f"Working space {other} shifts the Gaussians' colours; choose {REC709}", "ERROR")
     if context.scene.cvdgs.display.engine == "CYCLES" and has_rigid_bodies(context.scene):
         say(layout, context, "Renders do not move rigid bodies; use Object > Rigid Body > Bake to Keyframes", "ERROR")
     column = layout.column(align=True)
@@ -203,10 +206,10 @@ def _draw_lamps(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def say_unsuitable_view(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Say that the scene's view transform changes the photographs' colours, where it does."""
-    if not keeps_colors(context.scene):
-        view = view_transform_of(context.scene)
-        say(layout, context, f"{view} changes the photographs' colours; Set Up Render fixes that", "INFO")
+    """Say what in the scene's color management changes the photographs' colours, where it does."""
+    changes = what_changes_colors(context.scene)
+    if changes:
+        say(layout, context, f"{changes} changes the photographs' colours; Set Up Render fixes that", "INFO")
 
 
 def say_bystanders(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:

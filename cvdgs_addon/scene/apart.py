@@ -210,9 +210,11 @@ def _has_denoiser() -> bool:
 
 
 def _rendered(scene: bpy.types.Scene) -> set[bpy.types.Object]:
-    """What the artist's view layers have and no collection hides in renders, as Blender would render the scene."""
-    layers = (layer for layer in scene.view_layers if layer.name != _EMPTY_LAYER)
-    return {found for layer in layers for found in _rendered_in(layer.layer_collection)}
+    """What the artist's ticked view layers have and no collection hides, as Blender would render the scene."""
+    layers = [layer for layer in scene.view_layers if layer.name != _EMPTY_LAYER]
+    ticked = json.loads(scene.get(_RENDERED_LAYERS, "[]"))
+    chosen = [layer for layer in layers if layer.use or layer.name in ticked] or layers  # renamed since
+    return {found for layer in chosen for found in _rendered_in(layer.layer_collection)}
 
 
 def _rendered_in(branch: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:

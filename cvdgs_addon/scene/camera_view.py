@@ -10,7 +10,7 @@ import gpu
 import mathutils
 
 from ...core.errors import InputError
-from .cameras import is_capture_camera, use_camera
+from .cameras import camera_settings, is_capture_camera
 from .display import set_up_render
 from .remembered_settings import Setting
 from .render_settings import Display, Engine
@@ -105,8 +105,9 @@ def view_in_color(
     Raises:
         InputError: the scene has no such camera.
     """
-    _use_suitable_camera(scene)
-    settings: dict[str, Setting] = {"render.preview_pixel_size": _PIXEL} if coarse else {}
+    settings = _suitable_camera(scene)
+    if coarse:
+        settings["render.preview_pixel_size"] = _PIXEL
     if engine is Engine.CYCLES:
         if not scene.render.use_border:  # a region that was drawn before and is out of use stays so
             settings |= _WHOLE_FRAME
@@ -153,14 +154,14 @@ def leave_slow_views(scene: bpy.types.Scene) -> None:
             view.shading.type = "SOLID"
 
 
-def _use_suitable_camera(scene: bpy.types.Scene) -> None:
+def _suitable_camera(scene: bpy.types.Scene) -> dict[str, Setting]:
+    """What `scene` needs to look through a photograph's or the turntable's camera; nothing where it does."""
     turntable = turntable_of(scene)
     if scene.camera is not None and (scene.camera == turntable or is_capture_camera(scene.camera)):
-        return
-    photograph = middle_camera(scene.objects)
+        return {}
     if turntable is not None:
-        scene.camera = turntable
-    elif photograph is not None:
-        use_camera(scene, photograph)
-    else:
+        return {"camera": turntable.name}
+    photograph = middle_camera(scene.objects)
+    if photograph is None:
         raise InputError("no camera looks at the Gaussians", where=scene.name, remedy="add a turntable first")
+    return camera_settings(photograph)

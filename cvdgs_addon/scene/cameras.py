@@ -1,7 +1,7 @@
 """Pinhole cameras to Blender's and back, exact to float32.
 
 A camera of a capture has its own image size and possibly fx != fy. Blender keeps both with the scene (resolution, pixel
-aspect), so the camera object carries them as custom properties and `use_camera` puts them in force.
+aspect), so the camera object carries them as custom properties and `camera_settings` puts them in force.
 
 Blender's camera looks along -Z with Y up, which is OpenGL's convention. With sensor fit HORIZONTAL and pixel aspect
 a = aspect_x / aspect_y (from Blender's view plane computation)::
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ...core.capture.model import PinholeCamera
 from ...core.errors import InputError
+from .remembered_settings import Setting, set_settings
 
 SENSOR_WIDTH = 36.0  # mm, of the full-frame format that artists' lens numbers refer to
 
@@ -105,13 +106,20 @@ def view_key(camera_object: bpy.types.Object) -> str:
     return str(camera_object.data.get(_KEY) or _COPY_NUMBER.sub("", camera_object.name))
 
 
-def use_camera(scene: bpy.types.Scene, camera_object: bpy.types.Object) -> None:
-    """Make a capture's camera the active one of `scene`, with its image size and pixel aspect.
+def camera_settings(camera_object: bpy.types.Object) -> dict[str, Setting]:
+    """What a scene needs to look through a capture's camera, by path: Blender keeps size and aspect with the scene."""
+    data = camera_object.data
+    return {
+        "camera": camera_object.name,
+        "render.resolution_x": data[_WIDTH],
+        "render.resolution_y": data[_HEIGHT],
+        "render.resolution_percentage": 100,
+        "render.pixel_aspect_x": data[_ASPECT_X],
+        "render.pixel_aspect_y": data[_ASPECT_Y],
+    }
 
-    Everything that shows or renders a capture's view goes through here: Blender keeps these with the scene.
-    """
-    data, render = camera_object.data, scene.render
-    scene.camera = camera_object
-    render.resolution_x, render.resolution_y = data[_WIDTH], data[_HEIGHT]
-    render.resolution_percentage = 100
-    render.pixel_aspect_x, render.pixel_aspect_y = data[_ASPECT_X], data[_ASPECT_Y]
+
+def use_camera(scene: bpy.types.Scene, camera_object: bpy.types.Object) -> None:
+    """Make a capture's camera the active one of `scene`, with its image size and pixel aspect, for good."""
+    set_settings(scene, camera_settings(camera_object))
+    scene.camera = camera_object  # of those of that name, should a library have one too

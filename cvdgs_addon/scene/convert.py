@@ -18,16 +18,15 @@ from ...core.runtime.progress import Clock
 from ...core.runtime.protocol import Reporter
 from ...core.splats.gaussians import core_bounds
 from .cameras import use_camera
-from .display import BACKGROUND_PROPERTY, Form, show_form
+from .display import BACKGROUND_PROPERTY, Form, match_display, show_form
 from .finished_run import PARTIAL_FOLDER, RUN_PROPERTY, FinishedRun, read_run
 from .import_capture import add_cameras
 from .origin import BESIDE
 from .placement import Found, metres_of_unit, placement
 from .preview import shade_flat
-from .render_settings import Display, display_of, set_background, set_cycles, set_display
+from .render_settings import Display, set_background, set_cycles, set_display
 from .splat_attributes import Attribute, is_gaussian, write_attribute
-from .splat_nodes import Input
-from .splats import add_gaussians, check_gaussians, set_input, show_layer
+from .splats import add_gaussians, check_gaussians, show_layer
 from .stills import is_full, render_still, turned_to
 
 STAGE = "blender"
@@ -127,8 +126,8 @@ def load_run(run: FinishedRun, scene: bpy.types.Scene, options: ConversionOption
         scores[is_gaussian(splats.data)] = run.floaters
         write_attribute(splats.data, Attribute.FLOATER, "FLOAT", scores)
     splats.parent = added.empty
-    set_input(splats, Input.SCENE_LINEAR, display_of(scene) is Display.SCENE_LINEAR)
     splats[BACKGROUND_PROPERTY] = run.background
+    match_display(scene)
     return LoadedRun(splats, added.cameras, added.empty)
 
 

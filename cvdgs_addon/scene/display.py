@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
 
@@ -29,6 +30,7 @@ BACKGROUND_PROPERTY = "cvdgs_background"
 """Custom property of a Gaussians' object: sRGB of what they were trained over."""
 
 _RENDER = "cvdgs_render"
+_SHOWN = "cvdgs_shown_as"  # custom property of a scene: the `Display` of its Gaussians; "" once another one set theirs
 
 
 class Form(Enum):
@@ -122,12 +124,39 @@ def render_changes(scene: bpy.types.Scene) -> Iterator[str]:
 
 def match_display(scene: bpy.types.Scene) -> None:
     """Let the Gaussians' colours suit the scene's view transform: encoded for Raw, light for the others."""
-    is_light = display_of(scene) is Display.SCENE_LINEAR
+    shown = display_of(scene)
+    is_light = shown is Display.SCENE_LINEAR
     for candidate in scene.objects:
         if is_splats(candidate):
             set_input(candidate, Input.SCENE_LINEAR, is_light)
         elif is_sparse_points(candidate):
             show_as_light(candidate, is_light)
+        else:
+            continue
+        for other in candidate.users_scene:
+            if other.get(_SHOWN) != shown.value:
+                other[_SHOWN] = ""
+    scene[_SHOWN] = shown.value
+
+
+@bpy.app.handlers.persistent
+def match_before_render(scene: bpy.types.Scene, *_: object) -> None:
+    """Match the Gaussians of `scene` where its view transform was changed, or another scene's that shows them too.
+
+    What somebody chose for them by hand stays until then. Renders that a window starts come here on a thread of theirs.
+    """
+    before = scene.get(_SHOWN)
+    is_left_behind = before is not None and before != display_of(scene).value
+    if is_left_behind and threading.current_thread() is threading.main_thread():
+        match_display(scene)
+
+
+@bpy.app.handlers.persistent
+def match_after_change(scene: bpy.types.Scene, *_: object) -> None:
+    """Do the same at once; but two windows that show the same Gaussians in two ways would take turns for ever."""
+    is_alone = all(window.scene == scene for window in bpy.context.window_manager.windows)
+    if is_alone or scene.get(_SHOWN):
+        match_before_render(scene)
 
 
 def _splats_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:

@@ -53,7 +53,7 @@ def restore_settings(scene: bpy.types.Scene, purpose: str) -> list[str]:
     told = []
     record = _record(scene, purpose)
     # Backwards, because some values are there only under others: a look belongs to its view transform.
-    pending = [path for path in reversed(record) if _is(scene, path, record[path][1])]
+    pending = [path for path in reversed(record) if _is_ours(scene, path, record[path][1])]
     refused: list[str] = []
     while pending and pending != refused:
         refused = list(pending)
@@ -137,6 +137,13 @@ def _is(scene: bpy.types.Scene, path: str, value: Setting) -> bool:
         return _same(_get(scene, path), value)
     except ValueError:
         return False
+
+
+def _is_ours(scene: bpy.types.Scene, path: str, changed: Setting) -> bool:
+    """Whether the setting is as it was changed, or empty since that data-block was deleted."""
+    listed = _lists(path)
+    is_gone = listed is not None and changed is not None and changed not in getattr(bpy.data, listed)
+    return _is(scene, path, None if is_gone else changed)
 
 
 def _set(scene: bpy.types.Scene, path: str, value: Setting) -> None:

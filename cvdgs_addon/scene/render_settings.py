@@ -23,10 +23,13 @@ FOG = f"{{bounces}} of {TRANSPARENT_BOUNCES} transparent bounces: renders will b
 WORLD_NAME = "CVD Background"
 
 RAW, STANDARD = "Raw", "Standard"  # view transforms
+REC709 = "Linear Rec.709"
+"""The working space whose light the Gaussians' colours are converted to."""
 SIMULATION_VIEW = "cvdgs_simulation_view"
 """Purpose (see `remembered_settings`) for which the view transform moves into the compositor."""
 _EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0) else "BLENDER_EEVEE_NEXT"
 
+_SAVED_AS_SHOWN: dict[str, Setting] = {"render.image_settings.color_management": "FOLLOW_SCENE"}
 
 # Denoisers would take the weave of the Gaussians for noise.
 _LIT_OBJECTS: dict[str, Setting] = {
@@ -68,6 +71,8 @@ def display_settings(display: Display) -> dict[str, Setting]:
         "view_settings.exposure": 0.0,
         "view_settings.gamma": 1.0,
         "view_settings.use_curve_mapping": False,
+        "view_settings.use_white_balance": False,
+        **_SAVED_AS_SHOWN,
         "sequencer_colorspace_settings.name": "sRGB",
         "render.dither_intensity": 0.0,
     }
@@ -116,9 +121,22 @@ def display_of(scene: bpy.types.Scene) -> Display:
     return Display.PHOTO if view_transform_of(scene) == RAW else Display.SCENE_LINEAR
 
 
-def keeps_colors(scene: bpy.types.Scene) -> bool:
-    """Whether the view transform of `scene` leaves the photographs' colours as they are."""
-    return view_transform_of(scene) in (RAW, STANDARD)
+def what_changes_colors(scene: bpy.types.Scene) -> str:
+    """What in `scene` changes the photographs' colours, in words; "" where nothing does."""
+    view, saved = view_transform_of(scene), scene.render.image_settings
+    if view not in (RAW, STANDARD):
+        return view
+    if setting_before(scene, SIMULATION_VIEW, "view_settings.use_white_balance"):
+        return "White balance"
+    if saved.color_management == "OVERRIDE" and saved.view_settings.view_transform != view:
+        return f"{saved.view_settings.view_transform} of the output"
+    return ""
+
+
+def other_working_space() -> str:
+    """The working space of the file, which shifts Gaussians of `Display.SCENE_LINEAR`; "" where it is `REC709`."""
+    chosen = getattr(bpy.data, "colorspace", None)  # from Blender 5.0 on
+    return chosen.working_space if chosen is not None and chosen.working_space != REC709 else ""
 
 
 def set_display(scene: bpy.types.Scene, display: Display) -> None:
@@ -166,6 +184,7 @@ def png_settings() -> dict[str, Setting]:
         "render.image_settings.file_format": "PNG",
         "render.image_settings.color_mode": "RGB",
         "render.image_settings.color_depth": "8",
+        **_SAVED_AS_SHOWN,
     }
 
 

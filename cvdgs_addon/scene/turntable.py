@@ -199,6 +199,9 @@ def _turn_settings(
         "frame_start": 1,
         "frame_end": turntable.frames,
         "frame_step": 1,
+        "render.frame_map_old": 100,  # a stretched frame is turned to another angle
+        "render.frame_map_new": 100,
+        "render.use_sequencer": False,
         "render.use_file_extension": True,
         "render.use_overwrite": True,
         "render.filepath": literal_path(folder / _NUMBER),

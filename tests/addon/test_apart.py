@@ -251,6 +251,27 @@ def test_collections_that_are_not_rendered_are_left_out(scene, how):
     assert not set(run.objects) & set(shown.objects)
 
 
+def test_what_only_a_view_layer_has_that_is_not_ticked_is_left_out(scene):
+    proxies = bpy.data.collections.new("proxies")
+    scene.collection.children.link(proxies)
+    proxy, thing = add_thing(scene, (0.0, 0.0, 0.0)), add_thing(scene, (0.0, 0.0, 1.0))
+    proxies.objects.link(proxy)
+    scene.collection.objects.unlink(proxy)
+    scene.view_layers[0].layer_collection.children["proxies"].exclude = True
+    work = scene.view_layers.new("Work")
+    work.use = False
+    bpy.ops.cvdgs.set_up_render()
+    things = objects_scene(scene).collection.children[0].objects
+    assert set(things) == {thing}
+    work.use = True
+    apart.follow(scene)
+    assert set(things) == {thing, proxy}
+    work.use = False
+    scene.view_layers[0].name = "Renamed"
+    apart.follow(scene)
+    assert thing in set(things)
+
+
 def test_the_panel_warns_of_rigid_bodies_that_renders_do_not_move(scene):
     thing = add_thing(scene, (0.0, 0.0, 0.0))
     bpy.ops.cvdgs.set_up_render()

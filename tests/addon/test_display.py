@@ -172,8 +172,11 @@ def artists_scene(run_folder):
 def all_settings(scene: bpy.types.Scene) -> dict[str, object]:
     """Every plain setting that could be changed."""
     found = {"world": scene.world and scene.world.name}
-    for path in ("render", "cycles", "eevee", "view_settings", "display_settings", "sequencer_colorspace_settings"):
-        owner = getattr(scene, path)
+    for path in (
+        *("render", "render.image_settings", "cycles", "eevee"),
+        *("view_settings", "display_settings", "sequencer_colorspace_settings"),
+    ):
+        owner = scene.path_resolve(path)
         for item in owner.bl_rna.properties:
             is_plain = item.type in ("BOOLEAN", "INT", "FLOAT", "ENUM", "STRING") and not getattr(
                 item, "is_array", False
@@ -186,6 +189,8 @@ def all_settings(scene: bpy.types.Scene) -> dict[str, object]:
 @pytest.mark.parametrize("engine", Engine)
 @pytest.mark.parametrize("shown", Display)
 def test_render_settings_are_told_and_undone(artists_scene, engine, shown):
+    artists_scene.view_settings.use_white_balance = True
+    artists_scene.render.image_settings.color_management = "OVERRIDE"
     before = all_settings(artists_scene)
     told = display.set_up_render(artists_scene, engine, shown)
     changed = {name for name, value in all_settings(artists_scene).items() if value != before[name]}
@@ -195,6 +200,19 @@ def test_render_settings_are_told_and_undone(artists_scene, engine, shown):
     display.restore_render(artists_scene)
     assert all_settings(artists_scene) == before
     assert list(display.render_changes(artists_scene)) == []
+
+
+@pytest.mark.parametrize("shown", Display)
+def test_neither_white_balance_nor_colours_of_the_output_change_what_is_set_up(artists_scene, tmp_path, shown):
+    look_through(artists_scene, CAMERA, POSE)
+    display.set_up_render(artists_scene, Engine.CYCLES, shown)
+    expected = render_png(artists_scene, tmp_path / "expected.png")
+    display.restore_render(artists_scene)
+    view, saved = artists_scene.view_settings, artists_scene.render.image_settings
+    view.use_white_balance, view.white_balance_temperature = True, 4000.0
+    saved.color_management, saved.view_settings.view_transform = "OVERRIDE", "AgX"
+    display.set_up_render(artists_scene, Engine.CYCLES, shown)
+    np.testing.assert_array_equal(render_png(artists_scene, tmp_path / "seen.png"), expected)
 
 
 def test_what_somebody_changed_in_the_meantime_is_not_undone(artists_scene):

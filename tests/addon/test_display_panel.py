@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bpy
+import numpy as np
 import pytest
 
 from cvdgs.cvdgs_addon.compositor.apply import simulation_node
@@ -10,7 +11,7 @@ from cvdgs.cvdgs_addon.compositor.scene_tree import scene_tree
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import crop, display, splats
 from cvdgs.cvdgs_addon.scene.camera_view import views_3d
-from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
+from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera, use_camera
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 from cvdgs.cvdgs_addon.scene.turntable import turntable_of
 from cvdgs.cvdgs_addon.shown import shown_layer
@@ -18,6 +19,7 @@ from cvdgs.ui import display as display_panel
 from cvdgs.ui.display import CVDGS_PT_display
 
 from .layouts import drawn
+from .scenes import render_png
 
 
 @pytest.fixture
@@ -137,6 +139,37 @@ def test_a_3d_view_shows_the_colours_through_a_photographs_camera(shown):
     assert scene.render.preview_pixel_size == pixel
 
 
+def own_camera(scene: bpy.types.Scene) -> bpy.types.Object:
+    """An artist's camera and output size."""
+    scene.camera = bpy.data.objects.new("Mine", bpy.data.cameras.new("Mine"))
+    scene.collection.objects.link(scene.camera)
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 3840, 2160, 50
+    return scene.camera
+
+
+def test_the_artists_camera_and_output_size_are_restored_after_a_3d_view_in_colour(shown):
+    scene = bpy.context.scene
+    mine = own_camera(scene)
+    view_in_color()
+    assert is_capture_camera(scene.camera)
+    assert {"Camera", "Render > Resolution x"} <= {told.partition(":")[0] for told in display.render_changes(scene)}
+    bpy.ops.cvdgs.restore_render()
+    assert scene.camera == mine
+    render = scene.render
+    assert (render.resolution_x, render.resolution_y, render.resolution_percentage) == (3840, 2160, 50)
+
+
+def test_the_artists_camera_is_restored_after_the_turntable_that_was_looked_through_is_gone(shown):
+    scene = bpy.context.scene
+    mine = own_camera(scene)
+    bpy.ops.cvdgs.add_turntable()
+    view_in_color()
+    assert scene.camera == turntable_of(scene)
+    bpy.ops.cvdgs.remove_turntable()
+    bpy.ops.cvdgs.restore_render()
+    assert scene.camera == mine
+
+
 BORDER = [f"border_{end}_{axis}" for end in ("min", "max") for axis in "xy"]
 
 
@@ -184,6 +217,39 @@ def test_a_simulation_follows_the_view_transform_that_is_set_up(shown):
     assert scene.view_settings.view_transform == "AgX"
 
 
+def test_colours_follow_a_view_transform_that_is_chosen_by_hand(shown, tmp_path):
+    scene = bpy.context.scene
+    bpy.ops.cvdgs.set_up_render()
+    use_camera(scene, next(filter(is_capture_camera, scene.objects)))
+    scene.view_settings.view_transform = "Standard"
+    at_once = render_png(scene, tmp_path / "at_once.png")
+    assert splats.get_input(shown, Input.SCENE_LINEAR)
+    np.testing.assert_array_equal(render_png(scene, tmp_path / "again.png"), at_once)
+    scene.view_settings.view_transform = "Raw"
+    bpy.context.view_layer.update()
+    assert not splats.get_input(shown, Input.SCENE_LINEAR)
+    splats.set_input(shown, Input.SCENE_LINEAR, True)
+    render_png(scene, tmp_path / "by_hand.png")
+    assert splats.get_input(shown, Input.SCENE_LINEAR), "what was chosen for them since stays"
+
+
+def test_gaussians_of_two_scenes_are_rendered_in_colours_that_suit_each(shown, tmp_path):
+    scene = bpy.context.scene
+    bpy.ops.cvdgs.set_up_render()
+    use_camera(scene, next(filter(is_capture_camera, scene.objects)))
+    before = render_png(scene, tmp_path / "before.png")
+    bpy.ops.scene.new(type="LINK_COPY")
+    bpy.ops.cvdgs.restore_render()
+    assert splats.get_input(shown, Input.SCENE_LINEAR)
+    bpy.ops.render.render(scene=scene.name)
+    assert not splats.get_input(shown, Input.SCENE_LINEAR)
+    shown.update_tag()
+    bpy.context.view_layer.update()
+    assert splats.get_input(shown, Input.SCENE_LINEAR), "the window shows the copy"
+    bpy.context.window.scene = scene
+    np.testing.assert_array_equal(render_png(scene, tmp_path / "after.png"), before)
+
+
 def test_the_panel_shows_layers_form_and_what_was_changed(shown):
     bpy.ops.cvdgs.show_layer(layer="tritan-0.5")
     panel = drawn(CVDGS_PT_display)
@@ -197,6 +263,42 @@ def test_the_panel_shows_layers_form_and_what_was_changed(shown):
     assert "changes the photographs' colours" not in " ".join(panel.texts)
     assert "cvdgs.remove_crop_box" in panel.operators
     assert "View transform: " in " ".join(panel.texts)
+
+
+def test_the_panel_says_what_changes_the_photographs_colours(shown):
+    scene = bpy.context.scene
+
+    def told() -> list[str]:
+        return [text.split(" changes ")[0] for text in drawn(CVDGS_PT_display).texts if " changes " in text]
+
+    bpy.ops.cvdgs.set_up_render()
+    assert told() == []
+    scene.view_settings.use_white_balance = True
+    assert told() == ["White balance"]
+    scene.view_settings.use_white_balance = False
+    saved = scene.render.image_settings
+    saved.color_management, saved.view_settings.view_transform = "OVERRIDE", "AgX"
+    assert told() == ["AgX of the output"]
+    bpy.ops.cvdgs.set_up_render()
+    assert told() == []
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 0), reason="this Blender has one working space")
+def test_the_panel_warns_of_another_working_space_with_lamps(shown):
+    chosen = bpy.context.scene.cvdgs.display
+
+    def warns() -> bool:
+        return "Working space ACEScg shifts" in " ".join(drawn(CVDGS_PT_display).texts)
+
+    chosen.colors = "SCENE_LINEAR"
+    assert not warns()
+    bpy.ops.wm.set_working_color_space(working_space="ACEScg", convert_colors=False)
+    try:
+        assert warns()
+        chosen.colors = "PHOTO"
+        assert not warns(), "values are shown as they are"
+    finally:
+        bpy.ops.wm.set_working_color_space(working_space="Linear Rec.709", convert_colors=False)
 
 
 def test_the_panel_warns_of_fog_until_the_render_is_set_up(shown):

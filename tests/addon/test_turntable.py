@@ -253,6 +253,20 @@ def test_markers_bind_no_other_camera_while_the_turntable_renders(scene, splats,
     assert not any(rendering_changes(scene))
 
 
+def test_neither_the_video_sequencer_nor_time_stretching_changes_the_pictures(scene, splats, tmp_path):
+    add_turntable(scene, splats, SMALL)
+    render_turntable(scene, SMALL, tmp_path / "alone", wait=True)
+    editor = scene.sequence_editor_create()
+    strips = editor.strips if hasattr(editor, "strips") else editor.sequences
+    length = {"length": 9} if bpy.app.version >= (5, 0) else {"frame_end": 10}
+    strips.new_effect("Blue", "COLOR", channel=1, frame_start=1, **length)
+    scene.render.frame_map_old, scene.render.frame_map_new = 100, 50
+    render_turntable(scene, SMALL, tmp_path / "cut", wait=True)
+    for name in ("0002.png", "0004.png"):
+        np.testing.assert_array_equal(read_png(tmp_path / "cut" / name), read_png(tmp_path / "alone" / name))
+    assert (scene.render.use_sequencer, scene.render.frame_map_new) == (True, 50)
+
+
 def test_what_stands_in_the_way_is_told(scene, splats, tmp_path):
     with pytest.raises(InputError, match="no turntable - add one first"):
         render_turntable(scene, SMALL, tmp_path, wait=True)
