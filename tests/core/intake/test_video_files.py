@@ -7,6 +7,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -27,6 +28,7 @@ from .test_archive import write_zip
 
 WALL = wall()
 WALK = [window(WALL, 50 + 4 * step) for step in range(RATE * 2)]
+CLOCKWISE = (0, 1 << 16, 0, -(1 << 16), 0, 0, HEIGHT << 16, 0, 1 << 30)  # by 90°, as telephones held upright write
 
 
 def refused(path: Path) -> str:
@@ -55,7 +57,7 @@ def turned(data: bytes, matrix: tuple[int, ...]) -> bytes:
 @pytest.mark.parametrize(
     ("matrix", "turns"),
     [
-        ((0, 1 << 16, 0, -(1 << 16), 0, 0, HEIGHT << 16, 0, 1 << 30), 3),  # 90° clockwise, as upright telephones
+        (CLOCKWISE, 3),
         ((-(1 << 16), 0, 0, 0, -(1 << 16), 0, WIDTH << 16, HEIGHT << 16, 1 << 30), 2),
         ((0, -(1 << 16), 0, 1 << 16, 0, 0, 0, WIDTH << 16, 1 << 30), 1),
     ],
@@ -70,6 +72,39 @@ def test_rotation_is_applied(tmp_path: Path, matrix: tuple[int, ...], turns: int
     assert np.abs(picture.astype(int) - np.rot90(plain, turns)).mean() < 2.0
     header = read_video_header(path)
     assert (header.width, header.height) == (picture.shape[1], picture.shape[0])
+
+
+@pytest.mark.parametrize(("aspect", "squeezed"), [(Fraction(4, 3), (240, 192)), (Fraction(3, 4), (320, 144))])
+def test_pixels_that_are_not_square_are_made_square(
+    tmp_path: Path, aspect: Fraction, squeezed: tuple[int, int]
+) -> None:
+    def configure(stream: av.VideoStream) -> None:
+        stream.codec_context.sample_aspect_ratio = aspect
+
+    stored = [np.asarray(Image.fromarray(frame).resize(squeezed, Image.Resampling.BICUBIC)) for frame in WALK]
+    path = write_video(tmp_path / "x.mp4", stored, configure=configure)
+    size = (240, 144)  # of 320 x 192, with nothing enlarged
+    expected = np.asarray(Image.fromarray(WALK[0]).resize(size, Image.Resampling.BICUBIC)).astype(int)
+    picture = first_picture(path, tmp_path / "out")
+    assert picture.shape == expected.shape
+    assert np.abs(picture - expected).mean() < 4.0
+    found = inspect_capture(path)
+    assert found.sizes == ((*size, 1),)
+    write_thumbnails(path, tmp_path / "small", count=1, size=120)
+    assert Image.open(tmp_path / "small" / "0.png").size == (120, 72)
+    path.write_bytes(turned(path.read_bytes(), CLOCKWISE))
+    header = read_video_header(path)
+    assert (header.width, header.height) == size[::-1]
+    assert np.abs(first_picture(path, tmp_path / "turned") - np.rot90(expected, 3)).mean() < 4.0
+
+
+def test_a_converters_rounded_pixel_aspect_changes_no_pixel(tmp_path: Path) -> None:
+    def configure(stream: av.VideoStream) -> None:
+        stream.codec_context.sample_aspect_ratio = Fraction(1280, 1281)
+
+    plain = first_picture(write_video(tmp_path / "plain.mp4", WALK), tmp_path / "plain")
+    path = write_video(tmp_path / "x.mp4", WALK, configure=configure)
+    assert (first_picture(path, tmp_path / "out") == plain).all()
 
 
 def test_a_variable_frame_rate_keeps_its_times(tmp_path: Path) -> None:
