@@ -16,9 +16,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
-from ..color.hdr import white_of
+from ..color.hdr import brightness_of, white_of
 from ..errors import InputError
 from ..files.images import write_jpeg
 from ..files.untrusted import opened
@@ -119,7 +118,7 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
     """
     frames: list[Frame] = []
     probes: list[Followed] = []
-    lights: list[Tensor] = []
+    bright: list[float] = []
     follower, next_probe, next_light, transfer, time, start = Follower(), 0.0, 0.0, "", 0.0, 0.0
     is_shortened = False
     with _opened(path) as (container, stream), one_thread():
@@ -140,7 +139,7 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
                 probes.append(follower.advance(small))
                 next_probe = max(next_probe + 1.0 / _PROBES_A_SECOND, time)
             if time >= next_light and (light := small_light(frame)) is not None:
-                lights.append(light)
+                bright.append(brightness_of(light))
                 next_light = time + _LIGHT_SECONDS
             frames.append(Frame(number, time, _sharpness(large), len(probes) - 1))
             if stated:
@@ -150,7 +149,7 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
     seconds = frames[-1].time - frames[0].time
     is_cut = stated and seconds < _CUT * stated - 0.5 and not is_shortened
     cut_at = seconds if is_cut else None
-    return Look(path, Film(frames, probes), is_shortened, cut_at, transfer, white_of(lights))
+    return Look(path, Film(frames, probes), is_shortened, cut_at, transfer, white_of(bright))
 
 
 def extract(

@@ -314,6 +314,33 @@ def test_a_warning_names_what_the_user_gave(tmp_path: Path) -> None:
 @pytest.mark.skipif(peak_memory_mb() is None, reason="this system does not tell a process's peak")
 def test_memory_grows_with_the_points_that_are_followed_in_a_video_and_not_with_its_frames(tmp_path: Path) -> None:
     """A second of these small pictures would be 2.8 MiB; of 4K it would be a hundred times that."""
+    peaks = []
+    for seconds in (20, 300):
+        walk = (window(WALL, 50 + (4 * step) % 500) for step in range(RATE * seconds))
+        peaks.append(peak_of_use(write_video(tmp_path / f"{seconds}.mp4", list(walk)), tmp_path / str(seconds)))
+    assert peaks[1] - peaks[0] < 0.4 * (300 - 20)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(peak_memory_mb() is None, reason="this system does not tell a process's peak")
+def test_of_an_hdr_video_no_pictures_are_kept_to_find_its_white(tmp_path: Path) -> None:
+    """One is looked at every two seconds, which is 0.7 MiB."""
+
+    def configure(stream: av.VideoStream) -> None:
+        stream.options = {"crf": "14", "preset": "ultrafast", "x264-params": "transfer=arib-std-b67"}
+
+    peaks = []
+    for count in (20, 120):
+        walk = [window(WALL, 50 + (4 * step) % 80) for step in range(count)]
+        times = [1260 * step for step in range(count)]
+        path = write_video(tmp_path / f"{count}.mp4", walk, configure=configure, times=times)
+        peaks.append(peak_of_use(path, tmp_path / str(count)))
+    assert look_through(tmp_path / "20.mp4").transfer == "hlg"
+    assert peaks[1] - peaks[0] < 0.3 * (120 - 20)
+
+
+def peak_of_use(path: Path, out: Path) -> int:
+    """MiB of a process that makes photographs of a video."""
     script = """
 import sys
 from pathlib import Path
@@ -325,10 +352,5 @@ look = look_through(Path(sys.argv[1]))
 extract(look, chosen, Path(sys.argv[2]), look.white)
 print(peak_memory_mb())
 """
-    peaks = []
-    for seconds in (20, 300):
-        walk = (window(WALL, 50 + (4 * step) % 500) for step in range(RATE * seconds))
-        path = write_video(tmp_path / f"{seconds}.mp4", list(walk))
-        command = [sys.executable, "-c", script, str(path), str(tmp_path / str(seconds))]
-        peaks.append(int(subprocess.run(command, capture_output=True, text=True, check=True).stdout))
-    assert peaks[1] - peaks[0] < 0.4 * (300 - 20)
+    command = [sys.executable, "-c", script, str(path), str(out)]
+    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
