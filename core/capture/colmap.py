@@ -19,7 +19,7 @@ from .source import SourceModel, SourceView, rigid_pose
 
 _MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", "colmap_sparse", ".")  # the last but one is instant-ngp's
 # Elsewhere, as in ``dense/0/sparse`` of COLMAP's reconstructor, it is looked for.
-_SEARCHED_DEPTH = 3
+SEARCHED_DEPTH = 3
 # Of folders with pictures of the photographs' names that are none.
 _NO_PHOTOGRAPHS = ("mask", "depth", "normal", "segment")
 MAX_ANAMORPHISM = 10.0  # anamorphic lenses squeeze by 2; beyond this the file is wrong
@@ -129,7 +129,7 @@ def _models_in(folder: Path) -> list[Path]:
 def _nested_models(folder: Path) -> list[Path]:
     """The complete models somewhere below `folder`, not behind links or in hidden folders; the nearest ones alone."""
     level = [folder]
-    for _ in range(_SEARCHED_DEPTH):
+    for _ in range(SEARCHED_DEPTH):
         level = [path for parent in level for path in _subfolders(parent)]
         complete = [path for path in level if _is_model(path) and _image_count(path)]
         if complete:

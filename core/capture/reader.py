@@ -42,7 +42,7 @@ from .sfm import estimate_cameras
 from .sfm_job import SfmSettings
 from .source import MOST_VIEWS, SourceModel
 from .tag_scale import metres_per_unit
-from .transforms import find_transforms, read_transforms
+from .transforms import find_nested_transforms, find_transforms, read_transforms
 from .upright import DOWN_IS_Y, find_up, rotation_to
 from .views import STAGE, find_again, plan_views, read_views
 
@@ -274,8 +274,10 @@ def read_cameras(
         raise InputError("not a capture", where=path, remedy=remedy)
     transforms_file = find_transforms(path)
     colmap_folder = find_colmap(path, search=transforms_file is None)
+    if not transforms_file and not colmap_folder and (transforms_file := find_nested_transforms(path)):
+        colmap_folder = find_colmap(transforms_file.parent, search=False)
     colmap = read_colmap(colmap_folder, reporter, adjusted=adjusted) if colmap_folder else None
-    transforms = read_transforms(transforms_file) if transforms_file else None
+    transforms = read_transforms(transforms_file, root=path) if transforms_file else None
     if colmap and transforms:
         return _with_enough_views(colmap if len(colmap.views) >= len(transforms.views) else transforms)
     model = colmap or transforms
