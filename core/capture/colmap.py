@@ -194,10 +194,10 @@ def _image_folder(found: ColmapFolder, read: ColmapModel) -> Path:
 
     spelling = Spelling(names)
 
-    def held_in_any_case(folder: Path) -> int:
+    def held_in_any_spelling(folder: Path) -> int:
         return sum(is_file(folder / spelling.find(folder, name)) for name in names)
 
-    for count in (held, held_in_any_case):
+    for count in (held, held_in_any_spelling):
         for candidates in (beside, usual, other):
             folders = [folder for folder in candidates if folder.is_dir()]
             best = max(folders, key=count, default=None)
