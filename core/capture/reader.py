@@ -172,7 +172,7 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter, max_size: int 
         settings = SfmSettings.for_views(max_size)
         model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter, settings, masks, folder)
         if is_folder(folder):  # what lies beside one video may belong to others
-            warn_about_unused(model, found.unused)
+            warn_about_unused(model, found)
         model.views = [replace(view, time=photographs.times.get(view.name)) for view in model.views]
         if photographs.folder != extracted:  # converted ones lie elsewhere
             _add_again(model, folder)
@@ -187,7 +187,7 @@ def _add_masks(model: SourceModel, folder: Path) -> None:
     model.views = [replace(view, mask=view.mask or found.files.get(view.name)) for view in model.views]
     named = {view.mask.resolve() for view in model.views if view.mask is not None}
     if not named - {path.resolve() for path in found.files.values()}:  # a camera file that names masks knows best
-        warn_about_unused(model, found.unused)
+        warn_about_unused(model, found)
 
 
 def _add_again(model: SourceModel, folder: Path) -> None:

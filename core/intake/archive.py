@@ -89,7 +89,7 @@ def _usable(opened: zipfile.ZipFile, archive: Path) -> list[zipfile.ZipInfo]:
 
 
 def _name_of(info: zipfile.ZipInfo) -> str:
-    """An entry's name; programs that write UTF-8 without its flag, like macOS' Finder, were read as if it were CP437."""
+    """An entry's name, which is also UTF-8 where that decodes: macOS' Finder does not set the flag that says so."""
     if not info.flag_bits & _UTF8:
         with suppress(UnicodeError):
             return info.filename.encode("cp437").decode("utf-8")
