@@ -64,7 +64,8 @@ def find_nested_transforms(folder: Path) -> Path | None:
     """
     files = [file.relative_to(folder) for file in visible_files(folder) if file.name in TRANSFORMS_FILES]
     depths = {file.parent: len(file.parts) - 1 for file in files if len(file.parts) - 1 <= SEARCHED_DEPTH}
-    nearest = sorted(parent for parent, depth in depths.items() if depth == min(depths.values()))
+    least = min(depths.values(), default=0)
+    nearest = sorted(parent for parent, depth in depths.items() if depth == least)
     if len(nearest) > 1:
         raise InputError(
             f"{len(nearest)} captures with cameras are in it: {quote_first(parent.as_posix() for parent in nearest)}",
@@ -184,7 +185,7 @@ class _Reader:
             raise self._refusal(f"the mask_path of {name} is not a file name")
         named = relative_name(self._folder, mask)
         # Masks that are found by name lie beside the folder of images, too (`find_masks`), which may be what was given.
-        beside = self._folder != self._root and PurePosixPath(named).parts[:1] == (MASKS_FOLDER,)
+        beside = self._folder in self._root.parents and PurePosixPath(named).parts[:1] == (MASKS_FOLDER,)
         root = self._folder / MASKS_FOLDER if beside else self._root
         path = resolve_inside(self._folder, named, where=self._file, root=root)
         if is_file(path):

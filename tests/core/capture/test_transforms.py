@@ -79,6 +79,21 @@ def test_a_camera_file_in_a_folder_below_may_name_photographs_beside_it_but_none
         inspect_capture(tmp_path / "parent")
 
 
+def test_a_camera_file_in_a_folder_below_names_no_mask_outside(tmp_path: Path) -> None:
+    photographs = shots(3)
+    save_images(tmp_path / "elsewhere", photographs)
+    listed = [
+        frame | {"mask_path": f"masks/{shot.name}"}
+        for frame, shot in zip(frames(photographs), photographs, strict=True)
+    ]
+    document = {**intrinsics(photographs[0].camera), "frames": listed}
+    scene = write_transforms(tmp_path / "parent" / "scene", photographs, document)
+    (scene / "masks").symlink_to(tmp_path / "elsewhere")
+    for given in (scene, tmp_path / "parent"):
+        with pytest.raises(InputError, match="leads out of the capture folder"):
+            inspect_capture(given)
+
+
 def test_of_several_captures_in_one_folder_none_is_taken(tmp_path: Path) -> None:
     for name in ("transforms_train.json", "transforms_test.json"):
         write_transforms(tmp_path / "chair", shots(3), name=name)
