@@ -20,7 +20,7 @@ from .source import SourceModel, SourceView, rigid_pose
 
 _MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", "colmap_sparse", ".")  # the last but one is instant-ngp's
 # Elsewhere, as in ``dense/0/sparse`` of COLMAP's reconstructor, it is looked for.
-_SEARCHED_DEPTH = 3
+SEARCHED_DEPTH = 3
 # Of folders with pictures of the photographs' names that are none.
 _NO_PHOTOGRAPHS = ("mask", "depth", "normal", "segment")
 MAX_ANAMORPHISM = 10.0  # anamorphic lenses squeeze by 2; beyond this the file is wrong
@@ -130,7 +130,7 @@ def _models_in(folder: Path) -> list[Path]:
 def _nested_models(folder: Path) -> list[Path]:
     """The complete models somewhere below `folder`, not behind links or in hidden folders; the nearest ones alone."""
     level = [folder]
-    for _ in range(_SEARCHED_DEPTH):
+    for _ in range(SEARCHED_DEPTH):
         level = [path for parent in level for path in _subfolders(parent)]
         complete = [path for path in level if _is_model(path) and _image_count(path)]
         if complete:
@@ -199,10 +199,10 @@ def _image_folder(found: ColmapFolder, read: ColmapModel) -> Path:
 
     spelling = Spelling(names)
 
-    def held_in_any_case(folder: Path) -> int:
+    def held_in_any_spelling(folder: Path) -> int:
         return sum(is_file(folder / spelling.find(folder, name)) for name in names)
 
-    for count in (held, held_in_any_case):
+    for count in (held, held_in_any_spelling):
         for candidates in (beside, usual, other):
             folders = [folder for folder in candidates if folder.is_dir()]
             best = max(folders, key=count, default=None)

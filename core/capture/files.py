@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import stat
+import unicodedata
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -62,28 +63,30 @@ def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
 class Spelling:
     """How the disk spells names of a camera file that was written where upper and lower case are the same.
 
+    Neither does it matter there whether an umlaut is one character or two, in which systems differ, too.
+
     Args:
-        names: all that the camera file gives. Those that differ in their case alone are different images.
+        names: all that the camera file gives. Those that differ in that alone are different images.
     """
 
     def __init__(self, names: Iterable[str] = ()) -> None:
-        self._counts = Counter(_portable(name).lower() for name in names)
+        self._counts = Counter(_folded(_portable(name)) for name in names)
         # A folder is listed once: thousands of names may be missing from it.
         self._listings: dict[Path, dict[str, list[str]]] = {}
 
     def find(self, folder: Path, name: str, ending: str = "") -> str:
         """`name` with `ending` as it is below `folder`.
 
-        It is unchanged where it is there, climbs up, or not exactly one file or folder has it in another case.
+        It is unchanged where it is there, climbs up, or not exactly one file or folder has it in another spelling.
         """
         wanted, found = _portable(name) + ending, folder
         parts = PurePosixPath(wanted).parts
         climbs = _is_absolute(wanted) or ".." in parts
-        if climbs or is_there(folder / wanted) or self._counts[_portable(name).lower()] > 1:
+        if climbs or is_there(folder / wanted) or self._counts[_folded(_portable(name))] > 1:
             return name + ending
         for part in parts:
             if not is_there(found / part):
-                candidates = self._listing(found).get(part.lower(), [])
+                candidates = self._listing(found).get(_folded(part), [])
                 if len(candidates) != 1:
                     return name + ending
                 part = candidates[0]
@@ -95,8 +98,12 @@ class Spelling:
             listing = self._listings[folder] = {}
             with suppress(OSError, ValueError):  # no folder, or none that can be read
                 for name in os.listdir(folder):
-                    listing.setdefault(name.lower(), []).append(name)
+                    listing.setdefault(_folded(name), []).append(name)
         return self._listings[folder]
+
+
+def _folded(name: str) -> str:
+    return unicodedata.normalize("NFC", name).lower()
 
 
 def _portable(name: str) -> str:

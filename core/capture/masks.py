@@ -7,7 +7,7 @@ out, where nothing is.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,7 +29,8 @@ LEAST_SHOWN = 0.01
 _WHITE = 128  # of 255: from which a mask's pixel is looked at
 _WHOLLY = 0.999  # of a pixel, or of its neighbourhood: a share of a moving thing would colour it
 _BACK = {6: 8, 8: 6}  # the EXIF orientations that do not undo themselves, and those that undo them
-_EXTENSION = ".png"
+_EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
+_MISNAMED_FOLDER = "mask"
 
 
 @dataclass(frozen=True)
@@ -38,17 +39,19 @@ class FoundMasks:
 
     Attributes:
         files: by the photograph's name.
-        unused: names of masks in these folders that belong to no photograph.
+        unused: names of pictures in these folders that belong to no photograph.
+        misnamed: folders with masks of the photographs that are called ``mask``, and are not used.
     """
 
     files: dict[str, Path]
     unused: list[str]
+    misnamed: list[Path]
 
 
 def find_masks(capture: Path, photographs: Mapping[str, Path]) -> FoundMasks:
     """The masks in ``masks/`` beside the photographs' folder, called ``<name>.<extension>.png`` or ``<name>.png``.
 
-    The folder's name may be in upper case.
+    The folder's name may be in upper case. They may also be JPEG, TIFF, WebP or BMP files; PNG is taken first.
 
     Args:
         capture: the capture, or what of it was given.
@@ -59,22 +62,28 @@ def find_masks(capture: Path, photographs: Mapping[str, Path]) -> FoundMasks:
     """
     paths = {name: Path(os.path.abspath(path)) for name, path in photographs.items()}
     if not paths:
-        return FoundMasks({}, [])
+        return FoundMasks({}, [], [])
     root = shared_root(capture, paths.values())
     files: dict[str, Path] = {}
+    photographs_of: dict[Path, list[Path]] = {}  # relative to a folder in which their masks may lie
     folders: dict[Path, bool] = {}
     spelling = Spelling()
     for name, path in paths.items():
         for beside, relative in _places(path, root):
             folder = beside / spelling.find(beside, MASKS_FOLDER)
+            photographs_of.setdefault(folder, []).append(relative)
             if folder not in folders:
                 folders[folder] = is_folder(folder)
-            if folders[folder] and name not in files and (found := _mask_in(folder, relative)):
+            found = _mask_in(folder, relative) if folders[folder] and name not in files else None
+            if found and found != path:
                 files[name] = found
-    used = set(files.values())
+    taken = set(paths.values())
+    known = taken.union(files.values())
     inside = [folder for folder, exists in folders.items() if exists]
-    unused = [name for folder in inside for name in list_images(folder, (_EXTENSION,)) if folder / name not in used]
-    return FoundMasks(files, unused)
+    unused = [name for folder in inside for name in list_images(folder) if folder / name not in known]
+    others = {folder.with_name(_MISNAMED_FOLDER): relative for folder, relative in photographs_of.items()}
+    misnamed = [folder for folder, relative in others.items() if _has_masks(folder, relative, taken)]
+    return FoundMasks(files, unused, misnamed)
 
 
 def _places(photograph: Path, root: Path) -> list[tuple[Path, Path]]:
@@ -87,18 +96,32 @@ def _places(photograph: Path, root: Path) -> list[tuple[Path, Path]]:
     return [*places, (root, photograph.relative_to(root))]
 
 
+def _mask_names(photograph: Path) -> Iterator[str]:
+    for extension in _EXTENSIONS:
+        yield f"{photograph.as_posix()}{extension}"
+        yield photograph.with_suffix(extension).as_posix()
+
+
 def _mask_in(folder: Path, photograph: Path) -> Path | None:
-    for name in (f"{photograph.as_posix()}{_EXTENSION}", photograph.with_suffix(_EXTENSION).as_posix()):
+    for name in _mask_names(photograph):
         if is_file(folder / name) or (folder / name).is_symlink():
             return resolve_inside(folder, name, where=folder, root=folder.parent)
     return None
 
 
-def warn_about_unused(model: SourceModel, unused: list[str]) -> None:
-    """Note masks that belong to no photograph."""
-    if unused:
-        what = f"{len(unused)} masks belong to no photograph and are not used: {quote_first(unused)}"
+def _has_masks(folder: Path, photographs: list[Path], taken: Set[Path]) -> bool:
+    """Whether `folder` has a mask of any of the photographs that is not `taken` for a photograph itself."""
+    names = (name for path in photographs for name in _mask_names(path)) if is_folder(folder) else ()
+    return any(folder / name not in taken and is_file(folder / name) for name in names)
+
+
+def warn_about_unused(model: SourceModel, found: FoundMasks) -> None:
+    """Note masks that belong to no photograph, or lie in a folder of another name."""
+    if found.unused:
+        what = f"{len(found.unused)} masks belong to no photograph and are not used: {quote_first(found.unused)}"
         model.warn("masks-unused", f"{model.file}: {what}")
+    for folder in found.misnamed:
+        model.warn("masks-unused", f"{folder}: the masks in it are not used; call the folder {MASKS_FOLDER}")
 
 
 def read_mask(path: Path, header: ImageHeader, *, upright: bool) -> NDArray[np.uint8]:

@@ -43,7 +43,7 @@ from .sfm import estimate_cameras
 from .sfm_job import SfmSettings
 from .source import MOST_VIEWS, SourceModel
 from .tag_scale import metres_per_unit
-from .transforms import find_transforms, read_transforms
+from .transforms import find_nested_transforms, find_transforms, read_transforms
 from .upright import DOWN_IS_Y, find_up, rotation_to
 from .views import STAGE, find_again, plan_views, read_views
 
@@ -173,7 +173,7 @@ def _source_model(folder: Path, cameras: str, reporter: Reporter, max_size: int 
         settings = SfmSettings.for_views(max_size)
         model = estimate_cameras(photographs.folder, photographs.names, workspace, reporter, settings, masks, folder)
         if is_folder(folder):  # what lies beside one video may belong to others
-            warn_about_unused(model, found.unused)
+            warn_about_unused(model, found)
         model.views = [replace(view, time=photographs.times.get(view.name)) for view in model.views]
         if photographs.folder != extracted:  # converted ones lie elsewhere
             _add_again(model, folder)
@@ -188,7 +188,7 @@ def _add_masks(model: SourceModel, folder: Path) -> None:
     model.views = [replace(view, mask=view.mask or found.files.get(view.name)) for view in model.views]
     named = {view.mask.resolve() for view in model.views if view.mask is not None}
     if not named - {path.resolve() for path in found.files.values()}:  # a camera file that names masks knows best
-        warn_about_unused(model, found.unused)
+        warn_about_unused(model, found)
 
 
 def _add_again(model: SourceModel, folder: Path) -> None:
@@ -276,8 +276,10 @@ def read_cameras(
         raise InputError("not a capture", where=path, remedy=remedy)
     transforms_file = find_transforms(path)
     colmap_folder = find_colmap(path, search=transforms_file is None)
+    if not transforms_file and not colmap_folder and (transforms_file := find_nested_transforms(path)):
+        colmap_folder = find_colmap(transforms_file.parent, search=False)
     colmap = read_colmap(colmap_folder, reporter, adjusted=adjusted) if colmap_folder else None
-    transforms = read_transforms(transforms_file) if transforms_file else None
+    transforms = read_transforms(transforms_file, root=path) if transforms_file else None
     if colmap and transforms:
         return _with_enough_views(colmap if len(colmap.views) >= len(transforms.views) else transforms)
     model = colmap or transforms

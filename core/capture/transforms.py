@@ -17,8 +17,16 @@ import pycolmap
 from ..errors import InputError
 from ..files.untrusted import is_file, is_there, read_json
 from ..runs.layout import MASKS_FOLDER
-from .colmap import check_camera
-from .files import IMAGE_EXTENSIONS, TRANSFORMS_FILES, Spelling, quote_first, relative_name, resolve_inside
+from .colmap import SEARCHED_DEPTH, check_camera
+from .files import (
+    IMAGE_EXTENSIONS,
+    TRANSFORMS_FILES,
+    Spelling,
+    quote_first,
+    relative_name,
+    resolve_inside,
+    visible_files,
+)
 from .images import read_header
 from .points import read_point_cloud
 from .source import (
@@ -48,14 +56,33 @@ def find_transforms(folder: Path) -> Path | None:
     return next((folder / name for name in TRANSFORMS_FILES if (folder / name).exists()), None)
 
 
-def read_transforms(file: Path, folder: Path | None = None) -> SourceModel:
+def find_nested_transforms(folder: Path) -> Path | None:
+    """The camera file of the capture somewhere below `folder`; the nearest ones alone, and none that a run has made.
+
+    Raises:
+        InputError: there are several captures.
+    """
+    files = [file.relative_to(folder) for file in visible_files(folder) if file.name in TRANSFORMS_FILES]
+    depths = {file.parent: len(file.parts) - 1 for file in files if len(file.parts) - 1 <= SEARCHED_DEPTH}
+    least = min(depths.values(), default=0)
+    nearest = sorted(parent for parent, depth in depths.items() if depth == least)
+    if len(nearest) > 1:
+        raise InputError(
+            f"{len(nearest)} captures with cameras are in it: {quote_first(parent.as_posix() for parent in nearest)}",
+            where=folder,
+            remedy="give the folder of one of them, or add --cameras estimate to estimate new ones",
+        )
+    return find_transforms(folder / nearest[0]) if nearest else None
+
+
+def read_transforms(file: Path, folder: Path | None = None, root: Path | None = None) -> SourceModel:
     """Read a camera file; frames without an image file are left out, and counted in a warning.
 
     ``k4``, ``k5`` and ``k6`` are the denominator of OpenCV's rational model.
 
     Args:
-        folder: what names are relative to; None is the file's own. It may also be the images' folder itself. No image
-            or mask may lie outside of it.
+        folder: what names are relative to; None is the file's own. It may also be the images' folder itself.
+        root: what no image or mask may lie outside of; None is `folder`.
 
     Raises:
         InputError: not JSON, cut, without frames, or with unusable poses, intrinsics or names.
@@ -70,8 +97,8 @@ def read_transforms(file: Path, folder: Path | None = None) -> SourceModel:
             where=file,
             remedy="split the capture, or keep every second photograph",
         )
-    root = folder or file.parent
-    return _Reader(file, document, _image_root(folder, frames) if folder else root, root).read(frames)
+    names_in = _image_root(folder, frames) if folder else file.parent
+    return _Reader(file, document, names_in, root or folder or file.parent).read(frames)
 
 
 def _image_root(folder: Path, frames: list[dict[str, Any]]) -> Path:
@@ -158,7 +185,7 @@ class _Reader:
             raise self._refusal(f"the mask_path of {name} is not a file name")
         named = relative_name(self._folder, mask)
         # Masks that are found by name lie beside the folder of images, too (`find_masks`), which may be what was given.
-        beside = self._folder != self._root and PurePosixPath(named).parts[:1] == (MASKS_FOLDER,)
+        beside = self._folder in self._root.parents and PurePosixPath(named).parts[:1] == (MASKS_FOLDER,)
         root = self._folder / MASKS_FOLDER if beside else self._root
         path = resolve_inside(self._folder, named, where=self._file, root=root)
         if is_file(path):

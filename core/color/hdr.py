@@ -85,12 +85,16 @@ def to_light(encoded: Tensor, transfer: str) -> Tensor:
     return (hlg_to_light if transfer == "hlg" else pq_to_light)(encoded.clamp(0.0, 1.0))
 
 
-def white_of(pictures: Sequence[Tensor]) -> float:
-    """What becomes white, in cd/m², for pictures of `to_light` that are to be treated alike.
+def brightness_of(light: Tensor) -> float:
+    """cd/m² from which a picture of `to_light` has highlights alone."""
+    return float(torch.quantile(light.amax(0).flatten(), _BRIGHT))
+
+
+def white_of(bright: Sequence[float]) -> float:
+    """What becomes white, in cd/m², for pictures of such a `brightness_of` that are to be treated alike.
 
     It is the reference white unless more than highlights is brighter: telephones expose a white wall up to twice that.
     """
-    bright = [float(torch.quantile(light.amax(0).flatten(), _BRIGHT)) for light in pictures]
     return min(max(statistics.median(bright), REFERENCE_WHITE), _MOST_WHITE) if bright else REFERENCE_WHITE
 
 

@@ -10,6 +10,7 @@ import unicodedata
 import zipfile
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
@@ -20,7 +21,7 @@ MAX_BYTES = 64 << 30
 MAX_RATIO = 50
 _LEAST_FREE_BYTES = 1 << 30  # that stay free on the disk
 _BLOCK = 1 << 20
-_ENCRYPTED = 0x1
+_ENCRYPTED, _UTF8 = 0x1, 0x800  # flags of an entry
 _HIDDEN = (".", "__MACOSX", "Icon\r")  # the last is the picture that a folder has in macOS
 _UNUSABLE = ("Cc", "Cs")  # Unicode's categories of control characters and of halves of characters
 _RESERVED = ':*?"<>|' if os.name == "nt" else ""
@@ -64,6 +65,7 @@ def _usable(opened: zipfile.ZipFile, archive: Path) -> list[zipfile.ZipInfo]:
         raise _refusal(archive, f"the zip has {len(infos):,} files, the limit is {MAX_ENTRIES:,}")
     usable, places = [], set()
     for info in infos:
+        info.filename = _name_of(info)
         name = info.filename.replace("\\", "/")
         path = PurePosixPath(name)
         if not name or path.is_absolute() or ".." in path.parts or name[1:3] == ":/":
@@ -84,6 +86,14 @@ def _usable(opened: zipfile.ZipFile, archive: Path) -> list[zipfile.ZipInfo]:
     if not usable:
         raise _refusal(archive, "the zip is empty")
     return usable
+
+
+def _name_of(info: zipfile.ZipInfo) -> str:
+    """An entry's name, which is also UTF-8 where that decodes: macOS' Finder does not set the flag that says so."""
+    if not info.flag_bits & _UTF8:
+        with suppress(UnicodeError):
+            return info.filename.encode("cp437").decode("utf-8")
+    return info.filename
 
 
 def _require_room(total: int, archive: Path, folder: Path) -> None:

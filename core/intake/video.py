@@ -1,6 +1,7 @@
 """Videos as photographs: looked through once for sharpness and motion, then the chosen frames written as JPEG.
 
 Frames are decoded one after another, so a video of any length takes the memory of a few frames. Sound is not looked at.
+Pixels that are not square (DV, HDV, anamorphic lenses) are made square, and nothing is enlarged by that.
 """
 
 from __future__ import annotations
@@ -15,9 +16,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
-from ..color.hdr import white_of
+from ..color.hdr import brightness_of, white_of
 from ..errors import InputError
 from ..files.images import write_jpeg
 from ..files.untrusted import opened
@@ -26,7 +26,7 @@ from .kinds import MAX_VIDEO_BYTES, is_plain_image, kind_of
 from .motion import WIDTH, Followed, Follower
 from .panoramas import refuse_spherical_video
 from .selection import Film, Frame
-from .video_color import frame_colors, small_light, transfer_of
+from .video_color import frame_colors, small_light, square_size, transfer_of
 
 MAX_PIXELS = 18_000_000
 """Of a frame: 5.3K of action cameras, not 8K, whose decoder would take gigabytes."""
@@ -71,7 +71,7 @@ class Look:
 
 @dataclass(frozen=True)
 class VideoHeader:
-    """Size upright, and the stated length."""
+    """Size upright in square pixels, and the stated length."""
 
     width: int
     height: int
@@ -88,7 +88,8 @@ def read_video_header(path: Path) -> VideoHeader:
         frame = next(_frames(container, stream, path), None)
         if frame is None:
             raise _no_frames(path)
-        width, height = _upright_size(frame.width, frame.height, frame.rotation)
+        width, height = square_size(frame.width, frame.height, _pixel_aspect(stream))
+        width, height = (height, width) if frame.rotation % 180 else (width, height)
         return VideoHeader(width, height, _stated_seconds(container, stream))
 
 
@@ -106,7 +107,7 @@ def some_frames(path: Path, count: int) -> Iterator[NDArray[np.uint8]]:
             frame = next(_frames(container, stream, path), None)
             if frame is None:
                 return
-            yield frame_colors(frame)
+            yield frame_colors(frame, aspect=_pixel_aspect(stream))
 
 
 def look_through(path: Path, progress: Callable[[float], None] = lambda _: None) -> Look:
@@ -117,7 +118,7 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
     """
     frames: list[Frame] = []
     probes: list[Followed] = []
-    lights: list[Tensor] = []
+    bright: list[float] = []
     follower, next_probe, next_light, transfer, time, start = Follower(), 0.0, 0.0, "", 0.0, 0.0
     is_shortened = False
     with _opened(path) as (container, stream), one_thread():
@@ -133,12 +134,12 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
             if time - start > MAX_SECONDS:
                 is_shortened = True
                 break
-            large, small = _greys(frame)
+            large, small = _greys(frame, _pixel_aspect(stream))
             if time >= next_probe:
                 probes.append(follower.advance(small))
                 next_probe = max(next_probe + 1.0 / _PROBES_A_SECOND, time)
             if time >= next_light and (light := small_light(frame)) is not None:
-                lights.append(light)
+                bright.append(brightness_of(light))
                 next_light = time + _LIGHT_SECONDS
             frames.append(Frame(number, time, _sharpness(large), len(probes) - 1))
             if stated:
@@ -148,7 +149,7 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
     seconds = frames[-1].time - frames[0].time
     is_cut = stated and seconds < _CUT * stated - 0.5 and not is_shortened
     cut_at = seconds if is_cut else None
-    return Look(path, Film(frames, probes), is_shortened, cut_at, transfer, white_of(lights))
+    return Look(path, Film(frames, probes), is_shortened, cut_at, transfer, white_of(bright))
 
 
 def extract(
@@ -171,7 +172,9 @@ def extract(
     written: list[tuple[str, float]] = []
     with _opened(look.path) as (container, stream), one_thread():  # more wait for each other, and for the decoder's
         for frame, wanted in _found(container, stream, look, chosen):
-            written.append(_write(frame, wanted, folder, white))
+            name = f"{wanted.number:06d}.jpg"
+            write_jpeg(folder / name, frame_colors(frame, white, _pixel_aspect(stream)), _QUALITY)
+            written.append((name, wanted.time))
             progress(len(written) / len(chosen))
     return written
 
@@ -197,12 +200,6 @@ def _found(container: Any, stream: Any, look: Look, chosen: Sequence[Frame]) -> 
             return
         position = wanted.time
         yield frame, wanted
-
-
-def _write(frame: Any, chosen: Frame, folder: Path, white: float) -> tuple[str, float]:
-    name = f"{chosen.number:06d}.jpg"
-    write_jpeg(folder / name, frame_colors(frame, white), _QUALITY)
-    return name, chosen.time
 
 
 @contextmanager
@@ -254,12 +251,18 @@ def _stream(container: Any, path: Path) -> Any:
     size = f"the video is {width} x {height} pixels"
     if width * height > MAX_PIXELS:
         raise InputError(f"{size}, more than is decoded", where=path, remedy="export it as 4K or smaller")
-    if min(width, height) < _LEAST_SIDE:
+    if min(square_size(width, height, _pixel_aspect(stream))) < _LEAST_SIDE:
         raise InputError(f"{size}, too small", where=path, remedy="give a larger one")
     context.options = {"max_pixels": str(MAX_PIXELS)}
     context.thread_type = "AUTO"
     context.thread_count = min(os.cpu_count() or 1, _MOST_THREADS)
     return stream
+
+
+def _pixel_aspect(stream: Any) -> float:
+    """Width of a pixel by its height; 1 where the file does not say."""
+    aspect = stream.sample_aspect_ratio
+    return float(aspect) if aspect and aspect > 0 else 1.0
 
 
 _ATTACHED_PICTURE = 1 << 10  # AV_DISPOSITION_ATTACHED_PIC: the cover of a song
@@ -313,10 +316,11 @@ def _timed(container: Any, stream: Any, path: Path) -> Iterator[tuple[float, Any
             yield number / float(stream.average_rate or 30), frame
 
 
-def _greys(frame: Any) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+def _greys(frame: Any, aspect: float) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """The picture in grey in two sizes, for sharpness and for motion."""
-    scale = _SHARPNESS_SCALE * WIDTH / max(frame.width, frame.height)
-    width, height = (max(16, 4 * round(side * scale / 4)) for side in (frame.width, frame.height))
+    size = square_size(frame.width, frame.height, aspect)
+    scale = _SHARPNESS_SCALE * WIDTH / max(size)
+    width, height = (max(16, 4 * round(side * scale / 4)) for side in size)
     large = frame.reformat(width=width, height=height, format="gray", interpolation="AREA").to_ndarray()
     pairs = large[: height // 2 * 2, : width // 2 * 2].astype(np.uint16)
     small = (pairs[::2, ::2] + pairs[1::2, ::2] + pairs[::2, 1::2] + pairs[1::2, 1::2] + 2) >> 2
@@ -335,10 +339,6 @@ def _stated_seconds(container: Any, stream: Any) -> float:
     if stream.duration and stream.time_base:
         return float(stream.duration * stream.time_base)
     return float(container.duration or 0) / 1e6
-
-
-def _upright_size(width: int, height: int, rotation: int) -> tuple[int, int]:
-    return (height, width) if rotation % 180 else (width, height)
 
 
 def _no_frames(path: Path) -> InputError:

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from numpy.typing import NDArray
+from PIL import Image
 from torch import Tensor
 
 from ..color.hdr import REFERENCE_WHITE, TRANSFERS, to_light, tone_map
@@ -30,11 +31,21 @@ _PLANAR = {"yuv420p": 8, "yuvj420p": 8, "yuv422p": 8, "yuvj422p": 8, "yuv444p": 
 }
 
 
-def frame_colors(frame: Any, white: float = REFERENCE_WHITE) -> NDArray[np.uint8]:
-    """(H, W, 3) uint8 sRGB of a frame of PyAV, turned as its rotation says.
+def square_size(width: int, height: int, aspect: float) -> tuple[int, int]:
+    """(width, height) of a picture whose pixels, `aspect` times as wide as high, are made square.
+
+    The side that has pixels to spare is made smaller; a single one stays, which is a converter's rounding.
+    """
+    square = (width, max(1, round(height / aspect))) if aspect > 1.0 else (max(1, round(width * aspect)), height)
+    return (width, height) if width + height - sum(square) <= 1 else square
+
+
+def frame_colors(frame: Any, white: float = REFERENCE_WHITE, aspect: float = 1.0) -> NDArray[np.uint8]:
+    """(H, W, 3) uint8 sRGB of a frame of PyAV, in square pixels and turned as its rotation says.
 
     Args:
         white: of HDR, see `color.hdr.white_of`.
+        aspect: width of a pixel by its height.
     """
     transfer = transfer_of(frame)
     if frame.format.name in _PLANAR:
@@ -49,6 +60,9 @@ def frame_colors(frame: Any, white: float = REFERENCE_WHITE) -> NDArray[np.uint8
     pixels = np.ascontiguousarray(pixels)
     if not transfer and int(frame.color_primaries or 0) == _DISPLAY_P3_PRIMARIES:
         convert_to_srgb(pixels, DISPLAY_P3)
+    size = square_size(frame.width, frame.height, aspect)
+    if size != (frame.width, frame.height):
+        pixels = np.array(Image.fromarray(pixels).resize(size, Image.Resampling.BICUBIC))
     # FFmpeg's angle counts against the clock, as numpy does.
     return np.ascontiguousarray(np.rot90(pixels, round(frame.rotation / 90.0)))
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from cvdgs.core.capture.masks import resized_mask
 from cvdgs.core.capture.model import Capture
@@ -43,7 +44,7 @@ def read(folder: Path, max_size: int | None = None) -> Capture:
     return read_capture(folder, max_size=max_size)
 
 
-@pytest.mark.parametrize("name", ["0001.png.png", "0001.png"])
+@pytest.mark.parametrize("name", ["0001.png.png", "0001.png", "0001.png.bmp", "0001.tif"])
 def test_a_mask_beside_the_photographs_is_found_under_both_its_names(tmp_path: Path, name: str) -> None:
     photographs = shots(3)
     save(write_colmap(tmp_path, photographs) / "masks" / name, mask_of(photographs[0]))
@@ -56,6 +57,15 @@ def test_a_mask_beside_the_photographs_is_found_under_both_its_names(tmp_path: P
     assert first.alpha is None
     assert warnings_of(capture) == ["masks", "few-views"]
     assert "1 of 3 photographs have masks, which leave out 2.9%" in capture.warnings[0].message
+
+
+def test_a_mask_may_be_a_jpeg(tmp_path: Path) -> None:
+    photographs = shots(3)
+    (write_colmap(tmp_path, photographs) / "masks").mkdir()
+    Image.fromarray(mask_of(photographs[0])).save(tmp_path / "masks" / "0001.jpg", quality=50)
+    mask = read(tmp_path).views[0].mask
+    assert mask is not None
+    assert np.array_equal(mask, mask_of(photographs[0])[..., 0] > 0)
 
 
 def test_a_mask_lies_in_the_folder_of_its_photograph(tmp_path: Path) -> None:
@@ -157,6 +167,34 @@ def test_masks_of_no_photograph_are_named(tmp_path: Path) -> None:
     for capture in (read(tmp_path), inspect_capture(tmp_path)):
         (message,) = [warning.message for warning in capture.warnings if warning.name == "masks-unused"]
         assert "1 masks belong to no photograph and are not used: other.png" in message
+
+
+def test_masks_of_another_type_are_named(tmp_path: Path) -> None:
+    photographs = shots(3)
+    save(write_colmap(tmp_path, photographs) / "masks" / "0001.tga", mask_of(photographs[0]))
+    (message,) = [warning.message for warning in read(tmp_path).warnings if warning.name == "masks-unused"]
+    assert "not used: 0001.tga" in message
+
+
+@pytest.mark.parametrize("name", ["0001.png.png", "0001.jpg"])
+def test_masks_in_a_folder_of_another_name_are_named(tmp_path: Path, name: str) -> None:
+    photographs = shots(3)
+    save(write_colmap(tmp_path, photographs) / "mask" / name, mask_of(photographs[0]))
+    capture = read(tmp_path)
+    (message,) = [warning.message for warning in capture.warnings if warning.name == "masks-unused"]
+    assert message == f"{tmp_path / 'mask'}: the masks in it are not used; call the folder masks"
+    (tmp_path / "mask" / name).rename(tmp_path / "mask" / "other.png")
+    assert "masks-unused" not in warnings_of(read(tmp_path))
+
+
+def test_photographs_of_a_mask_are_not_masks(tmp_path: Path) -> None:
+    photographs = shots(3)
+    for name in ("mask", "masks"):
+        save_images(tmp_path / name / name, photographs)
+        listed = {**intrinsics(pinhole()), "frames": frames(photographs, f"{name}/")}
+        capture = read(write_transforms(tmp_path / name, photographs, listed, images=False))
+        assert all(view.mask is None for view in capture.views)
+        assert warnings_of(capture) == ["few-views", "no-points"]
 
 
 def black(shape: tuple[int, ...], value: int = 0) -> np.ndarray:

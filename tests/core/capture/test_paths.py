@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import unicodedata
 from pathlib import Path
 
 import numpy as np
@@ -178,6 +179,18 @@ def test_names_in_another_case_than_the_disks_are_found(tmp_path: Path) -> None:
         capture = read_capture(root, max_size=None)
         assert [view.source.name for view in capture.views] == ["IMG_1.PNG", "IMG_2.PNG", "IMG_3.PNG"]
         assert not {warning.name for warning in capture.warnings} & {"missing-images", "unregistered"}
+
+
+def test_names_in_another_form_of_unicode_than_the_disks_are_found(tmp_path: Path) -> None:
+    """An umlaut of one character or of two; a Mac's copies of a camera file and of the photographs may differ in it."""
+    photographs = shots(3, pattern="Küche {:d}.png")
+    write_transforms(tmp_path / "nerf", photographs)
+    write_colmap(tmp_path / "colmap", photographs)
+    for capture in ("nerf", "colmap"):
+        for file in (tmp_path / capture / "images").iterdir():
+            file.rename(file.with_name(unicodedata.normalize("NFD", file.name)))
+        found = inspect_capture(tmp_path / capture)
+        assert (found.views, [w.name for w in found.warnings if w.name == "unregistered"]) == (3, [])
 
 
 def test_another_image_whose_name_differs_in_its_case_alone_is_not_taken(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from cvdgs.core.capture.model import Capture
 from cvdgs.core.capture.points import read_point_cloud, write_point_cloud
 from cvdgs.core.capture.reader import inspect_capture, read_capture
 from cvdgs.core.errors import InputError
+from cvdgs.core.runs.report import SCHEMA
 
 from .make_captures import (
     Shot,
@@ -50,6 +52,63 @@ def test_intrinsics_for_the_whole_file(tmp_path: Path) -> None:
 def test_the_file_itself_is_accepted(tmp_path: Path) -> None:
     write_transforms(tmp_path, shots(3), name="other.json")
     assert len(read_capture(tmp_path / "other.json", max_size=None).views) == 3
+
+
+def test_a_camera_file_in_a_folder_below_is_found(tmp_path: Path) -> None:
+    photographs = shots(3)
+    write_transforms(tmp_path / "parent" / "room" / "scene", photographs)
+    (tmp_path / "parent" / "README.txt").write_text("a room")
+    archive = Path(shutil.make_archive(str(tmp_path / "room"), "zip", tmp_path / "parent"))
+    for given in (tmp_path / "parent", archive):
+        capture = read_capture(given, max_size=None)
+        assert capture.format == "transforms"
+        assert_same_views(capture, photographs)
+    assert inspect_capture(tmp_path / "parent", cameras="estimate").format == "sfm"
+
+
+def test_a_camera_file_in_a_folder_below_may_name_photographs_beside_it_but_none_outside(tmp_path: Path) -> None:
+    photographs = shots(3)
+    save_images(tmp_path / "parent" / "photos", photographs)
+    document = {**intrinsics(photographs[0].camera), "frames": frames(photographs, "../photos/")}
+    write_transforms(tmp_path / "parent" / "cameras", photographs, document, images=False)
+    assert_same_views(read_capture(tmp_path / "parent", max_size=None), photographs)
+    (tmp_path / "parent" / "photos").rename(tmp_path / "photos")
+    document["frames"] = frames(photographs, "../../photos/")
+    write_transforms(tmp_path / "parent" / "cameras", photographs, document, images=False)
+    with pytest.raises(InputError, match="leads out of the capture folder"):
+        inspect_capture(tmp_path / "parent")
+
+
+def test_a_camera_file_in_a_folder_below_names_no_mask_outside(tmp_path: Path) -> None:
+    photographs = shots(3)
+    save_images(tmp_path / "elsewhere", photographs)
+    listed = [
+        frame | {"mask_path": f"masks/{shot.name}"}
+        for frame, shot in zip(frames(photographs), photographs, strict=True)
+    ]
+    document = {**intrinsics(photographs[0].camera), "frames": listed}
+    scene = write_transforms(tmp_path / "parent" / "scene", photographs, document)
+    (scene / "masks").symlink_to(tmp_path / "elsewhere")
+    for given in (scene, tmp_path / "parent"):
+        with pytest.raises(InputError, match="leads out of the capture folder"):
+            inspect_capture(given)
+
+
+def test_of_several_captures_in_one_folder_none_is_taken(tmp_path: Path) -> None:
+    for name in ("transforms_train.json", "transforms_test.json"):
+        write_transforms(tmp_path / "chair", shots(3), name=name)
+    assert inspect_capture(tmp_path).views == 3
+    write_transforms(tmp_path / "lego", shots(3))
+    with pytest.raises(InputError) as error:
+        inspect_capture(tmp_path)
+    assert "2 captures with cameras are in it: chair, lego - give the folder of one of them" in str(error.value)
+
+
+def test_cameras_that_a_run_has_estimated_are_not_those_of_its_photographs(tmp_path: Path) -> None:
+    save_images(tmp_path / "images", shots(3))
+    write_transforms(tmp_path / "out" / "capture", shots(3))
+    (tmp_path / "out" / "report.json").write_text(json.dumps({"schema": SCHEMA}))
+    assert inspect_capture(tmp_path).format == "sfm"
 
 
 def test_a_file_with_a_mark_of_windows_editors_is_read(tmp_path: Path) -> None:

@@ -54,6 +54,32 @@ def test_names_of_any_script_are_unpacked(tmp_path: Path, name: str) -> None:
     assert (unpack(path, tmp_path / "out") / name).read_bytes() == b"two"
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "cp437"])
+def test_names_that_do_not_tell_their_encoding_are_read(tmp_path: Path, encoding: str) -> None:
+    """macOS' Finder writes UTF-8, older programs CP437."""
+    path = unflagged(tmp_path / "x.zip", {"images/Küche.jpg".encode(encoding): b"one", b"images/2.jpg": b"two"})
+    (tmp_path / "out").mkdir()
+    assert (unpack(path, tmp_path / "out") / "Küche.jpg").read_bytes() == b"one"
+
+
+def test_such_a_name_is_checked_as_it_is_written(tmp_path: Path) -> None:
+    path = unflagged(tmp_path / "x.zip", {b"first.jpg": b"x", "ü/../../x.jpg".encode(): b"x"})
+    assert "path" in refused(path, tmp_path / "out")
+    path = unflagged(tmp_path / "y.zip", {b"first.jpg": b"x", "ü\u0085.jpg".encode(): b"x"})
+    assert "unusable name" in refused(path, tmp_path / "other")
+
+
+def unflagged(path: Path, files: dict[bytes, bytes]) -> Path:
+    """A zip whose names say nothing of their encoding."""
+    stand_ins = {f"{number}".rjust(len(name), "x"): name for number, name in enumerate(files)}
+    data = write_zip(path, dict(zip(stand_ins, files.values(), strict=True))).read_bytes()
+    for stand_in, name in stand_ins.items():
+        assert data.count(stand_in.encode()) == 2
+        data = data.replace(stand_in.encode(), name)
+    path.write_bytes(data)
+    return path
+
+
 @pytest.mark.skipif(os.name == "nt", reason="reserved in Windows")
 def test_names_with_a_time_of_day_are_unpacked(tmp_path: Path) -> None:
     path = write_zip(tmp_path / "x.zip", {"2024-01-01 12:30:00.png": b"one"})

@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 import torch
 
-from cvdgs.core.color.hdr import REFERENCE_WHITE, hlg_to_light, light_to_pq, pq_to_light, roll_off, tone_map, white_of
+from cvdgs.core.color.hdr import (
+    REFERENCE_WHITE,
+    brightness_of,
+    hlg_to_light,
+    light_to_pq,
+    pq_to_light,
+    roll_off,
+    tone_map,
+    white_of,
+)
 from cvdgs.core.intake.video_color import frame_colors
 
 from .films import planes_frame
@@ -71,8 +80,8 @@ def test_what_is_not_bright_keeps_its_light_and_nothing_is_brighter_than_white()
 def test_a_bright_wall_sets_the_white_and_highlights_do_not() -> None:
     dim = torch.full((3, 10, 100), 90.0)
     dim[:, 0, :20] = 900.0
-    assert white_of([dim]) == REFERENCE_WHITE
-    assert white_of([torch.full((3, 10, 10), 350.0)]) == pytest.approx(350.0)
+    assert white_of([brightness_of(dim)]) == REFERENCE_WHITE
+    assert white_of([brightness_of(torch.full((3, 10, 10), 350.0))]) == pytest.approx(350.0)
     assert white_of([]) == REFERENCE_WHITE
 
 

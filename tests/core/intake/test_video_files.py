@@ -7,6 +7,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -27,6 +28,7 @@ from .test_archive import write_zip
 
 WALL = wall()
 WALK = [window(WALL, 50 + 4 * step) for step in range(RATE * 2)]
+CLOCKWISE = (0, 1 << 16, 0, -(1 << 16), 0, 0, HEIGHT << 16, 0, 1 << 30)  # by 90°, as telephones held upright write
 
 
 def refused(path: Path) -> str:
@@ -55,7 +57,7 @@ def turned(data: bytes, matrix: tuple[int, ...]) -> bytes:
 @pytest.mark.parametrize(
     ("matrix", "turns"),
     [
-        ((0, 1 << 16, 0, -(1 << 16), 0, 0, HEIGHT << 16, 0, 1 << 30), 3),  # 90° clockwise, as upright telephones
+        (CLOCKWISE, 3),
         ((-(1 << 16), 0, 0, 0, -(1 << 16), 0, WIDTH << 16, HEIGHT << 16, 1 << 30), 2),
         ((0, -(1 << 16), 0, 1 << 16, 0, 0, 0, WIDTH << 16, 1 << 30), 1),
     ],
@@ -70,6 +72,39 @@ def test_rotation_is_applied(tmp_path: Path, matrix: tuple[int, ...], turns: int
     assert np.abs(picture.astype(int) - np.rot90(plain, turns)).mean() < 2.0
     header = read_video_header(path)
     assert (header.width, header.height) == (picture.shape[1], picture.shape[0])
+
+
+@pytest.mark.parametrize(("aspect", "squeezed"), [(Fraction(4, 3), (240, 192)), (Fraction(3, 4), (320, 144))])
+def test_pixels_that_are_not_square_are_made_square(
+    tmp_path: Path, aspect: Fraction, squeezed: tuple[int, int]
+) -> None:
+    def configure(stream: av.VideoStream) -> None:
+        stream.codec_context.sample_aspect_ratio = aspect
+
+    stored = [np.asarray(Image.fromarray(frame).resize(squeezed, Image.Resampling.BICUBIC)) for frame in WALK]
+    path = write_video(tmp_path / "x.mp4", stored, configure=configure)
+    size = (240, 144)  # of 320 x 192, with nothing enlarged
+    expected = np.asarray(Image.fromarray(WALK[0]).resize(size, Image.Resampling.BICUBIC)).astype(int)
+    picture = first_picture(path, tmp_path / "out")
+    assert picture.shape == expected.shape
+    assert np.abs(picture - expected).mean() < 4.0
+    found = inspect_capture(path)
+    assert found.sizes == ((*size, 1),)
+    write_thumbnails(path, tmp_path / "small", count=1, size=120)
+    assert Image.open(tmp_path / "small" / "0.png").size == (120, 72)
+    path.write_bytes(turned(path.read_bytes(), CLOCKWISE))
+    header = read_video_header(path)
+    assert (header.width, header.height) == size[::-1]
+    assert np.abs(first_picture(path, tmp_path / "turned") - np.rot90(expected, 3)).mean() < 4.0
+
+
+def test_a_converters_rounded_pixel_aspect_changes_no_pixel(tmp_path: Path) -> None:
+    def configure(stream: av.VideoStream) -> None:
+        stream.codec_context.sample_aspect_ratio = Fraction(1280, 1281)
+
+    plain = first_picture(write_video(tmp_path / "plain.mp4", WALK), tmp_path / "plain")
+    path = write_video(tmp_path / "x.mp4", WALK, configure=configure)
+    assert (first_picture(path, tmp_path / "out") == plain).all()
 
 
 def test_a_variable_frame_rate_keeps_its_times(tmp_path: Path) -> None:
@@ -279,6 +314,33 @@ def test_a_warning_names_what_the_user_gave(tmp_path: Path) -> None:
 @pytest.mark.skipif(peak_memory_mb() is None, reason="this system does not tell a process's peak")
 def test_memory_grows_with_the_points_that_are_followed_in_a_video_and_not_with_its_frames(tmp_path: Path) -> None:
     """A second of these small pictures would be 2.8 MiB; of 4K it would be a hundred times that."""
+    peaks = []
+    for seconds in (20, 300):
+        walk = (window(WALL, 50 + (4 * step) % 500) for step in range(RATE * seconds))
+        peaks.append(peak_of_use(write_video(tmp_path / f"{seconds}.mp4", list(walk)), tmp_path / str(seconds)))
+    assert peaks[1] - peaks[0] < 0.4 * (300 - 20)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(peak_memory_mb() is None, reason="this system does not tell a process's peak")
+def test_of_an_hdr_video_no_pictures_are_kept_to_find_its_white(tmp_path: Path) -> None:
+    """One is looked at every two seconds, which is 0.7 MiB."""
+
+    def configure(stream: av.VideoStream) -> None:
+        stream.options = {"crf": "14", "preset": "ultrafast", "x264-params": "transfer=arib-std-b67"}
+
+    peaks = []
+    for count in (20, 120):
+        walk = [window(WALL, 50 + (4 * step) % 80) for step in range(count)]
+        times = [1260 * step for step in range(count)]
+        path = write_video(tmp_path / f"{count}.mp4", walk, configure=configure, times=times)
+        peaks.append(peak_of_use(path, tmp_path / str(count)))
+    assert look_through(tmp_path / "20.mp4").transfer == "hlg"
+    assert peaks[1] - peaks[0] < 0.3 * (120 - 20)
+
+
+def peak_of_use(path: Path, out: Path) -> int:
+    """MiB of a process that makes photographs of a video."""
     script = """
 import sys
 from pathlib import Path
@@ -290,10 +352,5 @@ look = look_through(Path(sys.argv[1]))
 extract(look, chosen, Path(sys.argv[2]), look.white)
 print(peak_memory_mb())
 """
-    peaks = []
-    for seconds in (20, 300):
-        walk = (window(WALL, 50 + (4 * step) % 500) for step in range(RATE * seconds))
-        path = write_video(tmp_path / f"{seconds}.mp4", list(walk))
-        command = [sys.executable, "-c", script, str(path), str(tmp_path / str(seconds))]
-        peaks.append(int(subprocess.run(command, capture_output=True, text=True, check=True).stdout))
-    assert peaks[1] - peaks[0] < 0.4 * (300 - 20)
+    command = [sys.executable, "-c", script, str(path), str(out)]
+    return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
