@@ -59,7 +59,7 @@ class CganEnhancer(SceneNetworkEnhancer):
     def _fit(self, images: Images, reporter: Reporter, alphas: Alphas) -> None:
         # What is fitted needs it no more; of unrelated photographs, each keeps an enhancer.
         generator, self._generator = self._generator or self._load(), None
-        # Sums over pixels are rounded otherwise by another number of threads, and so would be what is predicted of them.
+        # Another number of threads rounds sums over pixels otherwise, and what is predicted from them would follow.
         with one_thread():
             budget = self._budget
             if budget is None:
