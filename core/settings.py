@@ -193,7 +193,7 @@ class Settings:
     holdout: int = _option(
         8, "keep every Nth view for testing; 0 keeps none", metavar="N", low=0, trains=True, fixed=True
     )
-    device: str = _option("auto", "compute device", choices=DEVICES, trains=True)
+    device: str = _option("auto", "compute device of training", choices=DEVICES, trains=True)
     seed: int = _option(0, "random seed", metavar="N", low=0, high=2**31 - 1, trains=True, fixed=True)
     refine_poses: bool | None = _option(
         None,

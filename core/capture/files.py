@@ -47,11 +47,10 @@ FOREIGN_EXTENSIONS = (".jxl", ".gif", ".psd", ".raf", ".rw2", ".orf", ".pef", ".
 # What Windows leaves where somebody has looked at a folder, in lower case; what other systems leave is hidden.
 _LEFT_BEHIND = frozenset(("thumbs.db", "ehthumbs.db", "desktop.ini"))
 
-_UNSAFE_IN_KEY = re.compile(r"[^A-Za-z0-9._-]+")
 # Names that Windows keeps for devices, with or without an extension.
-_WINDOWS_DEVICE = re.compile(r"^(con|prn|aux|nul|com[1-9]|lpt[1-9])(\.|$)", re.IGNORECASE)
-# Output files add a suffix; file systems stop at 255 bytes.
-_KEY_LENGTH = 120
+_WINDOWS_DEVICE = re.compile(r"^(con|prn|aux|nul|com[1-9¹²³]|lpt[1-9¹²³])(\.|$)", re.IGNORECASE)
+# In UTF-8. Output files add a suffix; file systems stop at 255 bytes.
+_KEY_BYTES = 120
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
@@ -298,8 +297,14 @@ def _shared_length(folders: list[list[str]]) -> int:
 
 
 def _safe(text: str) -> str:
-    text = _UNSAFE_IN_KEY.sub("_", text).strip(".")[:_KEY_LENGTH] or "view"
+    text = "".join(c if _is_safe(c) else " " for c in unicodedata.normalize("NFC", text))
+    text = re.sub(" +", "_", text).strip(".").encode()[:_KEY_BYTES].decode(errors="ignore") or "view"
     return f"_{text}" if _WINDOWS_DEVICE.match(text) else text
+
+
+def _is_safe(character: str) -> bool:
+    """Whether it is a letter or digit of any script, a mark that belongs to one, or one of ``._-``."""
+    return character.isalnum() or character in "._-" or unicodedata.category(character).startswith("M")
 
 
 def quote_first(names: Iterable[str], limit: int = 3) -> str:

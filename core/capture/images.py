@@ -54,6 +54,7 @@ _ORIENTATION_STEPS = {
 }
 _COPY_AGAIN = "copy or export the image again"
 _EXPORT_PLAIN = "export it as PNG, JPEG or TIFF"
+_CONVERT = "convert it to RGB (sRGB)"
 # First bytes of PNG, JPEG, TIFF, BigTIFF, OpenEXR, BMP, Radiance and the family of PPM.
 _SIGNATURES = (
     b"\x89PNG\r\n\x1a\n",
@@ -88,6 +89,7 @@ class ImageHeader:
         bits: of a channel.
         converts: whether `read_pixels` makes colours of that profile sRGB.
         taken_with: what EXIF data say of camera, lens and zoom, as a text to compare; empty where they say nothing.
+        has_pages: whether it is but the first of several pictures of this size.
     """
 
     width: int
@@ -97,6 +99,7 @@ class ImageHeader:
     bits: int = 8
     taken_with: str = ""
     converts: bool = False
+    has_pages: bool = False
 
     @property
     def upright_size(self) -> tuple[int, int]:
@@ -114,7 +117,7 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
     """Read size and orientation without the pixels.
 
     Raises:
-        InputError: not an image, beyond `MAX_SIDE` or `MAX_MEGAPIXELS`, below `min_side`, or CMYK.
+        InputError: not an image, beyond `MAX_SIDE` or `MAX_MEGAPIXELS`, below `min_side`, or CMYK or Lab.
     """
     kind = _kind(path)
     if kind:
@@ -132,6 +135,7 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
             max(spec.get_int_attribute("oiio:BitsPerSample", 0), 8 * spec.format.size()),
             _taken_with(spec),
             can_convert(profile),
+            _has_pages(file, spec.width, spec.height),
         )
 
 
@@ -252,7 +256,9 @@ def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
     elif spec.depth > 1 or channels < 1:
         what, remedy = "the image is a volume or has no channels", _EXPORT_PLAIN
     elif any(space.upper() in ("CMYK", "YCCK", "SEPARATED", "COLOR SEPARATED") for space in spaces):
-        what, remedy = "the image is CMYK, made for print", "convert it to RGB (sRGB)"
+        what, remedy = "the image is CMYK, made for print", _CONVERT
+    elif any(space.upper() in ("CIELAB", "ICCLAB", "ITULAB") for space in spaces):
+        what, remedy = "the image is Lab", _CONVERT
     if what:
         raise InputError(what, where=path, remedy=remedy)
 
@@ -273,6 +279,14 @@ def _check_size(width: int, height: int, path: Path, min_side: int) -> None:
 def _orientation(spec: oiio.ImageSpec) -> int:
     orientation = spec.get_int_attribute("Orientation", 1)
     return orientation if orientation in _ORIENTATION_STEPS else 1
+
+
+def _has_pages(file: oiio.ImageInput, width: int, height: int) -> bool:
+    """Whether a TIFF has several pages, or a WebP frames; reduced copies and thumbnails have other sizes."""
+    if file.format_name() not in ("tiff", "webp") or not file.seek_subimage(1, 0):
+        return False
+    second = file.spec()
+    return (second.width, second.height) == (width, height)
 
 
 def _taken_with(spec: oiio.ImageSpec) -> str:

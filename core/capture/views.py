@@ -101,6 +101,11 @@ def plan_views(model: SourceModel, max_size: int | None, *, keep_order: bool = F
     rotated = sum((plan.upright or plan.turned) and plan.header.orientation != 1 for plan in plans)
     if rotated:
         model.warn("exif-rotated", f"{model.file}: {rotated} photographs are rotated upright as their EXIF data says")
+    paged = sum(plan.header.has_pages for plan in plans)
+    if paged:
+        model.warn(
+            "several-pages", f"{model.file}: {paged} photographs have several pages or frames; the first is used"
+        )
     foreign = Counter(plan.header.color_profile for plan in plans if plan.header.is_foreign)
     if foreign:
         model.warn(

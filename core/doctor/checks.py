@@ -147,8 +147,17 @@ def examine_computer(*, environment_is_here: bool) -> Iterator[Finding]:
     else:
         yield Finding("memory", State.OK, found)
     yield _disk("disk", ROOT, LEAST_TEMPORARY_MB if environment_is_here else LEAST_DISK_MB)
-    yield _disk("temporary files", Path(tempfile.gettempdir()), LEAST_TEMPORARY_MB)
+    yield _temporary_files()
     yield _graphics_card()
+
+
+def _temporary_files() -> Finding:
+    name = "temporary files"
+    try:
+        return _disk(name, Path(tempfile.gettempdir()), LEAST_TEMPORARY_MB)
+    except OSError:  # none of the usual folders can be written to
+        remedy = f"free {LEAST_TEMPORARY_MB / 1000:g} GB, or set TMPDIR to a folder on another disk"
+        return Finding(name, State.MISSING, "no folder for them can be written to", remedy)
 
 
 def _disk(name: str, folder: Path, least_mb: int) -> Finding:

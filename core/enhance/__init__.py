@@ -1,7 +1,16 @@
 """Recolours photographs so that people with a colour vision deficiency can tell apart what others can."""
 
 from .cgan import CganEnhancer
-from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer, SceneEnhancer, enhance_bytes, enhance_finite
+from .enhancer import (
+    Enhancer,
+    IdentityEnhancer,
+    LutEnhancer,
+    SceneEnhancer,
+    enhance_bytes,
+    enhance_finite,
+    learns,
+    warn_not_finite,
+)
 from .lut import ColorLut
 from .registry import make_enhancer
 from .scene.enhancer import SceneNetworkEnhancer
@@ -16,5 +25,7 @@ __all__ = [
     "SceneNetworkEnhancer",
     "enhance_bytes",
     "enhance_finite",
+    "learns",
     "make_enhancer",
+    "warn_not_finite",
 ]

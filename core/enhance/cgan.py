@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from ..errors import InputError
 from ..runtime.protocol import Reporter
+from ..runtime.threads import one_thread
 from ..settings import Settings
+from .gan.networks import Generator
 from .gan.prediction import predict_networks
 from .gan.weights import load_generator, load_shipped
 from .pairs import Alphas, Images
@@ -49,19 +53,25 @@ class CganEnhancer(SceneNetworkEnhancer):
         table_steps = min(fit_steps, _SHORT_FIT.table_steps)
         settings = replace(_SHORT_FIT, steps=fit_steps, table_steps=table_steps, rate=rate)
         super().__init__(cvd, severity, simulation, strength, seed, budget, settings)
-        self._generator = load_generator(weights) if weights else load_shipped()
+        self._load: Callable[[], Generator] = partial(load_generator, weights) if weights else load_shipped
+        self._generator: Generator | None = self._load()
 
     def _fit(self, images: Images, reporter: Reporter, alphas: Alphas) -> None:
-        budget = self._budget
-        if budget is None:
-            budget = default_budget(images, self._observer, alphas, self._settings)
+        # What is fitted needs it no more; of unrelated photographs, each keeps an enhancer.
+        generator, self._generator = self._generator or self._load(), None
+        # Another number of threads rounds sums over pixels otherwise, and what is predicted from them would follow.
+        with one_thread():
+            budget = self._budget
+            if budget is None:
+                budget = default_budget(images, self._observer, alphas, self._settings)
+            starts = predict_networks(generator, images, self._observer, budget, alphas)
         self._take(
             fit_network(
                 images,
                 self._observer,
                 alphas=alphas,
                 budget=budget,
-                starts=predict_networks(self._generator, images, self._observer, budget, alphas),
+                starts=starts,
                 settings=self._settings,
                 seed=self._seed,
                 reporter=reporter,

@@ -61,6 +61,11 @@ class SceneEnhancer(ABC):
         """Whether images are returned unchanged."""
         return self._observer.severity == 0.0 or self._strength == 0.0
 
+    @property
+    def learns(self) -> bool:
+        """Whether `fit` has anything to do."""
+        return not self.is_identity
+
     def fit(self, images: Images, reporter: Reporter | None = None, *, alphas: Alphas = None) -> None:
         """See `Enhancer.fit`."""
         if not self.is_identity:
@@ -156,6 +161,19 @@ def enhance_finite(
     if not broken.any():
         return to_bytes(enhanced), 0
     return to_bytes(np.where(broken[..., None], as_float(image), enhanced)), int(broken.sum())
+
+
+def learns(enhancer: Enhancer) -> bool:
+    """`SceneEnhancer.learns` of any enhancer; a plug-in may."""
+    return not isinstance(enhancer, SceneEnhancer) or enhancer.learns
+
+
+def warn_not_finite(reporter: Reporter, where: str, pixels: int) -> None:
+    """Say in how many `pixels` of `where` the enhancer gave no finite colour, if in any."""
+    if pixels:
+        found = f"{where}: the enhancer gave no finite colour for {pixels:,} pixels"
+        remedy = "which stay as photographed; ask its authors, or use another --enhancer"
+        reporter.warning("enhancer-not-finite", f"{found}, {remedy}")
 
 
 def check_strength(strength: float) -> None:

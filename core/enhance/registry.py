@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..settings import ENHANCERS, PLUGIN_PREFIX, WEIGHTS_SUFFIX, Settings, is_enhancer
 from .cgan import CganEnhancer
 from .enhancer import Enhancer, IdentityEnhancer, LutEnhancer, check_strength
+from .plugin import PluginEnhancer
 from .scene.enhancer import SceneNetworkEnhancer
 from .scene.storage import is_scene_network
 
@@ -71,10 +72,4 @@ def _plugin(name: str, **who: Any) -> Enhancer:
         known = ", ".join(sorted(PLUGIN_PREFIX + point.name for point in offered)) or "none"
         remedy = f"install the package that offers it into the worker's environment (installed there: {known})"
         raise InputError(f"{name!r} is not installed", where="--enhancer", remedy=remedy)
-    try:
-        return chosen[0].load()(**who)
-    except InputError:
-        raise
-    except Exception as error:  # others' code may raise anything
-        what = f"{name!r} cannot be loaded ({type(error).__name__}: {error})"
-        raise InputError(what, where="--enhancer", remedy="ask its authors, or use another enhancer") from None
+    return PluginEnhancer(name, chosen[0].load, **who)

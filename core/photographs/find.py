@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -143,7 +143,7 @@ def survey(
 
 
 def _search(folder: Path, out: Path, reporter: Reporter) -> list[Path]:
-    """The images in `folder` and below, without those in `out` if it lies there; warns of files that are none."""
+    """The images in `folder` and below, without those in `out` if it lies there; warns of what is skipped."""
     if _real(folder) == _real(out):
         raise InputError("is the folder of photographs itself", where=out, remedy=_OTHER_FOLDER)
     results = out if _is_inside(out, folder) else None
@@ -153,14 +153,24 @@ def _search(folder: Path, out: Path, reporter: Reporter) -> list[Path]:
         held = f" ({quote_first(others)})" if others else ""
         raise InputError(f"this folder contains no images{held}", where=folder, remedy="name a folder of photographs")
     if others:
-        reporter.warning("not-images", f"{folder}: files that are not images are skipped: {quote_first(others)}")
+        reporter.warning("not-images", f"{folder}: what is not an image is skipped: {quote_first(others)}")
     return images
 
 
 def _other_files(folder: Path, images: set[Path], results: Path | None) -> list[str]:
-    """Names of the visible files below `folder`, outside `results`, that are not in `images`."""
+    """Names of the visible files and linked folders below `folder`, outside `results`, that are not in `images`."""
     others = [path for path in visible_files(folder) if not (path in images or _is_inside(path, results))]
-    return sorted((path.relative_to(folder).as_posix() for path in others), key=natural_key)
+    names = [path.relative_to(folder).as_posix() for path in others]
+    links = [path for path in _linked_folders(folder) if not _is_inside(path, results)]
+    names += [f"{path.relative_to(folder).as_posix()} (a linked folder)" for path in links]
+    return sorted(names, key=natural_key)
+
+
+def _linked_folders(folder: Path) -> Iterator[Path]:
+    """Visible links to folders in `folder` and below, which nothing follows: they may lead anywhere."""
+    for directory, subfolders, _ in os.walk(folder):
+        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
+        yield from (Path(directory, name) for name in subfolders if os.path.islink(os.path.join(directory, name)))
 
 
 def _is_inside(path: Path, folder: Path | None) -> bool:
@@ -201,6 +211,9 @@ def _describe(headers: Sequence[ImageHeader], reporter: Reporter) -> None:
     deep = sum(header.bits > 8 for header in headers)
     if deep:
         reporter.warning("deep-colour", f"{deep} photographs have more than 8 bits a channel; the results have 8")
+    paged = sum(header.has_pages for header in headers)
+    if paged:
+        reporter.warning("several-pages", f"{paged} photographs have several pages or frames; the first is used")
     foreign = Counter(header.color_profile for header in headers if header.is_foreign)
     if foreign:
         profiles = quote_first(foreign)

@@ -18,6 +18,7 @@ from ..settings import OPTIONS, Layer, Settings, check_layer, check_option, type
 
 LOG_NAME = "enhance.log"
 
+_NAME_PHOTOGRAPHS = "name photographs or a folder of them"
 _UPDATE = "update the program that sends it"
 
 # Share of the time by stage, measured on two cores with twelve photographs of 0.4 megapixels and the LUT.
@@ -39,7 +40,7 @@ class EnhanceRequest:
         skip_unreadable: leave out photographs that cannot be read instead of refusing all.
 
     Raises (on construction):
-        InputError: there are no inputs, or a value is out of range.
+        InputError: there are no inputs, a name is empty, or a value is out of range.
     """
 
     inputs: tuple[str, ...]
@@ -59,7 +60,12 @@ class EnhanceRequest:
 
     def __post_init__(self) -> None:
         if not self.inputs:
-            raise InputError("no photographs are given", where="inputs", remedy="name photographs or a folder of them")
+            raise InputError("no photographs are given", where="inputs", remedy=_NAME_PHOTOGRAPHS)
+        # A path of nothing would be the current folder.
+        if not all(self.inputs):
+            raise InputError("a name is empty", where="inputs", remedy=_NAME_PHOTOGRAPHS)
+        if not self.out:
+            raise InputError("no output folder is given", where="--out", remedy="name a folder to write to")
         check_layer(Layer(self.cvd, self.severity))
         for entry in fields(self):
             if entry.name in OPTIONS:

@@ -10,15 +10,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from ..color.simulation import Observer
-from ..enhance import Enhancer, IdentityEnhancer, LutEnhancer, enhance_bytes, make_enhancer
+from ..enhance import (
+    Enhancer,
+    IdentityEnhancer,
+    LutEnhancer,
+    enhance_bytes,
+    enhance_finite,
+    learns,
+    make_enhancer,
+    warn_not_finite,
+)
 from ..errors import InputError
 from ..files.images import write_png
 from ..runs.enhanced import METRICS_NAME, SHEET_NAME
-from ..runtime.devices import choose_device
 from ..runtime.protocol import Reporter, StageSpan
 from .find import Photograph, Survey, find_photographs, survey
 from .front import EnhanceRequest
@@ -37,8 +44,8 @@ _FIT_PHOTOGRAPHS = 4
 """A fit takes about as long as so many photographs of 0.4 megapixels with their figures, for the progress bar."""
 
 Pixels = NDArray[np.uint8]
-Recolouring = Callable[[Pixels, Pixels | None], Pixels]
-"""A photograph and its coverage to the enhanced photograph."""
+Recolouring = Callable[[Reporter, Pixels, Pixels | None], tuple[Pixels, int]]
+"""A photograph and its coverage to the enhanced photograph, and how many pixels the enhancer gave no finite colour."""
 
 
 def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) -> dict[str, Any]:
@@ -55,7 +62,6 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
     if request.separately and request.together:
         remedy = "leave one of them out"
         raise InputError("photographs cannot be enhanced together and separately", where="--together", remedy=remedy)
-    choose_device(request.device, has_cuda=torch.cuda.is_available())  # refuses a card that is not there
 
     def make() -> Enhancer:
         return make_enhancer(
@@ -69,7 +75,7 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
             request.fit,
         )
 
-    make()  # refuses what cannot be simulated before anything takes time
+    fit_photographs = _FIT_PHOTOGRAPHS if learns(make()) else 0  # refuses what cannot be simulated before any work
     reporter.status("read", "looking for photographs")
     photographs = find_photographs(request.inputs, Path(request.out), reporter)
     found = survey(photographs, reporter, keep_pixels=not request.separately, skip_unreadable=request.skip_unreadable)
@@ -79,37 +85,42 @@ def enhance_folder(request: EnhanceRequest, folder: Path, reporter: Reporter) ->
     observer = Observer(request.cvd, request.severity, request.simulation)
     recolours: Sequence[Recolouring]
     if request.separately:
-        start, recolours = 0.0, [_Separately(make)] * count
+        start, recolours = 0.0, [_Separately(make, fit_photographs / (fit_photographs + 1))] * count
     else:
         scenes = _scenes(found, reporter, together=request.together)
-        fits = _FIT_PHOTOGRAPHS * len(scenes)
+        fits = fit_photographs * len(scenes)
         start = fits / (fits + count)
         recolours = _fit_scenes(make, found, scenes, StageSpan(reporter, STAGE, 0.0, start, "fitting the enhancer"))
     del found  # and with it the pixels that only the fit needs
-    rows = []
-    with Sheet(observer, request.enhancer) as sheet:
+    rows, broken = [], 0
+    with Sheet(observer, request.enhancer, folder) as sheet:
         for number, photograph in enumerate(readable):
             reporter.status(STAGE, f"photograph {number + 1} of {count}")
-            reporter.progress(STAGE, start + (1.0 - start) * number / count)
-            rows.append(_enhance_one(photograph, recolours[number], observer, sheet, folder))
+            begin, end = (start + (1.0 - start) * done / count for done in (number, number + 1))
+            reporter.progress(STAGE, begin)
+            recolour = partial(recolours[number], StageSpan(reporter, STAGE, begin, end, "fitting the enhancer"))
+            scores, spoilt = _enhance_one(photograph, recolour, observer, sheet, folder)
+            rows.append(scores)
+            broken += spoilt
         means = mean_scores(rows)
         sheet.write(folder / SHEET_NAME, means, count)
     write_table(folder / METRICS_NAME, rows)
+    warn_not_finite(reporter, request.enhancer, broken)
     reporter.progress(STAGE, 1.0)
     return {"images": count, "ccpr": {kind: _finite(means[f"ccpr_{kind}"]) for kind in ("input", "enhanced")}}
 
 
 def _enhance_one(
     photograph: Photograph,
-    recolour: Recolouring,
+    recolour: Callable[[Pixels, Pixels | None], tuple[Pixels, int]],
     observer: Observer,
     sheet: Sheet,
     folder: Path,
-) -> PhotographScores:
-    """Write one result and its part of the sheet; returns its figures."""
+) -> tuple[PhotographScores, int]:
+    """Write one result and its part of the sheet; returns its figures, and how many pixels got no finite colour."""
     original, alpha = photograph.read()
     started = time.perf_counter()
-    enhanced = recolour(original, alpha)
+    enhanced, broken = recolour(original, alpha)
     seconds = time.perf_counter() - started
     write_png(folder / photograph.output, enhanced, alpha)
     figures, scale = figures_of(original, enhanced, alpha, observer)
@@ -118,7 +129,7 @@ def _enhance_one(
         str(photograph.path), photograph.output, width, height, figures, seconds, scale, _notes(original, alpha)
     )
     sheet.add(original, enhanced, alpha, scores, folder / f"{photograph.key}.thumbnail.jpg")
-    return scores
+    return scores, broken
 
 
 def _scenes(found: Survey, reporter: Reporter, *, together: bool) -> list[list[int]]:
@@ -153,33 +164,37 @@ def _fit_scenes(
     return recolours
 
 
-def _unchanged(image: Pixels, _alpha: Pixels | None) -> Pixels:
-    return image
+def _unchanged(_reporter: Reporter, image: Pixels, _alpha: Pixels | None) -> tuple[Pixels, int]:
+    return image, 0
 
 
 class _Separately:
-    """Every photograph is a scene of its own."""
+    """Every photograph is a scene of its own.
 
-    def __init__(self, make: Callable[[], Enhancer]) -> None:
-        self._make = make
+    Args:
+        fit_share: of the time for a photograph.
+    """
 
-    def __call__(self, image: Pixels, alpha: Pixels | None) -> Pixels:
+    def __init__(self, make: Callable[[], Enhancer], fit_share: float) -> None:
+        self._make, self._fit_share = make, fit_share
+
+    def __call__(self, reporter: Reporter, image: Pixels, alpha: Pixels | None) -> tuple[Pixels, int]:
         if not _has_colour(image, alpha):
-            return image
+            return image, 0
         enhancer = self._make()
-        enhancer.fit([image], alphas=[alpha])
-        return _apply(enhancer, image, alpha)
+        enhancer.fit([image], StageSpan(reporter, STAGE, 0.0, self._fit_share, None), alphas=[alpha])
+        return _apply(enhancer, reporter, image, alpha)
 
 
-def _apply(enhancer: Enhancer, image: Pixels, alpha: Pixels | None) -> Pixels:
+def _apply(enhancer: Enhancer, _reporter: Reporter, image: Pixels, alpha: Pixels | None) -> tuple[Pixels, int]:
     """The enhanced (H, W, 3) image, in blocks of rows where memory can be saved that way."""
     if not isinstance(enhancer, _POINTWISE):
-        return enhance_bytes(enhancer, image, alpha)
+        return enhance_finite(enhancer, image, alpha)
     rows = max(_BLOCK_PIXELS // image.shape[1], 1)
     enhanced = np.empty_like(image)
     for top in range(0, len(image), rows):
         enhanced[top : top + rows] = enhance_bytes(enhancer, image[top : top + rows])
-    return enhanced
+    return enhanced, 0
 
 
 def _has_colour(image: Pixels, alpha: Pixels | None) -> bool:

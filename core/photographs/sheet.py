@@ -33,11 +33,12 @@ class Sheet:
     Args:
         observer: for whom the photographs were enhanced.
         enhancer: its name, for the heading.
+        folder: of the page, on whose disk there has to be room anyway.
     """
 
-    def __init__(self, observer: Observer, enhancer: str) -> None:
+    def __init__(self, observer: Observer, enhancer: str, folder: Path) -> None:
         self._observer, self._enhancer = observer, enhancer
-        self._sections: IO[str] = tempfile.TemporaryFile("w+", encoding="utf-8")  # noqa: SIM115 - closed in __exit__
+        self._sections: IO[str] = tempfile.TemporaryFile("w+", encoding="utf-8", dir=folder)  # noqa: SIM115 - closed in __exit__
 
     def __enter__(self) -> Sheet:
         return self

@@ -8,12 +8,13 @@ from pathlib import Path
 from ..capture.model import View
 from ..enhance import (
     Enhancer,
-    IdentityEnhancer,
     LutEnhancer,
     SceneEnhancer,
     SceneNetworkEnhancer,
     enhance_bytes,
     enhance_finite,
+    learns,
+    warn_not_finite,
 )
 from ..evaluate.evaluation import enhanced_path
 from ..files.images import write_png
@@ -59,10 +60,7 @@ def enhance_views(
                 write_png(enhanced_path(folder, layer, view, again=True), enhanced)
             done += 1
             reporter.progress(STAGE, done / total, f"{layer.name}: {view.key}")
-        if broken:
-            found = f"{layer.name}: the enhancer gave no finite colour for {broken:,} pixels"
-            remedy = "which stay as photographed; ask its authors, or use another --enhancer"
-            reporter.warning("enhancer-not-finite", f"{found}, {remedy}")
+        warn_not_finite(reporter, layer.name, broken)
 
 
 def _write_fitted(enhancer: Enhancer, layer: Layer, folder: Path) -> None:
@@ -74,6 +72,6 @@ def _write_fitted(enhancer: Enhancer, layer: Layer, folder: Path) -> None:
 
 def _fit_cost(enhancer: Enhancer) -> int:
     """As how many applications to a view a fit counts for the progress."""
-    if isinstance(enhancer, IdentityEnhancer):
+    if not learns(enhancer):
         return 0
     return _LUT_FIT_VIEWS if isinstance(enhancer, LutEnhancer) else _NETWORK_FIT_VIEWS

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.bootstrap import ROOT
+from cvdgs.core.capture.images import read_pixels
 from cvdgs.core.capture.reader import read_capture
 from cvdgs.core.color.metrics import ccpr
 from cvdgs.core.color.simulation import simulate
@@ -18,6 +19,9 @@ from cvdgs.core.color.spaces import image_to_tensor
 from cvdgs.core.enhance import make_enhancer
 from cvdgs.core.errors import InputError
 from cvdgs.core.files.images import to_bytes, write_png
+from cvdgs.core.photographs.front import EnhanceRequest
+from cvdgs.core.photographs.job import enhance_folder
+from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.core.settings import Layer, Settings
 from cvdgs.core.splats.io.ply import read_ply
 
@@ -80,6 +84,74 @@ def test_an_enhancer_that_fails_when_it_is_loaded_or_made_is_one_line(installed,
     sys.modules.pop("faulty_shift", None)
     with pytest.raises(InputError, match=r"cannot be loaded .*division by zero"):
         make_enhancer("plugin:blue_shift", "deutan", 1.0)
+
+
+def installed_as(installed, monkeypatch, call: str, fit: str = "pass"):
+    """The enhancer of the package, were its module this one."""
+    (installed.parent / "other_shift.py").write_text(
+        "import numpy as np\n"
+        "class BlueShift:\n"
+        "    def __init__(self, **who): pass\n"
+        f"    def fit(self, images, reporter=None, *, alphas=None): {fit}\n"
+        f"    def __call__(self, image): {call}\n"
+    )
+    (installed / "entry_points.txt").write_text("[cvdgs.enhancers]\nblue_shift = other_shift:BlueShift\n")
+    monkeypatch.delitem(sys.modules, "other_shift", raising=False)
+    return make_enhancer("plugin:blue_shift", "deutan", 1.0)
+
+
+GREY = np.full((8, 8, 3), 100, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        ("1 / 0", r"fails \(ZeroDivisionError"),
+        ("return image[:2] / 255.0", r"shape \(2, 8, 3\)"),
+        ("return image", "type uint8"),
+        ("return image.astype(float)", "not from 0 to 1"),
+    ],
+)
+def test_an_enhancer_that_gives_no_image_is_one_line_with_its_name(installed, monkeypatch, call, said):
+    enhancer = installed_as(installed, monkeypatch, call)
+    with pytest.raises(InputError, match=f"plugin:blue_shift.*{said}"):
+        enhancer(GREY)
+
+
+def test_an_enhancer_that_cannot_be_fitted_is_one_line_with_its_name(installed, monkeypatch):
+    enhancer = installed_as(installed, monkeypatch, "return image / 255.0", fit="raise KeyError('x')")
+    with pytest.raises(InputError, match=r"plugin:blue_shift.*cannot be fitted \(KeyError"):
+        enhancer.fit([GREY])
+
+
+def test_an_enhancer_cannot_change_the_photographs(installed, monkeypatch):
+    image, alpha = GREY.copy(), np.full((8, 8), 200, np.uint8)
+    enhancer = installed_as(
+        installed, monkeypatch, "image[:] = 0; return image / 255.0", fit="images[0][:] = alphas[0][:] = 0"
+    )
+    enhancer.fit([image], alphas=[alpha])
+    assert not enhancer(image).any()
+    assert (image == 100).all()
+    assert (alpha == 200).all()
+
+
+def test_pixels_that_an_enhancer_gives_no_finite_colour_are_counted_in_photographs_too(
+    installed, monkeypatch, tmp_path
+):
+    installed_as(installed, monkeypatch, "image = image / 255.0; image[0] = np.nan; return image * 0.5")
+    write_png(tmp_path / "a.png", np.dstack([GREY[..., 0], GREY[..., 0] // 2, GREY[..., 0]]))
+    warned = {}
+
+    class Recorder(Reporter):
+        def warning(self, name, message):
+            warned[name] = message
+
+    (tmp_path / "out").mkdir()
+    request = EnhanceRequest((str(tmp_path / "a.png"),), str(tmp_path / "out"), enhancer="plugin:blue_shift")
+    enhance_folder(request, tmp_path / "out", Recorder())
+    assert "plugin:blue_shift: the enhancer gave no finite colour for 8 pixels" in warned["enhancer-not-finite"]
+    enhanced = read_pixels(tmp_path / "out" / "a.png", min_side=1)[0]
+    assert enhanced[:2, 0, 0].tolist() == [100, 50]
 
 
 @pytest.mark.parametrize("name", ["os:system", "plugin:os.system", "plugin:", "plugin:../x"])

@@ -73,6 +73,11 @@ class SceneNetworkEnhancer(SceneEnhancer):
         return cls(cvd, severity, simulation, strength, fitted=fitted)
 
     @property
+    def learns(self) -> bool:
+        """See `SceneEnhancer.learns`."""
+        return super().learns and not self._is_given
+
+    @property
     def fitted(self) -> FittedNetwork:
         """The network at full strength; raises RuntimeError where `fit` has to come first."""
         if self._fitted is None:
@@ -84,7 +89,7 @@ class SceneNetworkEnhancer(SceneEnhancer):
         save_network(self.fitted, path)
 
     def _fit(self, images: Images, reporter: Reporter, alphas: Alphas) -> None:
-        if self._is_given:
+        if not self.learns:
             return
         self._take(
             fit_network(

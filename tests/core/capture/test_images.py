@@ -132,6 +132,36 @@ def test_cmyk_is_refused(tmp_path: Path, extension: str) -> None:
         read_header(tmp_path / f"x.{extension}")
 
 
+def test_lab_is_refused(tmp_path: Path) -> None:
+    picture = Image.fromarray(PICTURE).convert("LAB")
+    picture.info.pop("icc_profile", None)
+    picture.save(tmp_path / "x.tif")
+    with pytest.raises(InputError, match=r"Lab.*convert it to RGB"):
+        read_pixels(tmp_path / "x.tif")
+
+
+@pytest.mark.parametrize("extension", ["tif", "webp"])
+def test_the_first_of_several_pages_is_used_and_that_is_said(tmp_path: Path, extension: str) -> None:
+    pages = [Image.fromarray(PICTURE), Image.fromarray(PICTURE[::-1])]
+    for number, others in enumerate([[], [pages[1]], [pages[1].resize((8, 6))]]):
+        if extension == "tif" or number < 2:
+            pages[0].save(tmp_path / f"{number}.{extension}", save_all=True, append_images=others, lossless=True)
+    headers = [read_header(path) for path in sorted(tmp_path.iterdir())]
+    assert [header.has_pages for header in headers] == [False, True, False][: len(headers)]
+    np.testing.assert_array_equal(read_pixels(tmp_path / f"1.{extension}")[0], PICTURE)
+
+
+def test_photographs_with_several_pages_are_named_in_a_warning(tmp_path: Path) -> None:
+    photographs = shots(2)
+    for shot in photographs:
+        shot.name = f"{Path(shot.name).stem}.tif"
+    root = write_transforms(tmp_path, photographs)
+    first, second = (Image.fromarray(shot.render()) for shot in photographs)
+    first.save(root / "images" / photographs[0].name, save_all=True, append_images=[second])
+    (message,) = [w.message for w in inspect_capture(root).warnings if w.name == "several-pages"]
+    assert "1 photographs have several pages" in message
+
+
 def test_other_colour_spaces_are_named_in_a_warning(tmp_path: Path) -> None:
     photographs = shots(2)
     root = write_transforms(tmp_path, photographs)

@@ -51,6 +51,23 @@ def fresh_tree(tmp_path) -> Path:
     return tree
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such limits")
+def test_disks_on_which_no_temporary_file_fits_are_a_finding(tmp_path):
+    import resource  # of POSIX
+
+    program = "from cvdgs.core.doctor.checks import _temporary_files; print(_temporary_files())"
+    process = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0)),
+    )
+    assert process.returncode == 0, process.stderr
+    assert "MISSING" in process.stdout
+    assert "TMPDIR" in process.stdout
+
+
 def test_the_projects_environment_is_ready():
     process = ask_doctor("--json")
     assert process.returncode == 0, process.stdout + process.stderr

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from cvdgs.core.color.simulation import Observer
 from cvdgs.core.color.spaces import delta_e_2000, image_to_tensor
 from cvdgs.core.enhance import CganEnhancer, SceneNetworkEnhancer, make_enhancer
+from cvdgs.core.enhance.gan.networks import Generator
 from cvdgs.core.enhance.gan.weights import save_generator
 from cvdgs.core.enhance.scene.objective import Objective
 from cvdgs.core.errors import InputError
@@ -69,6 +71,33 @@ def test_what_it_made_is_a_scene_network_that_can_be_used_again(weights, tmp_pat
     enhancer.save(tmp_path / "layer.safetensors")
     again = make_enhancer(str(tmp_path / "layer.safetensors"), "deutan", 1.0)
     assert isinstance(again, SceneNetworkEnhancer)
+    assert np.array_equal(again(image), enhancer(image))
+
+
+def test_one_thread_and_two_predict_the_same_network(weights):
+    threads, networks = torch.get_num_threads(), []
+    try:
+        for number in (1, 2):
+            torch.set_num_threads(number)
+            enhancer = CganEnhancer("deutan", 1.0, weights=weights, fit_steps=0)
+            enhancer.fit([textiles.tartan(size=320)])
+            networks.append(enhancer.fitted)
+    finally:
+        torch.set_num_threads(threads)
+    assert networks[0].budget == networks[1].budget
+    for one, other in zip(*(fitted.network.parameters() for fitted in networks), strict=True):
+        assert torch.equal(one, other)
+
+
+def test_what_is_fitted_keeps_no_generator_and_can_be_fitted_again(weights):
+    enhancer = CganEnhancer("deutan", 1.0, weights=weights, fit_steps=0)
+    image, generators = textiles.tartan(size=48), []
+    for _ in range(2):
+        enhancer.fit([image])
+        generators.append(sum(isinstance(one, Generator) for one in vars(enhancer).values()))
+    assert generators == [0, 0]
+    again = CganEnhancer("deutan", 1.0, weights=weights, fit_steps=0)
+    again.fit([image])
     assert np.array_equal(again(image), enhancer(image))
 
 

@@ -33,10 +33,15 @@ TARTAN = textiles.tartan(size=48, stripe=8)
 
 
 class Recorder(Reporter):
-    """Keeps the warnings."""
+    """Keeps the warnings, and how far the stage "enhance" was."""
 
     def __init__(self) -> None:
         self.warnings: dict[str, str] = {}
+        self.enhanced: list[float] = []
+
+    def progress(self, stage: str, fraction: float, message: str = "") -> None:
+        if stage == "enhance":
+            self.enhanced.append(fraction)
 
     def warning(self, name: str, message: str) -> None:
         self.warnings[name] = message
@@ -141,6 +146,25 @@ def test_photographs_whose_colours_have_nothing_in_common_are_scenes_of_their_ow
         np.testing.assert_array_equal(pixels(tmp_path / "mixed" / name), pixels(tmp_path / alone / name))
 
 
+def test_what_is_not_fitted_takes_no_part_of_the_time(tmp_path: Path) -> None:
+    photographs = [save(tmp_path / f"{number}.png") for number in range(4)]
+    for options in ({}, {"enhancer": "lut", "strength": 0.0}, {"separately": True}):
+        assert run(tmp_path / "out", *photographs, **options).enhanced == [0.0, 0.25, 0.5, 0.75, 1.0]
+
+
+@pytest.mark.usefixtures("brief_fits")
+def test_a_fit_to_one_photograph_alone_is_seen_to_go_on(tmp_path: Path) -> None:
+    photographs = [save(tmp_path / f"{number}.png") for number in range(2)]
+    told = run(tmp_path / "out", *photographs, enhancer="lut", separately=True).enhanced
+    assert told == sorted(told)
+    assert all(sum(start < fraction < start + 0.4 for fraction in told) > 20 for start in (0.0, 0.5))
+
+
+def test_a_card_that_is_not_there_is_not_missed(tmp_path: Path) -> None:
+    run(tmp_path / "out", save(tmp_path / "a.png"), device="cuda")
+    assert (tmp_path / "out" / "a.png").exists()
+
+
 def test_together_and_separately_at_once_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="together and separately"):
         run(tmp_path / "out", save(tmp_path / "a.png"), together=True, separately=True)
@@ -186,8 +210,9 @@ def test_rotated_deep_grey_and_tiny_photographs_are_handled_and_said(tmp_path: P
     save(tmp_path / "in" / "grey.jpg", mode="L")
     save(tmp_path / "in" / "one.png", TARTAN[:1, :1])
     save(tmp_path / "in" / "palette.png", mode="P")
+    save(tmp_path / "in" / "pages.tif", save_all=True, append_images=[Image.fromarray(TARTAN[::-1])])
     recorder = run(tmp_path / "out", tmp_path / "in", enhancer="lut", together=True)
-    assert set(recorder.warnings) == {"exif-rotated", "deep-colour"}
+    assert set(recorder.warnings) == {"exif-rotated", "deep-colour", "several-pages"}
     assert pixels(tmp_path / "out" / "turned.png").shape == (48, 40, 3)
     assert pixels(tmp_path / "out" / "one.png").shape == (1, 1, 3)
     for name in ("deep.png", "grey.png"):
@@ -201,13 +226,13 @@ def test_rotated_deep_grey_and_tiny_photographs_are_handled_and_said(tmp_path: P
 
 
 def test_names_that_collide_keep_apart_and_hostile_ones_stay_text(tmp_path: Path) -> None:
-    photographs = [tmp_path / "in" / name for name in ("a.png", "a.bmp", "A.tif", "<b>&'.png", "x/a.png")]
+    photographs = [tmp_path / "in" / name for name in ("a.png", "a.bmp", "A.tif", "<b>&'.png", "x/a.png", "日本.png")]
     for path in photographs:
         save(path)
     run(tmp_path / "out", tmp_path / "in", tmp_path / "in" / "a.png")
     results = [name for name in names(tmp_path / "out") if name.endswith(".png")]
     assert len(results) == len({name.lower() for name in results}) == len(photographs)
-    assert all(re.fullmatch(r"[A-Za-z0-9._-]+", name) for name in results)
+    assert all(re.fullmatch(r"[\w.-]+", name) for name in results)
     page = (tmp_path / "out" / "sheet.html").read_text(encoding="utf-8")
     assert "<b>" not in page
     assert "&lt;b&gt;&amp;" in page
@@ -233,11 +258,13 @@ def test_blocks_of_rows_leave_no_seam(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_what_is_no_image_is_skipped_and_named(tmp_path: Path) -> None:
     save(tmp_path / "in" / "a.png")
+    save(tmp_path / "elsewhere" / "b.png")
+    os.symlink("../elsewhere", tmp_path / "in" / "more")
     for name in ("clip.mp4", "notes.txt", ".hidden"):
         (tmp_path / "in" / name).write_text("x")
     os.symlink("loop", tmp_path / "in" / "loop")
     recorder = run(tmp_path / "out", tmp_path / "in")
-    assert "clip.mp4, loop, notes.txt" in recorder.warnings["not-images"]
+    assert "clip.mp4, loop, more (a linked folder) and 1 more" in recorder.warnings["not-images"]
     assert "hidden" not in recorder.warnings["not-images"]
 
 
@@ -359,9 +386,9 @@ def test_a_new_result_replaces_all_of_the_old_one_and_nothing_else(tmp_path: Pat
     assert names(out) == ["metrics.csv", "mine.png", "new.png", "sheet.html"]
 
 
-def start(*arguments: object) -> subprocess.Popen[str]:
+def start(*arguments: object, folder: Path | None = None) -> subprocess.Popen[str]:
     command = [sys.executable, str(ROOT / "scripts" / "enhance.py"), *map(str, arguments)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder)
 
 
 def test_a_refusal_is_one_line_with_exit_code_2_and_leaves_nothing(tmp_path: Path) -> None:
@@ -378,6 +405,21 @@ def test_an_unknown_option_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
     assert len(errors.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [(("", "--out", "out"), "inputs: a name is empty"), (("a.png", "--out", ""), "--out: no output folder")],
+)
+def test_an_empty_name_does_not_stand_for_the_current_folder(
+    tmp_path: Path, arguments: tuple[str, ...], said: str
+) -> None:
+    save(tmp_path / "a.png")
+    process = start(*arguments, folder=tmp_path)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert errors.startswith(f"enhance.py: {said}")
+    assert names(tmp_path) == ["a.png"]
 
 
 @pytest.mark.parametrize("option", [("--seed", "-1"), ("--severity", "nan")])
