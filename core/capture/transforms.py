@@ -82,7 +82,7 @@ def read_transforms(file: Path, folder: Path | None = None, root: Path | None = 
 
     Args:
         folder: what names are relative to; None is the file's own. It may also be the images' folder itself.
-        root: what no image or mask may lie outside of; None is `folder`.
+        root: what no image or mask may lie outside of; None is what names are relative to.
 
     Raises:
         InputError: not JSON, cut, without frames, or with unusable poses, intrinsics or names.
