@@ -2,8 +2,8 @@
 
 A recipe is the command and the constants that shape what it measures: the product's own and the study's. Its
 fingerprint changes with each of them, so a page tells which code it is about, and a test finds pages older than that.
-Code that is not a constant counts by `RESULTS`, which is raised by hand; a test finds when small runs of the demo show
-that it has to be.
+Code that is not a constant counts by two revisions, which are raised by hand; a test finds when small runs of the demo
+show that one has to be.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ from ...core.bootstrap import ROOT
 Facts = Callable[[], tuple[Any, ...]]
 """Makes the constants that shape a study, when they are needed: some take seconds to import."""
 
-RESULTS = 1
-"""Revision of what a run makes of the same photographs and settings: raised when code, not a constant, changes it.
+ENHANCEMENT = 1
+"""Revision of what enhancement makes of the same photographs and settings, raised when code, no constant, changes it.
 
 Pages and stored trials of another revision are stale."""
+RECONSTRUCTION = 2
+"""The same of what the trainer makes of the same views."""
 UNRECORDED = "unrecorded"
 STALE = "the recipe has changed since: not comparable with what the code makes now"
 BY_HAND = ("README.md", "observers.md", "timings.md", "training.md")
@@ -76,7 +78,7 @@ class Provenance:
 
 
 def enhanced_product() -> tuple[Any, ...]:
-    """The revision of results, the constants of enhancement, and the digest of the weights."""
+    """The revision and the constants of enhancement, and the digest of the weights."""
     from ...core.enhance.scene.fit import START_WEIGHTS
 
     return *_fitted_product(), START_WEIGHTS, weights_of_product()
@@ -88,21 +90,21 @@ def weights_of_product() -> str:
 
 
 def trained_product() -> tuple[Any, ...]:
-    """The revision of results, the constants of enhancement and reconstruction, and what a run does by default.
+    """The revisions and constants of enhancement and reconstruction, and what a run does by default.
 
     Without the weights, which only the predicted network needs.
     """
     from ...core.pipeline.stages import Plans
     from ...core.settings import Settings
 
-    return *_fitted_product(), Plans(), {field.name: field.default for field in fields(Settings)}
+    return *_fitted_product(), RECONSTRUCTION, Plans(), {field.name: field.default for field in fields(Settings)}
 
 
 def _fitted_product() -> tuple[Any, ...]:
     from ...core.enhance.lut_fit import LutSettings
     from ...core.enhance.scene.fit import FitSettings
 
-    return RESULTS, FitSettings(), LutSettings()
+    return ENHANCEMENT, FitSettings(), LutSettings()
 
 
 def fingerprint(command: str, facts: Facts) -> str:

@@ -107,6 +107,8 @@ class GrowthRule:
         work_gain: dB that a doubling of all the work so far has to gain.
         contrast_gain: CCPR for normal vision that a doubling has to gain in a trial if it gains fewer dB. A scene gains
             about 0.016 along with 0.4 dB; branches of a trial differ by 0.002 for no reason, 0.005 for a doubling.
+        bearable_loss: dB that a doubling may lose there at most: where PSNR falls farther, what is gained is noise,
+            which counts as contrast, too.
         trial: share of the run's steps in either branch, at least `fewest_trial_steps`; none is made in runs of which
             that would be more than `largest_trial`.
         window: rounds over which a gain is measured, so that one noisy measurement does not decide.
@@ -118,6 +120,7 @@ class GrowthRule:
     doubling_gain: float = 0.4
     work_gain: float = 0.4
     contrast_gain: float = 0.01
+    bearable_loss: float = 0.2
     trial: float = 0.05
     fewest_trial_steps: int = 60
     largest_trial: float = 0.1
@@ -155,7 +158,8 @@ class GrowthRule:
 
     def pays(self, gained: GrowthTrial) -> bool:
         """Whether the Gaussians that a trial added are worth it, by PSNR or by contrast."""
-        return gained.psnr >= self.doubling_gain or gained.contrast >= self.contrast_gain
+        enough_contrast = gained.contrast >= self.contrast_gain and gained.psnr >= -self.bearable_loss
+        return gained.psnr >= self.doubling_gain or enough_contrast
 
 
 @dataclass(frozen=True)

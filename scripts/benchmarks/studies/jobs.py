@@ -1,7 +1,7 @@
 """Runs trials in separate processes and stores their figures, so that a long comparison can be resumed.
 
 With a process for each job, peak memory can be measured and a crash does not affect other jobs. A trial is known by its
-subject, by what its recipe does and by the product's settings, weights and revision of results: studies that store in
+subject, by what its recipe does and by the product's settings, weights and revisions: studies that store in
 one folder share trials, whatever they call them, and none is used again after one of these has changed. How trials are
 measured is not among them: after a change of that, they have to be repeated (``--again``).
 """

@@ -151,11 +151,16 @@ def test_a_constant_of_the_product_is_part_of_a_recipe(monkeypatch: pytest.Monke
     assert fingerprint(COMMAND, trained_product) != before
 
 
-def test_the_revision_of_results_is_part_of_a_recipe(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = [fingerprint(COMMAND, product) for product in (trained_product, enhanced_product)]
-    monkeypatch.setattr(provenance, "RESULTS", provenance.RESULTS + 1)
-    after = [fingerprint(COMMAND, product) for product in (trained_product, enhanced_product)]
-    assert all(old != new for old, new in zip(before, after, strict=True))
+@pytest.mark.parametrize(("revision", "enhanced_changes"), [("ENHANCEMENT", True), ("RECONSTRUCTION", False)])
+def test_a_revision_is_part_of_the_recipes_that_depend_on_it(
+    revision: str, enhanced_changes: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    products = trained_product, enhanced_product
+    trained, enhanced = (fingerprint(COMMAND, product) for product in products)
+    monkeypatch.setattr(provenance, revision, getattr(provenance, revision) + 1)
+    trained_then, enhanced_then = (fingerprint(COMMAND, product) for product in products)
+    assert trained_then != trained
+    assert (enhanced_then != enhanced) is enhanced_changes
 
 
 def test_a_fingerprint_is_the_same_in_every_process() -> None:

@@ -40,16 +40,29 @@ def test_source_and_fresh_move_with_their_gaussians():
     np.testing.assert_array_equal(ordered.fresh, ordered.source % 3 == 0)
 
 
-def test_halves_have_the_mean_and_the_variance_of_the_whole():
+def test_halves_keep_mean_and_variance_along_the_longest_axis():
     old = gaussians(20)
     old.log_scales[:] = np.log(np.random.default_rng(1).uniform(0.1, 1.0, (20, 3)))
     first, second = divide(old)
-
-    def covariance(g):
-        axes = rotate(np.repeat(g.quaternions, 3, axis=0), np.tile(np.eye(3), (len(g), 1))).reshape(-1, 3, 3)
-        return np.einsum("nki,nk,nkj->nij", axes, np.exp(2.0 * g.log_scales), axes)
-
+    rows, longest = np.arange(20), old.log_scales.argmax(axis=1)
+    scale = np.exp(old.log_scales[rows, longest])
+    direction = rotate(old.quaternions, np.eye(3)[longest])
     offset = first.means - old.means
     np.testing.assert_allclose(second.means - old.means, -offset, atol=1e-6)
-    together = covariance(first) + offset[:, :, None] * offset[:, None, :]
-    np.testing.assert_allclose(together, covariance(old), rtol=1e-3, atol=1e-5)
+    np.testing.assert_allclose(np.abs(np.sum(offset * direction, axis=1)), np.linalg.norm(offset, axis=1), rtol=1e-4)
+    for half in (first, second):
+        variance = np.exp(2.0 * half.log_scales[rows, longest]) + np.sum(offset**2, axis=1)
+        np.testing.assert_allclose(variance, scale**2, rtol=1e-3)
+
+
+def test_halves_cover_no_more_than_nine_tenths_of_the_area_of_the_whole_from_any_side():
+    old = gaussians(20)
+    old.log_scales[:] = np.log(np.random.default_rng(1).uniform(0.1, 1.0, (20, 3)))
+    rows, longest = np.arange(20), old.log_scales.argmax(axis=1)
+    for half in divide(old):
+        factors = np.exp(half.log_scales - old.log_scales)
+        along = factors[rows, longest]
+        across = np.delete(factors.ravel(), rows * 3 + longest).reshape(-1, 2)
+        # Seen from the side a half has the longest axis and one other, seen from an end the two others.
+        assert (2.0 * along[:, None] * across < 0.9).all()
+        assert (2.0 * across.prod(axis=1) < 0.9).all()

@@ -51,6 +51,12 @@ def test_gaussians_are_worth_it_for_psnr_or_for_contrast():
     assert not rule.pays(GrowthTrial(psnr=0.3, contrast=0.005))
 
 
+def test_contrast_that_comes_with_a_loss_of_psnr_is_not_worth_more_gaussians():
+    rule = GrowthRule(contrast_gain=0.01, bearable_loss=0.2)
+    assert rule.pays(GrowthTrial(psnr=-0.2, contrast=0.02))
+    assert not rule.pays(GrowthTrial(psnr=-0.3, contrast=0.02))
+
+
 def test_few_photographs_may_have_twice_as_many_gaussians_for_their_pixels_as_many_photographs():
     photograph = 240 * 180
     assert GrowthRule().ceiling(10 * photograph) == 10 * photograph // 50
