@@ -187,7 +187,8 @@ def test_without_a_limit_a_run_decides_by_validation_views_and_reports_its_decis
 
 def test_when_psnr_says_enough_a_trial_of_contrast_may_say_more(scene, views):
     def result(contrast_gain: float):
-        rule = GrowthRule(1e9, 1e9, contrast_gain, fewest_trial_steps=20, window=1, pixels_per_gaussian=20)
+        asked = {"doubling_gain": 1e9, "work_gain": 1e9, "bearable_loss": 1e9, "fewest_trial_steps": 20, "window": 1}
+        rule = GrowthRule(contrast_gain=contrast_gain, pixels_per_gaussian=20, **asked)
         run = TrainingPlan(steps=480, growth=rule, stopping=None, sh_degree=0, start=StartRule(dense=None))
         return train(views, scene.means, run)
 
