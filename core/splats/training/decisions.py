@@ -107,8 +107,8 @@ class GrowthRule:
         work_gain: dB that a doubling of all the work so far has to gain.
         contrast_gain: CCPR for normal vision that a doubling has to gain in a trial if it gains fewer dB. A scene gains
             about 0.016 along with 0.4 dB; branches of a trial differ by 0.002 for no reason, 0.005 for a doubling.
-        bearable_loss: dB that a doubling may lose there at most: where PSNR falls farther, what is gained is noise,
-            which counts as contrast, too.
+        bearable_loss: dB that a doubling may lose there at most: where PSNR falls farther, much of what is gained
+            is noise, which counts as contrast, too.
         trial: share of the run's steps in either branch, at least `fewest_trial_steps`; none is made in runs of which
             that would be more than `largest_trial`.
         window: rounds over which a gain is measured, so that one noisy measurement does not decide.

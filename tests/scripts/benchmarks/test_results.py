@@ -64,7 +64,7 @@ def made_of(name: str, folder: Path, steps: int = STEPS) -> Made:
 
 @pytest.mark.parametrize("name", MADE)
 def test_a_run_makes_what_its_revisions_say(name: str, tmp_path: Path) -> None:
-    revisions = {name: getattr(provenance, name) for name in REVISIONS}
+    revisions = {revision: getattr(provenance, revision) for revision in REVISIONS}
     assert revisions == REVISIONS, "write what runs make by the new revisions into MADE"
     assert not made_of(name, tmp_path).differences(MADE[name]), REMEDY
 
