@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 import pycolmap
@@ -14,7 +14,7 @@ from ..files.untrusted import is_file
 from ..runtime.protocol import Reporter
 from .colmap_files import ColmapModel, read_model
 from .colmap_text import lists_poses
-from .files import IMAGE_FOLDERS, Spelling, list_images, quote_first, resolve_inside
+from .files import IMAGE_FOLDERS, Spelling, is_in_masks, list_images, quote_first, resolve_inside
 from .shared_lens import describe, may_share_lens, share_lens
 from .source import SourceModel, SourceView, rigid_pose
 
@@ -109,7 +109,7 @@ def add_model(model: SourceModel, read: ColmapModel, image_folder: Path, root: P
     model.warn_about_views(sorted(missing), sorted(reshaped), len(images), image_folder)
     registered = {image.name for image in images}
     used = {view.path for view in model.views}
-    names = list_images(image_folder)
+    names = [name for name in list_images(image_folder) if not is_in_masks(PurePosixPath(name))]
     unregistered = [name for name in names if name not in registered and image_folder / name not in used]
     if unregistered:
         what = f"{len(unregistered)} photographs without cameras are left out: {quote_first(unregistered)}"

@@ -249,6 +249,18 @@ def test_photographs_without_a_camera_are_counted(tmp_path: Path) -> None:
     assert "extra.png" in message
 
 
+def test_masks_beside_photographs_in_the_capture_folder_itself_are_no_photographs_without_a_camera(
+    tmp_path: Path,
+) -> None:
+    write_colmap(tmp_path, shots(3), image_folder=".")
+    mask = np.full((72, 96, 3), 255, np.uint8)
+    mask[:, :48] = 0
+    save(tmp_path / "masks" / "0001.png", mask)
+    capture = read_capture(tmp_path, max_size=None)
+    assert "unregistered" not in warnings_of(capture)
+    assert [view.mask is not None for view in capture.views] == [True, False, False]
+
+
 @pytest.mark.parametrize("keep", [0, 1])
 def test_fewer_than_two_images_are_refused(tmp_path: Path, keep: int) -> None:
     write_colmap(tmp_path, shots(3))
