@@ -10,6 +10,7 @@ import bpy
 from .. import operators, ui
 from . import preferences_panel, properties
 from .activity import ACTIVITY
+from .compositor.copied_scenes import CopiedScenes
 from .inspection import catch_up
 from .pictures import PICTURES
 from .scene.apart import Followers
@@ -161,6 +162,7 @@ PARTS: tuple[_Part, ...] = (
     _Handler("blend_import_post", _keep_appended_runs),
     _Handler("depsgraph_update_post", match_after_change),
     _Handler("render_init", match_before_render),
+    CopiedScenes(),
     Followers(),
     WATCHER,
     *map(_Class, operators.CLASSES),

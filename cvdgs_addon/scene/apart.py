@@ -68,6 +68,12 @@ def follows_another(scene: bpy.types.Scene) -> bool:
     return _OWNER in scene
 
 
+def names_scenes_of_another(scene: bpy.types.Scene) -> bool:
+    """Whether `scene` was copied from one that is rendered apart, and has no scenes of its own for that yet."""
+    helpers = [scene.get(key) for key in (_OBJECTS_SCENE, _GAUSSIANS_SCENE)]
+    return any(helper is not None and helper.get(_OWNER) != scene for helper in helpers)
+
+
 def take_apart(scene: bpy.types.Scene) -> None:
     """Let objects and Gaussians of `scene` be rendered in scenes of their own; nothing of them is copied."""
     put_together(scene)

@@ -375,13 +375,34 @@ def test_a_turntable_shows_things_from_its_own_camera(scene, tmp_path, is_cut):
     assert apart.is_apart(scene)
 
 
+@pytest.mark.parametrize("kind", ["FULL_COPY", "LINK_COPY"])
+def test_a_copy_of_the_scene_renders_what_is_in_the_copy(scene, tmp_path, kind):
+    thing = add_thing(scene, (0.0, 0.0, 0.0), light=(0.9, 0.0, 0.0))
+    bpy.ops.cvdgs.set_up_render()
+    helpers = objects_scene(scene), gaussians_scene(scene)
+    original = render_png(scene, tmp_path / "original.png")
+    bpy.ops.scene.new(type=kind)
+    copy = bpy.context.scene
+    shining = next(found for found in copy.objects if found.name.startswith(thing.name))
+    assert (shining == thing) == (kind == "LINK_COPY")
+    shining.hide_render = True
+    without = render_png(copy, tmp_path / "copy.png")
+    assert is_apart(copy)
+    assert not {objects_scene(copy), gaussians_scene(copy)} & set(helpers)
+    assert (without[..., 0] > 0.9).sum() < 0.1 * (original[..., 0] > 0.9).sum()
+    shining.hide_render = False
+    np.testing.assert_array_equal(render_png(copy, tmp_path / "again.png"), original)
+    assert (objects_scene(scene), gaussians_scene(scene)) == helpers
+    bpy.context.window.scene = scene
+    np.testing.assert_array_equal(render_png(scene, tmp_path / "untouched.png"), original)
+
+
 def test_restoring_a_copy_of_the_scene_leaves_the_original_apart(scene):
     bpy.ops.cvdgs.set_up_render()
     helpers = objects_scene(scene), gaussians_scene(scene)
     bpy.ops.scene.new(type="FULL_COPY")
     copy = bpy.context.scene
     assert copy != scene
-    assert not is_apart(copy)
     bpy.ops.cvdgs.restore_render()
     assert (objects_scene(scene), gaussians_scene(scene)) == helpers
     assert all(layer.use for layer in copy.view_layers)

@@ -26,6 +26,12 @@ def node() -> bpy.types.Node | None:
     return simulation_node(bpy.context.scene)
 
 
+def add_object() -> None:
+    """As an artist does, of which Blender tells its handlers."""
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new("thing", None))
+    bpy.context.view_layer.update()
+
+
 def test_switching_on_and_off_leaves_the_scene_as_it_was(simulate):
     simulate.in_renders = True
     assert node() is not None
@@ -37,6 +43,34 @@ def test_switching_on_and_off_leaves_the_scene_as_it_was(simulate):
     assert scene_tree(bpy.context.scene) is None
     assert bpy.context.scene.render.use_compositing
     assert not [key for key in bpy.context.scene.keys() if key.startswith("cvdgs_")]  # noqa: SIM118 - not a dict
+
+
+@pytest.mark.parametrize("view_transform", ["Standard", "AgX"])
+@pytest.mark.parametrize("kind", ["EMPTY", "LINK_COPY", "FULL_COPY"])
+def test_a_copy_of_the_scene_simulates_as_the_original_does(simulate, kind, view_transform):
+    """EMPTY is what Blender calls "Copy Settings"; with AgX the view transform moves into the compositor."""
+    scene = bpy.context.scene
+    scene.view_settings.view_transform = view_transform
+    simulate.in_renders = True
+    during = scene.view_settings.view_transform
+    bpy.ops.scene.new(type=kind)
+    copy = bpy.context.scene
+    add_object()
+    assert node() is not None
+    assert scene_tree(copy) != scene_tree(scene)
+    assert copy.view_settings.view_transform == during
+    copy.cvdgs.simulate.in_renders = False
+    assert scene_tree(copy) is None
+    assert copy.view_settings.view_transform == view_transform
+    assert simulation_node(scene) is not None
+
+
+def test_a_simulation_that_somebody_deletes_by_hand_stays_away(simulate):
+    simulate.in_renders = True
+    add_object()
+    scene_tree(bpy.context.scene).nodes.remove(node())
+    add_object()
+    assert node() is None
 
 
 def test_the_viewers_eyes_are_simulated_unless_others_are_chosen(simulate):
