@@ -101,13 +101,20 @@ def _lists(path: str) -> str | None:
 def _keep(scene: bpy.types.Scene, purpose: str, path: str) -> None:
     """Blender does not save data-blocks that nothing uses."""
     owner, name = _owner(scene, path)
-    if _lists(path) and getattr(owner, name) is not None:
-        scene[_KEPT.format(purpose=purpose, path=path)] = getattr(owner, name)
+    block = getattr(owner, name) if _lists(path) else None
+    if block is not None and not _is_deleted(block):  # a script's camera may be in no collection from the start
+        scene[_KEPT.format(purpose=purpose, path=path)] = block
 
 
 def _kept(scene: bpy.types.Scene, purpose: str, path: str) -> bpy.types.ID | None:
-    """The data-block that was in place before, whatever it is called by now."""
-    return scene.get(_KEPT.format(purpose=purpose, path=path))
+    """The data-block that was in place before, whatever it is called by now; None where somebody has deleted it."""
+    kept = scene.get(_KEPT.format(purpose=purpose, path=path))
+    return None if _is_deleted(kept) else kept
+
+
+def _is_deleted(block: bpy.types.ID | None) -> bool:
+    """Whether it is an object in no collection: what somebody deleted stays in the file as long as we keep it."""
+    return isinstance(block, bpy.types.Object) and not block.users_collection
 
 
 def _record(scene: bpy.types.Scene, purpose: str) -> dict[str, list[Any]]:
@@ -117,6 +124,8 @@ def _record(scene: bpy.types.Scene, purpose: str) -> dict[str, list[Any]]:
         kept = _kept(scene, purpose, path)
         if kept is not None:
             record[path][0] = kept.name
+        elif _KEPT.format(purpose=purpose, path=path) in scene:
+            record[path][0] = None
     return record
 
 

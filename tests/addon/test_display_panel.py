@@ -170,6 +170,18 @@ def test_the_artists_camera_is_restored_after_the_turntable_that_was_looked_thro
     assert scene.camera == mine
 
 
+def test_a_camera_that_the_artist_deletes_meanwhile_does_not_come_back(shown):
+    scene = bpy.context.scene
+    own_camera(scene)
+    view_in_color()
+    with bpy.context.temp_override(selected_objects=[scene.objects["Mine"]]):
+        bpy.ops.object.delete()
+    assert "Mine" not in scene.objects
+    bpy.ops.cvdgs.restore_render()
+    assert scene.camera is None
+    assert scene.render.resolution_x == 3840
+
+
 BORDER = [f"border_{end}_{axis}" for end in ("min", "max") for axis in "xy"]
 
 
