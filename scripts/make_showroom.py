@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,30 +18,10 @@ import bootstrap
 
 bootstrap.load()
 from cvdgs.core.errors import InputError
-from cvdgs.core.runtime.cli import OneLineParser, exit_code, script_arguments
-from cvdgs.core.runtime.progress import format_seconds
-from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.core.runtime.cli import ConsoleReporter, OneLineParser, exit_code, script_arguments
 from cvdgs.scripts.showroom.settings import ROOM_CAMERAS, SCENES, VARIANTS, CaptureSettings, SceneSettings
 
 PREVIEW_SAMPLES = 3
-
-
-class ConsoleReporter(Reporter):
-    """Prints one line a step with the time left in its stage."""
-
-    def __init__(self) -> None:
-        self._stage = ""
-        self._started = 0.0
-
-    def status(self, stage: str, message: str) -> None:
-        if stage != self._stage:
-            self._stage, self._started = stage, time.monotonic()
-        print(f"{stage}: {message}", flush=True)
-
-    def progress(self, stage: str, fraction: float, message: str = "") -> None:
-        elapsed = time.monotonic() - self._started
-        left = elapsed / fraction * (1 - fraction) if fraction > 0 else 0.0
-        print(f"{stage}: {100 * fraction:3.0f} %  {message}  {format_seconds(left)} left", flush=True)
 
 
 def parse(arguments: list[str]) -> tuple[Path, CaptureSettings, int]:
@@ -106,7 +85,7 @@ def main(arguments: list[str]) -> int:
             raise InputError("this Python has no bpy", remedy="install the bpy wheel, or run the script inside Blender")
         from cvdgs.scripts.showroom.capture import make
 
-        make(out, settings, ConsoleReporter(), threads)
+        make(out, settings, ConsoleReporter(sys.stderr), threads)
 
     return exit_code("make_showroom.py", work)
 

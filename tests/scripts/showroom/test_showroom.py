@@ -262,7 +262,7 @@ def test_a_tiny_showroom_is_a_readable_capture(tmp_path: Path) -> None:
     done = make_showroom("--out", str(out), "--depth-views", "1", *TINY)
 
     assert done.returncode == 0, done.stderr
-    assert "left" in done.stdout  # progress with the time left
+    assert "left" in done.stderr  # progress with the time left
     capture = read_capture(out, max_size=None)
     assert [view.image.shape for view in capture.views] == [(48, 64, 3)] * 3
     assert len(capture.points) == 90
