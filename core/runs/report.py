@@ -10,7 +10,16 @@ from typing import Any
 
 from ..errors import InputError
 from ..files.untrusted import is_file, is_there, read_json
-from .layout import CAMERAS_FILE, CAPTURE_FOLDER, GAUSSIANS_FILE, REPORT_FILE, layer_gaussians_file
+from ..settings import Layer
+from .layout import (
+    CAMERAS_FILE,
+    CAPTURE_FOLDER,
+    GAUSSIANS_FILE,
+    ORIGINAL,
+    REPORT_FILE,
+    layer_gaussians_file,
+    layer_still_file,
+)
 
 SCHEMA = "cvdgs-report-1"
 SCORED_PICTURES = {
@@ -67,6 +76,31 @@ def check_report(report: Any) -> None:
         ValueError: it is not; says where.
     """
     _check_shape(report, _SHAPE, "report")
+    _check_names(report)
+
+
+def _check_names(report: Mapping[str, Any]) -> None:
+    """Of layers and views become files: those of a report from elsewhere must not lead out of its folder.
+
+    Raises:
+        ValueError: one is no such name.
+    """
+    layers = [ORIGINAL, *report["layers"]]
+    blender, turntable = report.get("blender") or {}, report.get("turntable") or {}
+    usable = {
+        "layers": all(map(Layer.is_name, report["layers"])),
+        "views_shown": all(map(_is_file_name, report.get("views_shown", ()))),
+        "blender.stills": set(blender.get("stills", ())) <= set(map(layer_still_file, layers)),
+        "turntable.layers": set(turntable.get("layers", ())) <= set(layers),
+    }
+    for path, is_usable in usable.items():
+        if not is_usable:
+            raise ValueError(f"report.{path} is unusable")
+
+
+def _is_file_name(text: str) -> bool:
+    """Whether `text` is a file's name in a folder, on whatever system."""
+    return text not in ("", ".", "..") and not set(text) & set("/\\:\0")
 
 
 def _check_shape(value: Any, shape: Any, path: str) -> None:
@@ -188,6 +222,11 @@ def read_report(folder: Path) -> dict[str, Any]:
         raise InputError(
             f"the run was made by another version ({report['schema']})", where=folder, remedy="make the run again"
         )
+    damaged = InputError(f"{REPORT_FILE} of the finished run is damaged", where=folder, remedy=_REMEDY)
     if not isinstance(report.get("layers"), dict) or not isinstance(report.get("settings"), dict):
-        raise InputError(f"{REPORT_FILE} of the finished run is damaged", where=folder, remedy=_REMEDY)
+        raise damaged
+    try:
+        _check_names(report)
+    except (ValueError, TypeError, AttributeError):
+        raise damaged from None
     return report

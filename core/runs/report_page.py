@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ..files.pages import write_page
-from ..files.untrusted import read_json, replacing
-from .layout import ORIGINAL, RENDERS_FOLDER, REPORT_FILE, REPORT_PAGE, VIEWER_PAGE, picture_name, spread_over_turn
-from .report import bound, gained, scored_pictures
+from ..files.untrusted import replacing
+from .layout import ORIGINAL, RENDERS_FOLDER, REPORT_PAGE, VIEWER_PAGE, picture_name, spread_over_turn
+from .report import bound, gained, read_report, scored_pictures
 
 _TURNTABLE_FRAMES = 4  # that the page shows
 _MOST_EMBEDDED_BYTES = 24 << 20  # of the scene's page; a larger one is loaded from its file
@@ -23,10 +23,10 @@ def write_report_page(folder: Path) -> None:
     """Write ``report.html`` into a run's folder; its pictures are embedded, so that the page can be moved.
 
     Raises:
-        InputError: there is no report.
+        InputError: there is no report, or it is damaged.
         OSError: the page cannot be written.
     """
-    report = read_json(folder / REPORT_FILE)
+    report = read_report(folder)
     shown = report["views_shown"]
     middle = shown[len(shown) // 2] if shown else ""
     layer = next(iter(report["layers"]), ORIGINAL)

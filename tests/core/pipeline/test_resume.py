@@ -50,7 +50,7 @@ def report() -> dict:
         "layers": {"deutan-1.0": LAYER},
         "notes": {"rwe": "nothing shared"},
         "warnings": [{"name": "few-views", "message": "only 5"}],
-        "blender": {"stills": ["stills/a.png"]},
+        "blender": {"stills": ["stills/original.png"]},
     }
 
 

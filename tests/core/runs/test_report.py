@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from cvdgs.core.errors import InputError
 from cvdgs.core.files.images import read_png, write_png
 from cvdgs.core.runs.report import latest_seconds, without_non_finite, write_report
 from cvdgs.core.runs.report_page import write_report_page
@@ -91,6 +92,23 @@ def test_names_from_outside_are_shown_and_not_run(folder):
     page = (folder / "report.html").read_text()
     assert "<b>silk" not in page
     assert "&lt;9&gt; views" in page
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"layers": {"../secret": LAYER}},
+        {"layers": {"/secret": LAYER}},
+        {"views_shown": ["../../../secret"]},
+        {"blender": {"stills": ["../secret.png"]}},
+        {"turntable": {"frames": 4, "layers": ["../secret"]}},
+        {"blender": {"stills": 7}},
+    ],
+)
+def test_no_name_of_a_report_from_elsewhere_leads_out_of_its_folder(folder, changes):
+    with pytest.raises(InputError, match="damaged"):
+        finish_report(folder, without_non_finite(report(**changes)))
+    assert not (folder / "report.html").exists()
 
 
 def test_a_run_without_held_out_views_still_has_a_page(folder):
