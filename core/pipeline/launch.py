@@ -114,7 +114,7 @@ def run(
         if settings.blend:
             # A held-out view from the middle: its still can be compared with renders/.
             shown = report["views_shown"]
-            arguments = [str(folder.staging), "--view", shown[len(shown) // 2]]
+            arguments = [str(folder.staging), f"--view={shown[len(shown) // 2]}"]  # it may begin with a dash
             with clock.measure("blender"):
                 blender = finish(workers.start_command(blender_command(arguments), None, log.line), log.event)
             blender.pop("event")

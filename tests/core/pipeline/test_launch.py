@@ -196,6 +196,29 @@ def test_a_run_may_be_made_anew_from_its_own_capture(run, earlier):
     assert not (earlier / "scene.blend").exists()
 
 
+BLENDER = f"""#!{sys.executable}
+import json, sys
+sys.path[:0] = [{str(ROOT / "core")!r}]
+import bootstrap
+bootstrap.load()
+from cvdgs.cvdgs_addon.scene.worker import _parse
+options = _parse(sys.argv[sys.argv.index("--") + 1 :])
+print(json.dumps({{"event": "result", "stills": [], "view": options.view}}))
+"""
+
+
+def test_blender_shows_a_view_whose_name_begins_with_a_dash(run, tmp_path, monkeypatch):
+    """As do the names of many downloaded videos, after which their frames are called."""
+    blender = tmp_path / "blender"
+    blender.write_text(BLENDER)
+    blender.chmod(0o755)
+    monkeypatch.setenv("CVDGS_BLENDER", str(blender))
+    result = run("emit('result', report={**REPORT, 'views_shown': ['-wtIMTCHWuI_0001']})", "--blend")
+    assert result.returncode == 0, result.err
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["blender"]["view"] == "-wtIMTCHWuI_0001"
+
+
 @pytest.mark.parametrize("stubborn", [False, True], ids=["cooperative", "deaf"])
 def test_ctrl_c_ends_the_run_soon_and_leaves_nothing(run, tmp_path, stubborn):
     ignore = "signal.signal(signal.SIGINT, signal.SIG_IGN)\n" if stubborn else ""
