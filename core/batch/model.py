@@ -9,9 +9,10 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from ..files.untrusted import is_file
+from ..capture.files import capture_root
+from ..files.untrusted import is_file, is_folder
 from ..rendering.requests import CameraPath
-from ..runs.layout import ORIGINAL
+from ..runs.layout import MASKS_FOLDER, ORIGINAL
 from ..settings import AUTO, CVD_TYPES, ESTIMATE, GIVEN, WEIGHTS_SUFFIX, Layer
 
 _LAYER = re.compile(rf"({'|'.join(CVD_TYPES)})(?:-([0-9.]+))?")
@@ -93,7 +94,18 @@ class Item:
         """What the item is made from: a folder, a video or a zip."""
         path = self.capture or self.run
         assert path is not None
-        return path.parent if path.suffix.lower() == ".json" and is_file(path) else path
+        if path.suffix.lower() == ".json" and is_file(path):
+            return path.parent
+        # A model's own folder, whose photographs lie elsewhere in the capture.
+        return capture_root(path) if any(is_file(path / name) for name in ("cameras.bin", "cameras.txt")) else path
+
+    @property
+    def masks(self) -> list[Path]:
+        """What may be the mask of a lone video; a folder holds its own."""
+        beside = self.source.parent / MASKS_FOLDER
+        if not is_file(self.source) or not is_folder(beside):
+            return []
+        return sorted(path for path in beside.iterdir() if path.name.startswith(self.source.stem) and is_file(path))
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from ..rendering.frames import simulation_model
 from ..rendering.requests import (
     CameraPath,
     FramesArguments,
@@ -169,6 +170,13 @@ class _PlannedItem:
         return [layer for layer in self.item.layers if layer != ORIGINAL and layer not in self.item.present]
 
     @property
+    def _model(self) -> str:
+        """The one behind the run's simulations."""
+        if self.item.run is not None:
+            return simulation_model(self.item.run)
+        return str(self.item.train.get("simulation", Settings.simulation))
+
+    @property
     def sheet(self) -> str | None:
         return f"{self.item.name}/contact-sheet.png" if Output.CONTACT_SHEET in self.item.outputs else None
 
@@ -218,7 +226,7 @@ class _PlannedItem:
                 f"{name}.train",
                 Kind.TRAIN,
                 TrainArguments(settings, made_along).to_dict(),
-                inputs=(str(item.source), *_files_of(item.train)),
+                inputs=(str(item.source), *map(str, item.masks), *_files_of(item.train)),
                 # Layers trained along with the run have tasks of their own: losing one costs no training.
                 outputs=tuple(f"{run}/{file}" for file in (GAUSSIANS_FILE, CAMERAS)),
                 seconds=train_seconds(item.train, len(layers)),
@@ -229,14 +237,13 @@ class _PlannedItem:
             options = item.train if item.run is None else _layer_options(item.train)
             capture = str(item.capture) if item.run is None else f"{run}/{Path(CAMERAS).parent}"
             settings = Settings(capture, run, (layer,), blend=False, resume=True, **options).to_dict()
-            outputs = [f"{run}/{layer_gaussians_file(layer.name)}"]
-            outputs += [f"{run}/{file}" for file in (GAUSSIANS_FILE, CAMERAS)] if source else []
+            copied = [GAUSSIANS_FILE, CAMERAS, *map(layer_gaussians_file, item.present)] if source else []
             yield self._worker_task(
                 f"{name}.layer.{layer.name}",
                 Kind.LAYER,
                 LayerArguments(settings, source).to_dict(),
-                inputs=(f"{source or run}/{GAUSSIANS_FILE}", *_files_of(options)),
-                outputs=tuple(outputs),
+                inputs=(*(f"{source or run}/{file}" for file in copied or [GAUSSIANS_FILE]), *_files_of(options)),
+                outputs=tuple(f"{run}/{file}" for file in (layer_gaussians_file(layer.name), *copied)),
                 seconds=LAYER_ADDED_SECONDS if item.run else LAYER_KEPT_SECONDS,
                 after=after,
             )
@@ -273,6 +280,7 @@ class _PlannedItem:
                 width=width,
                 height_pixels=height_pixels,
                 simulated=turn.simulated,
+                model=self._model if turn.simulated else "",
             )
             folders = (turn.frames, *turn.simulated.values())
             yield Task(

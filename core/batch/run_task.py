@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import InputError
 from ..pipeline.continuation import continued
 from ..pipeline.launch import run as run_settings
-from ..rendering.frames import make_pictures, render, simulation_model
+from ..rendering.frames import make_pictures, render
 from ..rendering.requests import FramesArguments, LayerArguments, TrainArguments
 from ..runs.folder import RunFolder, is_held, lock_exclusively, open_lock
 from ..runs.layout import LOG_FILE
@@ -116,7 +116,7 @@ def _copy_run(source: Path, target: Path) -> None:
 def _render_frames(task: Task, out: Path, listen: Listener) -> None:
     """Render pictures of a turntable with as many threads as the task has cores."""
     arguments = FramesArguments.from_dict(task.arguments)
-    render(arguments, out, listen, threads=task.cores, model=simulation_model(out / arguments.run))
+    render(arguments, out, listen, threads=task.cores)
 
 
 def _make_file(task: Task, out: Path, listen: Listener) -> None:

@@ -14,11 +14,19 @@ from ..files.untrusted import is_file
 from ..runtime.protocol import Reporter
 from .colmap_files import ColmapModel, read_model
 from .colmap_text import lists_poses
-from .files import IMAGE_FOLDERS, Spelling, is_in_masks, list_images, quote_first, resolve_inside
+from .files import (
+    IMAGE_FOLDERS,
+    MODEL_FOLDERS,
+    Spelling,
+    capture_root,
+    is_in_masks,
+    list_images,
+    quote_first,
+    resolve_inside,
+)
 from .shared_lens import describe, may_share_lens, share_lens
 from .source import SourceModel, SourceView, rigid_pose
 
-_MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", "colmap_sparse", ".")  # the last but one is instant-ngp's
 # Elsewhere, as in ``dense/0/sparse`` of COLMAP's reconstructor, it is looked for.
 SEARCHED_DEPTH = 3
 # Of folders with pictures of the photographs' names that are none.
@@ -48,12 +56,12 @@ def find_colmap(folder: Path, *, search: bool = True) -> ColmapFolder | None:
         folder: where to look.
         search: look into all its folders where the usual ones have none.
     """
-    for relative in _MODEL_FOLDERS:
+    for relative in (*MODEL_FOLDERS, "."):
         candidates = _models_in(folder / relative)
         if candidates:
             largest = max(candidates, key=_image_count)
             others = tuple(path for path in candidates if path != largest)
-            root = _capture_root(folder) if relative == "." else folder
+            root = capture_root(folder) if relative == "." else folder
             return ColmapFolder(root, largest, others)
     nested = _nested_models(folder) if search else []
     if len({path.relative_to(folder).parts[0] for path in nested}) != 1:
@@ -167,15 +175,6 @@ def _image_count(folder: Path) -> int:
         with open(text, "rb") as file:
             return sum(not line.startswith(b"#") for line in file) // 2
     return 0
-
-
-def _capture_root(model: Path) -> Path:
-    """The capture that a model's folder belongs to: the nearest of it and its parents that has an image folder."""
-    absolute = model.resolve()
-    for folder in (absolute, *list(absolute.parents)[:3]):
-        if any((folder / name).is_dir() for name in IMAGE_FOLDERS):
-            return folder
-    return model
 
 
 def _image_folder(found: ColmapFolder, read: ColmapModel) -> Path:

@@ -30,6 +30,9 @@ IMAGE_EXTENSIONS = (
 IMAGE_FOLDERS = ("images", "colmap/images", "input", "rgb")
 """Where photographs usually lie in a capture."""
 
+MODEL_FOLDERS = ("sparse", "colmap/sparse", "colmap", "colmap_sparse")
+"""Where COLMAP's models, or their numbered folders, usually lie in a capture; the last is instant-ngp's."""
+
 # One file is read; the splits of the NeRF synthetic layout overlap in purpose with our own held-out views.
 TRANSFORMS_FILES = ("transforms.json", "transforms_train.json", "transforms_test.json", "transforms_val.json")
 
@@ -218,11 +221,12 @@ def files_of_a_capture(folder: Path) -> list[Path]:
     """What a run may read of the capture in `folder`, in order: nothing that programs leave there unasked.
 
     These are its `visible_files`, and those of the folders in it that are listed by themselves, which may be hidden or
-    hold enhanced photographs alone: the usual ones of photographs and masks, and those that a transforms.json names. A
-    capture that has no photographs but enhanced ones has these, wherever they lie.
+    hold enhanced photographs alone: the usual ones of photographs and masks, those of models, which may be links, and
+    those that a transforms.json names. A capture that has no photographs but enhanced ones has these, wherever they
+    lie.
     """
     files = set(visible_files(folder))
-    for part in {*_usual_folders(folder, files), *_named_folders(folder)}:
+    for part in {*_usual_folders(folder, files), *_model_folders(folder), *_named_folders(folder)}:
         files.update(visible_files(part))
     if not any(_is_material(path.relative_to(folder)) for path in files):
         for directory, subfolders, names in os.walk(folder):
@@ -246,6 +250,22 @@ def _usual_folders(folder: Path, files: Iterable[Path]) -> Iterator[Path]:
     above = {parent for place in {path.parent for path in files} for parent in (place, *place.parents)}
     for place in [folder, *(parent for parent in above if folder in parent.parents)]:
         yield from (place / name for name in (*IMAGE_FOLDERS, MASKS_FOLDER) if is_folder(place / name))
+
+
+def _model_folders(folder: Path) -> Iterator[Path]:
+    """The usual folders of models in `folder`, and the numbered ones in these."""
+    for place in filter(is_folder, (folder / name for name in MODEL_FOLDERS)):
+        yield place
+        yield from (path for path in place.iterdir() if path.name.isdecimal() and is_folder(path))
+
+
+def capture_root(model: Path) -> Path:
+    """The capture that a model's folder belongs to: the nearest of it and its parents that has an image folder."""
+    absolute = model.resolve()
+    for folder in (absolute, *list(absolute.parents)[:3]):
+        if any((folder / name).is_dir() for name in IMAGE_FOLDERS):
+            return folder
+    return model
 
 
 def _named_folders(folder: Path) -> Iterator[Path]:

@@ -58,7 +58,6 @@ def render(
     listen: Listener,
     *,
     threads: int,
-    model: str,
     workers: Workers | None = None,
     log: Callable[[str], None] = to_stderr,
 ) -> None:
@@ -69,7 +68,6 @@ def render(
     Args:
         out: folder that the arguments' paths start from.
         threads: of the renderer; 0: as many as the processor has.
-        model: of the simulation for observers.
         workers, log: see `make_pictures`.
 
     Raises:
@@ -81,8 +79,7 @@ def render(
         arguments = replace(arguments, engine=_CYCLES)
         message = "EEVEE needs OpenGL, which this machine does not have; the pictures are rendered by Cycles"
         listen({"event": "warning", "name": "no-eevee", "message": message})
-    fields: dict[str, Any] = {"threads": threads, "workers": workers, "log": log, "model": model}
-    result = make_pictures("frames", arguments.to_dict(), out, listen, **fields)
+    result = make_pictures("frames", arguments.to_dict(), out, listen, threads=threads, workers=workers, log=log)
     seconds = result["seconds"]
     message = f"{result['pictures']} pictures in {sum(seconds['pictures']):.1f} s, loaded in {seconds['loading']:.1f} s"
     listen({"event": "status", "stage": "frames", "message": message})

@@ -95,6 +95,7 @@ class FramesArguments(_Arguments, Orbit):
         width, height_pixels: of the pictures.
         simulated: folder of a sequence that shows the same pictures as an observer sees them, by the observer's layer
             name (``deutan-1.0``); empty for none.
+        model: that these are simulated by; "" where there are none.
     """
 
     run: str
@@ -107,6 +108,7 @@ class FramesArguments(_Arguments, Orbit):
     width: int
     height_pixels: int
     simulated: Mapping[str, str]
+    model: str
 
     @classmethod
     def on(cls, orbit: Orbit, **others: Any) -> Self:

@@ -54,9 +54,10 @@ def render_turntables(
             width=report["capture"]["width"],
             height_pixels=report["capture"]["height"],
             simulated={},
+            model="",
         )
         listen = _as_part_of_stage(log.event, layer, done, len(missing))
-        frames.render(arguments, folder, listen, threads=0, model=settings.simulation, workers=workers, log=log.line)
+        frames.render(arguments, folder, listen, threads=0, workers=workers, log=log.line)
     return {"frames": settings.turntable, "layers": layers, "engine": settings.engine}
 
 

@@ -28,16 +28,13 @@ from .pixels import Observer, read_picture, remove_texts, write_picture
 STAGE = "frames"
 
 
-def render_frames(
-    arguments: FramesArguments, out: Path, *, threads: int, model: str, reporter: Reporter
-) -> dict[str, Any]:
+def render_frames(arguments: FramesArguments, out: Path, *, threads: int, reporter: Reporter) -> dict[str, Any]:
     """Render the pictures, each as `arguments` say, whatever is there already; replaces the file that is open.
 
     Args:
         arguments: of the task; paths from `out`.
         out: folder of the batch.
         threads: of the renderer; 0: as many as the processor has.
-        model: of the simulation for observers.
         reporter: hears of each picture.
 
     Returns:
@@ -53,7 +50,8 @@ def render_frames(
     scene, loaded = _scene_of(out / arguments.run, arguments.layer)
     camera = add_turntable(scene, loaded.splats, turntable_of(arguments))
     _set_up(scene, camera, arguments, threads)
-    observers = {Observer.from_name(name, model): out / folder for name, folder in arguments.simulated.items()}
+    model, simulated = arguments.model, arguments.simulated
+    observers = {Observer.from_name(name, model): out / folder for name, folder in simulated.items()}
     loading = time.monotonic() - started
 
     whole, render = [], []

@@ -58,8 +58,7 @@ def _perform(request: dict[str, Any], reporter: Reporter) -> dict[str, Any]:
     out, arguments = Path(request["out"]), request["arguments"]
     if job == "frames":
         asked = FramesArguments.from_dict(arguments)
-        threads, model = int(request["threads"]), str(request["model"])
-        return frames.render_frames(asked, out, threads=threads, model=model, reporter=reporter)
+        return frames.render_frames(asked, out, threads=int(request["threads"]), reporter=reporter)
     if job == "video":
         return video.make_video(VideoArguments.from_dict(arguments), out, reporter=reporter)
     if job == "sheet":

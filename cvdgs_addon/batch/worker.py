@@ -3,7 +3,7 @@
     python cvdgs_addon/batch/worker.py                                            with the bpy wheel
     blender -b --factory-startup -P cvdgs_addon/batch/worker.py --
 
-    {"job": "frames", "out": "DIR", "arguments": {...}, "threads": N, "model": "machado"}       N 0: all processors
+    {"job": "frames", "out": "DIR", "arguments": {...}, "threads": N}       N 0: all processors
     {"job": "video" | "sheet", "out": "DIR", "arguments": {...}}
     {"job": "previews", "out": "DIR", "arguments": {"previews": [...], "width": PIXELS}}
     {"job": "try-eevee"}                                 renders one small picture; ends in one way or another

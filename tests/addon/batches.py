@@ -19,7 +19,7 @@ def frames_arguments(run: Path, **changes) -> FramesArguments:
     values = {
         "run": str(run), "layer": "original", "engine": "cycles", "folder": "turn", "first": 1, "last": 4, "frames": 4,
         "radius": 3.5, "height": 0.3, "focal_length": 40.0, "arc": 360.0, "width": SIZE[0], "height_pixels": SIZE[1],
-        "simulated": {},
+        "simulated": {}, "model": "machado",
     }  # fmt: skip
     return FramesArguments(**{**values, **changes})
 

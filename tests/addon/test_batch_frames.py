@@ -33,7 +33,7 @@ NEVER_MORE_THAN = 3  # levels of 255: what turning the whole scene may change by
 
 
 def render(out: Path, run: Path, threads: int = 0, **changes) -> dict:
-    return render_frames(frames_arguments(run, **changes), out, threads=threads, model="machado", reporter=Reporter())
+    return render_frames(frames_arguments(run, **changes), out, threads=threads, reporter=Reporter())
 
 
 def pictures(folder: Path) -> dict[str, bytes]:
@@ -42,7 +42,7 @@ def pictures(folder: Path) -> dict[str, bytes]:
 
 def request(out: Path, run: Path, **changes) -> str:
     arguments = frames_arguments(run, **changes).to_dict()
-    fields = {"job": "frames", "out": str(out), "arguments": arguments, "threads": 1, "model": "machado"}
+    fields = {"job": "frames", "out": str(out), "arguments": arguments, "threads": 1}
     return json.dumps(fields) + "\n"
 
 

@@ -126,20 +126,14 @@ class BatchBenchmark:
         plan = self.plan("frames")
         first = FramesArguments.from_dict(plan.tasks[0].arguments)
         plain = replace(first, last=min(self.frames, 2 * _CHUNK))
-        observed = replace(plain, simulated={_OBSERVER: "observed"})
+        model = simulation_model(plan.out / first.run)
+        observed = replace(plain, simulated={_OBSERVER: "observed"}, model=model)
         loading: list[float] = []
         overhead: list[float] = []
         overhead_observed: list[float] = []
         for _ in range(self.rounds):
             for arguments, found in ((plain, overhead), (observed, overhead_observed)):
-                result = make_pictures(
-                    "frames",
-                    arguments.to_dict(),
-                    plan.out,
-                    lambda _: None,
-                    threads=1,
-                    model=simulation_model(plan.out / arguments.run),
-                )
+                result = make_pictures("frames", arguments.to_dict(), plan.out, lambda _: None, threads=1)
                 seconds = result["seconds"]
                 loading.append(seconds["loading"])
                 found.append(100.0 * (sum(seconds["pictures"][1:]) / sum(seconds["rendering"][1:]) - 1.0))

@@ -137,13 +137,52 @@ def test_a_layer_for_a_finished_run_takes_what_the_run_leaves_open(tmp_path, cha
     assert {name: settings[name] for name in train} == {**train, "iterations": Settings.iterations}
 
 
+def test_a_copy_of_a_finished_run_depends_on_all_that_is_rendered_of_it(tmp_path, chair):
+    finished = replace(chair, capture=None, run=tmp_path / "run", present=("deutan-1.0",))
+    plan = planned(tmp_path, finished)
+    (added,) = of_kind(plan, Kind.LAYER)
+    files = ("splats.ply", "capture/transforms.json", "splats.deutan-1.0.ply")
+    assert set(added.inputs) == {f"{tmp_path}/run/{file}" for file in files}
+    needed = {path for task in of_kind(plan, Kind.FRAMES) for path in task.inputs}
+    assert needed <= set(added.outputs)
+
+
+@pytest.mark.parametrize("simulation", ["machado", "brettel"])
+def test_simulated_pictures_are_made_anew_for_another_model(tmp_path, chair, simulation):
+    """Also those of the original colours, which a run with another model has to the last bit."""
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "report.json").write_text(json.dumps({"settings": {"simulation": simulation}}))
+    finished = replace(chair, capture=None, run=run, present=("deutan-1.0", "protan-0.6"))
+    for item in (finished, replace(chair, train={"simulation": simulation})):
+        plan, usual = planned(tmp_path, item), planned(tmp_path, chair)
+        assert {task.arguments["model"] for task in of_kind(plan, Kind.FRAMES)} == {simulation}
+        if item.capture is not None:
+            pairs = zip(of_kind(plan, Kind.FRAMES), of_kind(usual, Kind.FRAMES), strict=True)
+            assert {fingerprint(task) == fingerprint(other) for task, other in pairs} == {simulation == "machado"}
+
+
+def test_the_captures_of_a_model_and_of_a_video_are_whole(tmp_path, chair):
+    model, video = tmp_path / "walk" / "sparse" / "0", tmp_path / "film" / "walk.mp4"
+    for file in (model / "cameras.bin", model.parents[1] / "images" / "1.jpg", video, video.parent / "masks/walk.png"):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    for capture, inputs in (
+        (model, (str(tmp_path / "walk"),)),
+        (video, (str(video), str(tmp_path / "film" / "masks" / "walk.png"))),
+    ):
+        (train,) = of_kind(planned(tmp_path, replace(chair, capture=capture)), Kind.TRAIN)
+        assert train.inputs == inputs
+
+
 def test_a_task_depends_on_the_weights_and_the_cameras_that_its_options_name(tmp_path, chair):
     named = replace(chair, train={"enhancer": "/a/own.safetensors", "cameras": "/a/cameras", "mode": "post"})
     (train,) = of_kind(planned(tmp_path, named), Kind.TRAIN)
     assert train.inputs == (str(chair.capture), "/a/own.safetensors", "/a/cameras")
     finished = replace(named, capture=None, run=tmp_path / "run")
     for added in of_kind(planned(tmp_path, finished), Kind.LAYER):
-        assert added.inputs[1:] == ("/a/own.safetensors",)  # the run has its cameras
+        assert "/a/own.safetensors" in added.inputs
+        assert "/a/cameras" not in added.inputs  # the run has its own
     (train,) = of_kind(planned(tmp_path, replace(chair, train={"enhancer": "cgan", "cameras": "given"})), Kind.TRAIN)
     assert train.inputs == (str(chair.capture),)
 

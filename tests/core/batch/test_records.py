@@ -12,6 +12,7 @@ from cvdgs.core.batch.records import is_done, record_path, sign_inputs, write_re
 from cvdgs.core.batch.task import Kind, Task
 from cvdgs.core.errors import InputError
 from cvdgs.core.runs.layout import pictures
+from cvdgs.core.runs.measured import note_metres
 
 FRAMES = Task(
     "chair.frames",
@@ -181,6 +182,33 @@ def test_a_record_that_counts_a_hidden_file_still_vouches(tmp_path, training):
     record["inputs"]["a\0b"] = [3, 4, "0"]
     path.write_text(json.dumps(record))
     assert not is_done(training, out)
+
+
+@pytest.mark.parametrize("model", ["sparse", "sparse/0", "colmap/sparse"])
+def test_a_model_behind_a_link_counts(tmp_path, training, model):
+    elsewhere, link, out = tmp_path / "elsewhere", tmp_path / "capture" / model, tmp_path / "out"
+    elsewhere.mkdir()
+    (elsewhere / "images.bin").write_text("cameras")
+    link.parent.mkdir(parents=True, exist_ok=True)
+    link.symlink_to(elsewhere)
+    write_record(training, out, sign_inputs(training, out), 1.0)
+    assert is_done(training, out)
+    (elsewhere / "images.bin").write_text("other cameras")
+    assert not is_done(training, out)
+
+
+def test_a_run_that_somebody_measures_stays_done(tmp_path):
+    task = Task("chair.train", Kind.TRAIN, outputs=("run/splats.ply", "run/capture/transforms.json"))
+    cameras = tmp_path / "run/capture/transforms.json"
+    cameras.parent.mkdir(parents=True)
+    cameras.write_text("{}")
+    (tmp_path / "run/splats.ply").write_text("Gaussians")
+    (tmp_path / "run/report.json").write_text('{"capture": {}}')
+    write_record(task, tmp_path, {}, 1.0)
+    assert note_metres(tmp_path / "run", 0.25)
+    assert is_done(task, tmp_path)
+    cameras.unlink()
+    assert not is_done(task, tmp_path)
 
 
 @pytest.fixture

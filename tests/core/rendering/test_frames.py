@@ -10,7 +10,6 @@ import pytest
 
 from cvdgs.core.errors import InputError
 from cvdgs.core.rendering.frames import render as render_pictures
-from cvdgs.core.rendering.frames import simulation_model
 from cvdgs.core.rendering.requests import FramesArguments
 from cvdgs.core.runtime.supervisor import WorkerDefect
 
@@ -51,9 +50,10 @@ def render(out: Path, engine: str) -> list[dict]:
         width=64,
         height_pixels=48,
         simulated={"deutan-1.0": "simulated"},
+        model="brettel",
     )
     events: list[dict] = []
-    render_pictures(arguments, out, events.append, threads=3, model=simulation_model(out / "run"))
+    render_pictures(arguments, out, events.append, threads=3)
     return events
 
 
@@ -62,12 +62,10 @@ def requests(blender: Path) -> list[dict]:
 
 
 def test_blender_is_asked_for_what_the_request_says(blender, tmp_path):
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "report.json").write_text(json.dumps({"settings": {"simulation": "brettel"}}))
     events = render(tmp_path, "cycles")
     (request,) = requests(blender)
     assert (request["job"], request["out"], request["threads"]) == ("frames", str(tmp_path), 3)
-    assert request["model"] == "brettel", "as the run's own simulations"
+    assert request["arguments"]["model"] == "brettel"
     assert (request["arguments"]["first"], request["arguments"]["last"]) == (1, 2)
     assert events[-1]["message"] == "2 pictures in 2.5 s, loaded in 0.5 s"
 

@@ -61,7 +61,7 @@ def test_every_layer_is_rendered_all_around_in_the_size_of_the_photographs(blend
         assert (folder / "0002.png").read_text() == layer
     request = json.loads((blender / "requests").read_text().splitlines()[0])
     assert (request["arguments"]["width"], request["arguments"]["height_pixels"]) == (64, 48)
-    assert request["model"] == "vienot"
+    assert not request["arguments"]["simulated"]
 
 
 def test_a_further_layer_leaves_the_pictures_that_are_there(blender, tmp_path):
