@@ -13,6 +13,7 @@ says what), 130 cancelled, 1 a defect of ours. Needs the standard library only (
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import sys
 from pathlib import Path
@@ -29,7 +30,7 @@ from cvdgs.core.batch.plan import make_plan
 from cvdgs.core.batch.task import Plan
 from cvdgs.core.batch.task_process import run_task_in_console
 from cvdgs.core.batch.toml_reader import UnusableFile
-from cvdgs.core.errors import InputError
+from cvdgs.core.errors import Cancelled, InputError
 from cvdgs.core.runtime.cli import OneLineParser, script_arguments
 from cvdgs.core.runtime.resources import Resources, this_machine
 from cvdgs.core.runtime.supervisor import (
@@ -91,7 +92,7 @@ def main(arguments: list[str]) -> int:
     except WorkerDefect as error:
         complain(InputError(str(error)), as_json=as_json)
         return EXIT_DEFECT
-    except KeyboardInterrupt:
+    except (Cancelled, KeyboardInterrupt):
         complain(InputError("cancelled; nothing was written"), as_json=as_json)
         return EXIT_CANCELLED
 
@@ -122,7 +123,8 @@ def complain(error: InputError, *, as_json: bool) -> None:
     lines = list(error.lines()) if isinstance(error, UnusableFile) else [str(error)]
     for line in lines:
         if as_json:
-            JsonDisplay(sys.stdout)({"event": "error", "kind": "input", "message": line})
+            with contextlib.suppress(Cancelled):  # nobody reads it
+                JsonDisplay(sys.stdout)({"event": "error", "kind": "input", "message": line})
         else:
             print(f"turntable.py: {line}", file=sys.stderr)
 

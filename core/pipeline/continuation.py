@@ -12,7 +12,7 @@ from typing import Any
 
 from ... import __version__
 from ..errors import InputError
-from ..files.untrusted import explained, is_file, read_json
+from ..files.untrusted import explained, is_file, is_there, read_json
 from ..runs.layout import (
     CHECKPOINT_CAPTURE_FILE,
     CHECKPOINT_FOLDER,
@@ -136,7 +136,7 @@ def continued(asked: Settings) -> Settings:
 
 
 def _is_finished(out: str) -> bool:
-    return (Path(out) / REPORT_FILE).exists()
+    return is_there(Path(out) / REPORT_FILE)
 
 
 def _has_checkpoint(out: str | Path) -> bool:

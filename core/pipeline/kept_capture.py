@@ -41,6 +41,7 @@ def digest_of(path: Path, cameras: str, max_size: int, tag_side: float | None) -
     digest = hashlib.sha256(f"{_FORMAT} {__version__} {max_size} {tag_side} {SfmSettings()!r}\n".encode())
     if is_archive(path) and is_file(path):
         files = {path.name: path}
+        digest.update(f"{cameras}\n".encode())  # which of them are taken is not known before it is unpacked
     elif read_cameras(path, cameras=cameras) is not None:
         return ""
     else:

@@ -23,6 +23,7 @@ from typing import IO, Any
 
 from ..bootstrap import ROOT
 from ..errors import Cancelled, InputError
+from ..files.untrusted import is_file
 from .protocol import parse_event
 
 WORKER = ROOT / "core" / "__main__.py"
@@ -45,7 +46,7 @@ def find_python() -> str:
     """
     chosen = os.environ.get("CVDGS_PYTHON")
     if chosen:
-        if not os.access(chosen, os.X_OK):
+        if not (is_file(chosen) and os.access(chosen, os.X_OK)):
             raise InputError(
                 "is not a program that can be run", where=f"CVDGS_PYTHON={chosen}", remedy="name a Python interpreter"
             )

@@ -60,20 +60,26 @@ def in_console(
     try:
         result = work(display)
     except InputError as error:
-        display({"event": "error", "kind": "input", "message": str(error)})
+        _tell(display, {"event": "error", "kind": "input", "message": str(error)})
         return EXIT_INPUT
     except Cancelled:
-        display({"event": "error", "kind": "cancelled", "message": cancelled()})
+        _tell(display, {"event": "error", "kind": "cancelled", "message": cancelled()})
         return EXIT_CANCELLED
     except WorkerDefect as error:
-        display({"event": "error", "kind": "defect", "message": str(error)})
+        _tell(display, {"event": "error", "kind": "defect", "message": str(error)})
         return EXIT_DEFECT
     finally:
         for number, handler in previous.items():
             if handler is not None:  # None: set by the program around us (Blender), and Python cannot put it back
                 signal.signal(number, handler)
-    display({"event": "result", **result})
+    _tell(display, {"event": "result", **result})
     return EXIT_DONE
+
+
+def _tell(display: Listener, event: Event) -> None:
+    """Show how the work ended, which it has, whether anybody reads that or not."""
+    with contextlib.suppress(Cancelled):
+        display(event)
 
 
 @contextlib.contextmanager
@@ -227,10 +233,10 @@ class Log:
 
 
 class JsonDisplay:
-    """Events as JSON lines; when their reader has gone, the job is cancelled.
+    """Events as JSON lines; when their reader has gone, or the disk that they go to is full, the job is cancelled.
 
     Raises (when called):
-        Cancelled: nobody reads any more.
+        Cancelled: nobody can read any more.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -240,7 +246,7 @@ class JsonDisplay:
         try:
             self._stream.write(json.dumps(event) + "\n")
             self._stream.flush()
-        except BrokenPipeError:
+        except OSError:
             _lead_nowhere(self._stream)
             raise Cancelled from None
 

@@ -1,6 +1,7 @@
 """Captures with estimated cameras that are kept for a run that goes on."""
 
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,13 @@ def test_another_file_another_name_and_another_size_are_another_capture(photogra
         (photographs / name).write_text(json.dumps({"frames": frames}))
         digests.append(digest_of(photographs, "auto", 640, None))
     assert len(set(digests)) == len(digests)
+
+
+def test_cameras_that_were_estimated_for_an_archive_are_not_taken_for_its_own(tmp_path):
+    with zipfile.ZipFile(tmp_path / "scene.zip", "w") as archive:
+        archive.writestr("1.jpg", b"a photograph")
+    digests = {digest_of(tmp_path / "scene.zip", cameras, 640, None) for cameras in ("auto", "estimate", "given")}
+    assert len(digests) == 3
 
 
 def test_where_cameras_are_given_nothing_was_kept(tmp_path):

@@ -278,8 +278,17 @@ def test_an_unwritable_output_folder_is_one_line_and_exit_code_2(run):
     assert "--out" in result.err
 
 
-def test_a_missing_interpreter_is_explained(tmp_path):
+@pytest.mark.parametrize("python", ["/no/python", "/tmp"])
+def test_a_missing_interpreter_is_explained(tmp_path, python):
+    """A virtual environment's folder is none."""
     command = [sys.executable, str(ROOT / "scripts" / "run.py"), "photos", "--out", str(tmp_path / "out")]
-    result = subprocess.run(command, env={**os.environ, "CVDGS_PYTHON": "/no/python"}, capture_output=True, text=True)
+    result = subprocess.run(command, env={**os.environ, "CVDGS_PYTHON": python}, capture_output=True, text=True)
     assert result.returncode == 2
     assert "CVDGS_PYTHON" in result.stderr
+
+
+def test_a_folder_whose_name_is_too_long_is_one_line_with_resume_too(run, tmp_path):
+    result = run("emit('result', report=REPORT)", "--resume", out=tmp_path / ("long" * 100))
+    assert result.returncode == 2
+    assert "File name too long" in result.err
+    assert "Traceback" not in result.err

@@ -18,10 +18,10 @@ from pathlib import Path
 
 import pytest
 
-from cvdgs.core.errors import InputError
+from cvdgs.core.errors import Cancelled, InputError
 from cvdgs.core.pipeline.launch import run
 from cvdgs.core.runtime.process import Job, Workers
-from cvdgs.core.runtime.supervisor import WorkerKilled, finish
+from cvdgs.core.runtime.supervisor import WorkerKilled, finish, in_console
 from cvdgs.core.settings import Settings
 
 from ...patience import SOON
@@ -144,6 +144,41 @@ def test_a_run_whose_reader_has_gone_is_cancelled(tmp_path):
     assert process.stderr.read() == ""
     assert ends(worker)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["run.py", "photos", "--no-blend", "--json"],
+        ["turntable.py", "batch.toml", "--json", "--dry-run"],
+        ["turntable.py", "unusable.toml", "--json"],
+    ],
+)
+def test_events_on_a_full_disk_end_the_work_without_a_traceback(tmp_path, command):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "1.jpg").touch()
+    (tmp_path / "batch.toml").write_text("[[items]]\ncapture = 'photos'\n")
+    (tmp_path / "unusable.toml").write_text("[[items]]\nrun = 'nowhere'\n")
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, str(ROOT / "scripts" / command[0]), *command[1:], "--out", "out"],
+            cwd=tmp_path,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert done.returncode in (2, 130)
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_reader_who_has_gone_when_all_is_done_does_not_make_it_a_failure():
+    def gone(event):
+        if event["event"] == "result":
+            raise Cancelled
+
+    assert in_console(lambda listen: {"out": "run"}, gone) == 0
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks at processes in /proc")
