@@ -158,7 +158,9 @@ class Settings:
         high=1.0,
         trains=True,
     )
-    enhancer: str = _option("scene", "|".join(ENHANCERS) + f"|FILE{WEIGHTS_SUFFIX}", metavar="NAME", trains=True)
+    enhancer: str = _option(
+        "scene", "|".join(ENHANCERS) + f"|FILE{WEIGHTS_SUFFIX}|{PLUGIN_PREFIX}NAME", metavar="NAME", trains=True
+    )
     change_budget: float | None = _option(
         None,
         "mean ΔE00 that --enhancer scene and cgan may change colours by",

@@ -130,7 +130,7 @@ def _how_to_install(packages: Sequence[str]) -> str:
 
 # The demo's worker peaks at 1.1 GB (README); Blender and the system want as much again.
 LEAST_MEMORY_MB = 2500
-# An environment takes 2.8 GB, and 7 GB where torch brings CUDA (README); pip needs room for what it downloads besides.
+# An environment takes 3.6 GB, some 4 GB more where torch brings CUDA (docs/faq.md); pip needs room for its downloads.
 LEAST_DISK_MB = 10_000
 # A run of the demo leaves 36 MB; captures of larger photographs take ten times that.
 LEAST_TEMPORARY_MB = 500

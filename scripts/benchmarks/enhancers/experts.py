@@ -1,4 +1,4 @@
-"""Measures by which experts judge enhancements, beside contrast and ΔE: names, appearance, chroma, areas.
+"""Measures of enhancements beside contrast and ΔE: names, appearance, chroma, areas.
 
 CVD-MET (Optics Express 30(19) 34665, 2022) compares what an observer sees with what others see by CIECAM02; of it we
 could read the abstract alone, so `cam_gap` and `cam_change` are ours and not that metric.

@@ -1,4 +1,4 @@
-"""Two pages that sum up a comparison of enhancers: how experts judge them, and how they do at every severity."""
+"""Two pages that sum up a comparison of enhancers: by other measures, and at every severity."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _JUDGED: tuple[Column, ...] = (
     ("name_confusions", "names lost", ".3f"),
     ("cam_gap", "CAM gap", ".2f"),
     ("cam_change", "CAM change", ".2f"),
-    ("chromatic_difference", "Δa*b*", ".2f"),
+    ("chromatic_difference", r"Δa\*b\*", ".2f"),
     ("delta_e_2000", "ΔE00", ".2f"),
     ("ccpr_areas", "CCPR, areas", ".3f"),
     ("ccpr", "CCPR", ".3f"),
@@ -45,10 +45,11 @@ _SEVERITIES: tuple[Column, ...] = (
 _JUDGES_LEGEND = (
     "Means over the pictures. Names lost: share of random pixel pairs with different basic colour names for normal "
     "vision that have one name as the observer sees the result; CAM gap: mean distance in CIECAM02-UCS between what "
-    "the observer sees of the result and others of the original; CAM change, Δa*b*, ΔE00: between result and original "
-    f"for others; CCPR, areas: of pairs {AREA_DISTANCE} pixels apart on pictures blurred by {AREA_BLUR:g}. Less is "
-    "better of the first five, more of the others. Gain is plain contrast gain with the mean ΔE76 of the method it is "
-    "named after. CVD-MET (2022) uses CIECAM02 as well; we had its abstract alone, and none of these figures is it."
+    "the observer sees of the result and others of the original; CAM change, Δa\\*b\\*, ΔE00: between result and "
+    f"original for others; CCPR, areas: of pairs {AREA_DISTANCE} pixels apart on pictures blurred by {AREA_BLUR:g}. "
+    "Less is better of the first five, more of the others. Gain is plain contrast gain with the mean ΔE76 of the "
+    "method it is named after. CVD-MET (2022) uses CIECAM02 as well; we had its abstract alone, and none of these "
+    "figures is it."
 )
 _WORST_LEGEND = "Worst model: the least CCPR under those of Machado, Viénot and Brettel that describe the type."
 _SEVERITIES_LEGEND = (
@@ -76,7 +77,7 @@ def write_summaries(folder: Path, scores: pd.DataFrame, image_sets: Sequence[Ima
     models = scores[[f"ccpr_{model}" for model in OTHER_MODELS]].notna().any(axis=None)
     judged = [column for column in _JUDGED if models or column[0] != _WORST_MODEL]
     legend = f"{_JUDGES_LEGEND} {_WORST_LEGEND}" if models else _JUDGES_LEGEND
-    lines = ["# How experts judge the enhancers", "", description, "", legend, ""]
+    lines = ["# The enhancers by other measures", "", description, "", legend, ""]
     strongest = select(scores, severity=scores.severity.max())
     for group, rows in strongest.groupby("group", sort=False):
         lines += [f"## {group}, severity {strongest.severity.max():g}", ""]

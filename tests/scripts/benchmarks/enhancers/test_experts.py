@@ -1,4 +1,4 @@
-"""What experts judge by: names against the survey's own list, appearance against colorspacious, areas by a count."""
+"""The other measures: names against the survey's own list, appearance against colorspacious, areas by a count."""
 
 from __future__ import annotations
 

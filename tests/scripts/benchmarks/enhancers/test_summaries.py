@@ -46,7 +46,7 @@ def table_after(text, heading):
     return [dict(zip(rows[0], row, strict=True)) for row in rows[2:]]
 
 
-def test_experts_judge_each_group_at_the_strongest_severity(scores, image_sets, tmp_path):
+def test_other_measures_are_of_each_group_at_the_strongest_severity(scores, image_sets, tmp_path):
     write_summaries(tmp_path, scores, image_sets, "Three pictures.")
     text = (tmp_path / "judges.md").read_text(encoding="utf-8")
     assert "Three pictures." in text
