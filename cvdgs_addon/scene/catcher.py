@@ -11,6 +11,7 @@ import mathutils
 import numpy as np
 
 from .splat_attributes import core_of, point_positions
+from .world_matrix import world_of
 
 NAME = "Shadow Catcher"
 
@@ -25,9 +26,9 @@ def add_catcher(scene: bpy.types.Scene, splats: bpy.types.Object, standing: list
     bpy.context.view_layer.update()
     center, radius = core_of(splats)
     positions = point_positions(splats.data)
-    matrix = np.array(splats.matrix_world)
+    matrix = np.array(world_of(splats))
     center = matrix[:3, :3] @ center + matrix[:3, 3]
-    radius *= max(splats.matrix_world.to_scale())
+    radius *= max(world_of(splats).to_scale())
     heights = positions @ matrix[2, :3] + matrix[2, 3]
     corners = [found.matrix_world @ mathutils.Vector(corner) for found in standing for corner in found.bound_box]
     floor = min((corner.z for corner in corners), default=float(np.percentile(heights, _FLOOR)))

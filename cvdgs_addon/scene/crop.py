@@ -12,6 +12,7 @@ from .beside import link_beside
 from .splat_attributes import core_of
 from .splat_nodes import Input
 from .splats import get_input, set_input
+from .world_matrix import world_of
 
 _CROP_MARGIN = 1.2  # of a new crop box, in radii of the scene's core
 
@@ -63,7 +64,7 @@ def in_box(splats: bpy.types.Object, positions: NDArray[np.float32]) -> NDArray[
     box = crop_box_of(splats)
     if box is None:
         raise InputError("there is no crop box", where=splats.name, remedy="add one first")
-    to_box = np.array(box.matrix_world.inverted_safe() @ splats.matrix_world, np.float64)
+    to_box = np.array(world_of(box).inverted_safe() @ world_of(splats), np.float64)
     return (np.abs(positions @ to_box[:3, :3].T + to_box[:3, 3]) <= 1.0).all(axis=1)
 
 
