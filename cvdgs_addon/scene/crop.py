@@ -11,7 +11,7 @@ from ...core.errors import InputError
 from .beside import link_beside
 from .splat_attributes import core_of
 from .splat_nodes import Input
-from .splats import get_input, set_input
+from .splats import get_input, is_splats, set_input
 from .world_matrix import world_of
 
 _CROP_MARGIN = 1.2  # of a new crop box, in radii of the scene's core
@@ -47,11 +47,12 @@ def crop_box_of(splats: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def remove_crop_box(splats: bpy.types.Object) -> None:
-    """Show all of `splats` again and delete the box."""
+    """Show all of `splats` again and delete the box, unless other Gaussians have it too, as duplicates do."""
     box = crop_box_of(splats)
     set_input(splats, Input.CROP, False)
     set_input(splats, Input.CROP_BOX, None)
-    if box is not None:
+    others = (found for found in bpy.data.objects if is_splats(found) and found.users_scene)
+    if box is not None and all(crop_box_of(other) != box for other in others):
         bpy.data.objects.remove(box)
 
 
