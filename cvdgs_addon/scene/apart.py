@@ -26,7 +26,9 @@ OBJECTS_LAYER, COVERAGE_LAYER, GAUSSIANS_LAYER = "Objects", "Coverage", "Gaussia
 
 _OBJECTS_SCENE, _GAUSSIANS_SCENE = "cvdgs_objects_scene", "cvdgs_gaussians_scene"
 _OWNER = "cvdgs_owner"  # custom property of these two: the scene that they follow
-_RENDERED_LAYERS = "cvdgs_rendered_layers"
+# Custom properties of view layers, which artists rename: those that were ticked, and the one that renders nothing.
+_WAS_TICKED, _IS_EMPTY = "cvdgs_rendered_layer", "cvdgs_empty_layer"
+_NAMES_OF_TICKED = "cvdgs_rendered_layers"  # custom property of the scene, in files of earlier releases
 _EMPTY_LAYER = "CVD Rendered Apart"
 _THINGS, _LAMPS, _CATCHERS, _SPLATS = "CVD Objects", "CVD Lamps", "CVD Shadow Catchers", "CVD Gaussians"
 _FOLLOWED = (
@@ -92,10 +94,10 @@ def take_apart(scene: bpy.types.Scene) -> None:
     shown.view_layers[0].layer_collection.children[things.name].holdout = True
     scene[_OBJECTS_SCENE], scene[_GAUSSIANS_SCENE] = lit, shown
     lit[_OWNER] = shown[_OWNER] = scene
-    scene[_RENDERED_LAYERS] = json.dumps([layer.name for layer in scene.view_layers if layer.use])
     for layer in scene.view_layers:
-        layer.use = False
-    scene.view_layers.new(_EMPTY_LAYER)  # Blender renders no scene without any
+        if layer.use:
+            layer[_WAS_TICKED], layer.use = True, False
+    scene.view_layers.new(_EMPTY_LAYER)[_IS_EMPTY] = True  # Blender renders no scene without any
     follow(scene)
 
 
@@ -108,12 +110,13 @@ def put_together(scene: bpy.types.Scene) -> None:
                 bpy.data.collections.remove(collection)
             bpy.data.scenes.remove(helper)
         scene.pop(key, None)
-    rendered = json.loads(scene.pop(_RENDERED_LAYERS, "[]"))
-    for layer in scene.view_layers:
-        layer.use = layer.use or layer.name in rendered
-    empty = scene.view_layers.get(_EMPTY_LAYER)
-    if empty is not None and len(scene.view_layers) > 1:
-        scene.view_layers.remove(empty)
+    for layer in _layers_of_artist(scene):
+        layer.use = _is_ticked(scene, layer)
+        layer.pop(_WAS_TICKED, None)
+    scene.pop(_NAMES_OF_TICKED, None)
+    for empty in set(scene.view_layers) - set(_layers_of_artist(scene)):
+        if len(scene.view_layers) > 1:
+            scene.view_layers.remove(empty)
 
 
 def follow(scene: bpy.types.Scene) -> None:
@@ -134,10 +137,10 @@ def follow(scene: bpy.types.Scene) -> None:
         _fill(catchers, (found for handle in filter(is_catcher_handle, rendered) for found in catchers_of(handle))),
         _fill(splats, filter(_is_of_gaussians, rendered)),
     ]
-    empty = scene.view_layers.get(_EMPTY_LAYER)
-    for child in empty.layer_collection.children if empty is not None else ():
-        if not child.exclude:
-            child.exclude = True
+    for empty in set(scene.view_layers) - set(_layers_of_artist(scene)):
+        for child in empty.layer_collection.children:
+            if not child.exclude:
+                child.exclude = True
     if any(changes):
         bpy.context.view_layer.update()  # a render that has begun may find view layers as they were, and crash
 
@@ -217,10 +220,18 @@ def _has_denoiser() -> bool:
 
 def _rendered(scene: bpy.types.Scene) -> set[bpy.types.Object]:
     """What the artist's ticked view layers have and no collection hides, as Blender would render the scene."""
-    layers = [layer for layer in scene.view_layers if layer.name != _EMPTY_LAYER]
-    ticked = json.loads(scene.get(_RENDERED_LAYERS, "[]"))
-    chosen = [layer for layer in layers if layer.use or layer.name in ticked] or layers  # renamed since
+    layers = _layers_of_artist(scene)
+    chosen = [layer for layer in layers if _is_ticked(scene, layer)] or layers  # renamed in an earlier release
     return {found for layer in chosen for found in _rendered_in(layer.layer_collection)}
+
+
+def _layers_of_artist(scene: bpy.types.Scene) -> list[bpy.types.ViewLayer]:
+    return [layer for layer in scene.view_layers if not layer.get(_IS_EMPTY) and layer.name != _EMPTY_LAYER]
+
+
+def _is_ticked(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
+    """Whether the artist's view layer is to be rendered: Blender renders it, or would without `take_apart`."""
+    return layer.use or bool(layer.get(_WAS_TICKED)) or layer.name in json.loads(scene.get(_NAMES_OF_TICKED, "[]"))
 
 
 def _rendered_in(branch: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import bpy
@@ -310,6 +311,30 @@ def test_restoring_leaves_no_trace(scene):
     assert list(bpy.data.scenes) == [scene]
     assert (structure(tree), {layer.name: layer.use for layer in scene.view_layers}) == before
     assert len(bpy.data.node_groups) <= groups + 2  # of the Gaussians, for light
+
+
+def test_view_layers_that_were_renamed_meanwhile_are_rendered_again(scene):
+    scene.view_layers.new("Mine").use = False
+    bpy.ops.cvdgs.set_up_render()
+    scene.view_layers[0].name, scene.view_layers["Mine"].name = "Beauty", "Proxies"
+    scene.view_layers["CVD Rendered Apart"].name = "Nothing"
+    apart.follow(scene)
+    bpy.ops.cvdgs.restore_render()
+    assert {layer.name: layer.use for layer in scene.view_layers} == {"Beauty": True, "Proxies": False}
+    assert not any("cvdgs_rendered_layer" in layer for layer in scene.view_layers)
+
+
+def test_view_layers_of_a_file_that_an_earlier_release_saved_are_rendered_again(scene):
+    scene.view_layers.new("Mine").use = False
+    name = scene.view_layers[0].name
+    bpy.ops.cvdgs.set_up_render()
+    for layer in scene.view_layers:
+        for key in list(layer.keys()):
+            del layer[key]
+    scene["cvdgs_rendered_layers"] = json.dumps([name])
+    bpy.ops.cvdgs.restore_render()
+    assert {layer.name: layer.use for layer in scene.view_layers} == {name: True, "Mine": False}
+    assert "cvdgs_rendered_layers" not in scene
 
 
 @pytest.mark.parametrize("place", ["render", "Gaussians", "pictures", "output"])
