@@ -134,7 +134,7 @@ def follow(scene: bpy.types.Scene) -> None:
     changes = [
         _fill(things, filter(rendered.__contains__, _things_of(scene))),
         _fill(lamps, (found for found in rendered if found.type == "LIGHT")),
-        _fill(catchers, (found for handle in filter(is_catcher_handle, rendered) for found in catchers_of(handle))),
+        _fill(catchers, _catchers_among(scene, rendered)),
         _fill(splats, filter(_is_of_gaussians, rendered)),
     ]
     for empty in set(scene.view_layers) - set(_layers_of_artist(scene)):
@@ -246,10 +246,17 @@ def _rendered_in(branch: bpy.types.LayerCollection) -> Iterator[bpy.types.Object
 
 def _things_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
     """What is lit, is seen, and hides Gaussians; `hide_render`, which may be keyed, counts in every frame anew."""
-    yield from surfaces(scene)
+    yield from (found for found in surfaces(scene) if not found.is_shadow_catcher)
     for found in scene.objects:
         if found.type == "EMPTY" and found.instance_type == "COLLECTION":
             yield found
+
+
+def _catchers_among(scene: bpy.types.Scene, rendered: set[bpy.types.Object]) -> Iterator[bpy.types.Object]:
+    """What shows nothing but shadows: the planes of `catcher`, and what the artist made a shadow catcher of."""
+    for handle in filter(is_catcher_handle, rendered):
+        yield from catchers_of(handle)
+    yield from (found for found in surfaces(scene) if found.is_shadow_catcher and found in rendered)
 
 
 def _is_of_gaussians(candidate: bpy.types.Object) -> bool:

@@ -138,6 +138,21 @@ def test_a_catcher_shows_the_shadow_and_nothing_else(scene, tmp_path):
     assert plane.name not in scene.objects
 
 
+def test_an_artists_own_shadow_catcher_hides_no_gaussians(scene, tmp_path):
+    bpy.ops.cvdgs.set_up_render()
+    without = render_png(scene, tmp_path / "without.png")
+    plane = add_thing(scene, (0.0, 0.0, 0.0), size=6.0)
+    plane.scale.z = 1e-3
+    plane.is_shadow_catcher = True
+    bpy.context.view_layer.update()
+    things, _, catchers = objects_scene(scene).collection.children
+    assert (list(things.objects), list(catchers.objects)) == ([], [plane])
+    np.testing.assert_allclose(render_png(scene, tmp_path / "with.png"), without, atol=2 * EIGHT_BITS)
+    plane.is_shadow_catcher = False
+    apart.follow(scene)
+    assert (list(things.objects), list(catchers.objects)) == ([plane], [])
+
+
 def test_what_happens_in_the_scene_is_followed(scene):
     bpy.ops.cvdgs.set_up_render()
     lit, shown = objects_scene(scene), gaussians_scene(scene)
