@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 import bpy
 
 from .bystanders import surfaces
-from .catcher import catchers_of, is_catcher_handle
+from .catcher import catchers_of, is_catcher_handle, keep_catchers
 from .native_splats import is_native_splats
 from .render_settings import Engine, engine_settings
 from .sparse_points import is_sparse_points
@@ -103,6 +103,8 @@ def take_apart(scene: bpy.types.Scene) -> None:
 
 def put_together(scene: bpy.types.Scene) -> None:
     """Undo `take_apart`."""
+    for handle in filter(is_catcher_handle, scene.objects):
+        keep_catchers(handle)  # one of an earlier release has nothing else that does
     for key in (_OBJECTS_SCENE, _GAUSSIANS_SCENE):
         helper = _own(scene, key)
         if helper is not None:

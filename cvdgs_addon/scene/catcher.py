@@ -15,7 +15,7 @@ from .world_matrix import world_of
 
 NAME = "Shadow Catcher"
 
-_HANDLE = "cvdgs_shadow_catcher"
+_HANDLE, _PLANE = "cvdgs_shadow_catcher", "cvdgs_shadow_catcher_plane"  # custom properties of the Empty
 _FLOOR = 5.0  # percentile of the Gaussians' heights, for a floor with nothing on it
 _RADII = 1.5  # half of its side, in radii of the Gaussians' core
 _CORNERS = ((-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0))
@@ -42,7 +42,14 @@ def add_catcher(scene: bpy.types.Scene, splats: bpy.types.Object, standing: list
     mesh.from_pydata(_CORNERS, [], [(0, 1, 2, 3)])
     plane = bpy.data.objects.new(f"{NAME} Plane", mesh)
     plane.parent, plane.is_shadow_catcher = handle, True
+    keep_catchers(handle)
     return handle
+
+
+def keep_catchers(handle: bpy.types.Object) -> None:
+    """Let files keep the plane of `handle` also where no scene has it, as while nothing is rendered apart."""
+    for plane in catchers_of(handle):
+        handle[_PLANE] = plane
 
 
 def is_catcher_handle(candidate: bpy.types.Object) -> bool:

@@ -138,6 +138,28 @@ def test_a_catcher_shows_the_shadow_and_nothing_else(scene, tmp_path):
     assert plane.name not in scene.objects
 
 
+@pytest.mark.parametrize("release", ["this", "an earlier one"])
+def test_a_catcher_is_there_again_in_a_file_that_was_saved_without(scene, tmp_path, release):
+    bpy.ops.cvdgs.set_up_render()
+    bpy.ops.cvdgs.add_catcher()
+    (handle,) = filter(is_catcher_handle, scene.objects)
+    if release != "this":
+        del handle["cvdgs_shadow_catcher_plane"]
+    catchers_of(handle)[0].data.materials.append(bpy.data.materials.new("Rough"))
+    bpy.ops.cvdgs.restore_render()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.cvdgs.set_up_render()
+    scene = bpy.context.scene
+    (handle,) = filter(is_catcher_handle, scene.objects)
+    (plane,) = catchers_of(handle)
+    assert plane.data.materials[0].name == "Rough"
+    assert list(objects_scene(scene).collection.children[2].objects) == [plane]
+    bpy.data.objects.remove(handle)
+    apart.follow(scene)
+    assert not objects_scene(scene).collection.children[2].objects
+
+
 def test_an_artists_own_shadow_catcher_hides_no_gaussians(scene, tmp_path):
     bpy.ops.cvdgs.set_up_render()
     without = render_png(scene, tmp_path / "without.png")
