@@ -8,7 +8,6 @@ hides them. `compositor.apart` puts the pictures together. 3D views show the art
 from __future__ import annotations
 
 import importlib
-import json
 import threading
 from collections.abc import Iterable, Iterator
 
@@ -20,16 +19,13 @@ from .native_splats import is_native_splats
 from .render_settings import Engine, engine_settings
 from .sparse_points import is_sparse_points
 from .splats import is_splats
+from .view_layers import empty_layers, rendered_objects, tick_layers_again, untick_layers
 
 OBJECTS_LAYER, COVERAGE_LAYER, GAUSSIANS_LAYER = "Objects", "Coverage", "Gaussians"
 """View layers: lit objects with the shadows that they throw; where objects are, as alpha; Gaussians with holes."""
 
 _OBJECTS_SCENE, _GAUSSIANS_SCENE = "cvdgs_objects_scene", "cvdgs_gaussians_scene"
 _OWNER = "cvdgs_owner"  # custom property of these two: the scene that they follow
-# Custom properties of view layers, which artists rename: those that were ticked, and the one that renders nothing.
-_WAS_TICKED, _IS_EMPTY = "cvdgs_rendered_layer", "cvdgs_empty_layer"
-_NAMES_OF_TICKED = "cvdgs_rendered_layers"  # custom property of the scene, in files of earlier releases
-_EMPTY_LAYER = "CVD Rendered Apart"
 _THINGS, _LAMPS, _CATCHERS, _SPLATS = "CVD Objects", "CVD Lamps", "CVD Shadow Catchers", "CVD Gaussians"
 _FOLLOWED = (
     *("camera", "world", "cycles.device", "render.resolution_x", "render.resolution_y", "render.resolution_percentage"),
@@ -94,10 +90,7 @@ def take_apart(scene: bpy.types.Scene) -> None:
     shown.view_layers[0].layer_collection.children[things.name].holdout = True
     scene[_OBJECTS_SCENE], scene[_GAUSSIANS_SCENE] = lit, shown
     lit[_OWNER] = shown[_OWNER] = scene
-    for layer in scene.view_layers:
-        if layer.use:
-            layer[_WAS_TICKED], layer.use = True, False
-    scene.view_layers.new(_EMPTY_LAYER)[_IS_EMPTY] = True  # Blender renders no scene without any
+    untick_layers(scene)
     follow(scene)
 
 
@@ -112,13 +105,7 @@ def put_together(scene: bpy.types.Scene) -> None:
                 bpy.data.collections.remove(collection)
             bpy.data.scenes.remove(helper)
         scene.pop(key, None)
-    for layer in _layers_of_artist(scene):
-        layer.use = _is_ticked(scene, layer)
-        layer.pop(_WAS_TICKED, None)
-    scene.pop(_NAMES_OF_TICKED, None)
-    for empty in set(scene.view_layers) - set(_layers_of_artist(scene)):
-        if len(scene.view_layers) > 1:
-            scene.view_layers.remove(empty)
+    tick_layers_again(scene)
 
 
 def follow(scene: bpy.types.Scene) -> None:
@@ -132,14 +119,14 @@ def follow(scene: bpy.types.Scene) -> None:
     follow_markers(scene)
     things, lamps, catchers = lit.collection.children
     splats = shown.collection.children[0]
-    rendered = _rendered(scene)
+    rendered = rendered_objects(scene)
     changes = [
-        _fill(things, filter(rendered.__contains__, _things_of(scene))),
+        _fill(things, (found for found in surfaces(scene) if found in rendered and not found.is_shadow_catcher)),
         _fill(lamps, (found for found in rendered if found.type == "LIGHT")),
         _fill(catchers, _catchers_among(scene, rendered)),
         _fill(splats, filter(_is_of_gaussians, rendered)),
     ]
-    for empty in set(scene.view_layers) - set(_layers_of_artist(scene)):
+    for empty in empty_layers(scene):
         for child in empty.layer_collection.children:
             if not child.exclude:
                 child.exclude = True
@@ -218,40 +205,6 @@ def _new_scene(name: str, settings: dict, *collections: bpy.types.Collection) ->
 def _has_denoiser() -> bool:
     """Whether this Blender was built with one that needs no graphics card: some distributions leave it out."""
     return bool(getattr(importlib.import_module("_cycles"), "with_openimagedenoise", False))
-
-
-def _rendered(scene: bpy.types.Scene) -> set[bpy.types.Object]:
-    """What the artist's ticked view layers have and no collection hides, as Blender would render the scene."""
-    layers = _layers_of_artist(scene)
-    chosen = [layer for layer in layers if _is_ticked(scene, layer)] or layers  # renamed in an earlier release
-    return {found for layer in chosen for found in _rendered_in(layer.layer_collection)}
-
-
-def _layers_of_artist(scene: bpy.types.Scene) -> list[bpy.types.ViewLayer]:
-    return [layer for layer in scene.view_layers if not layer.get(_IS_EMPTY) and layer.name != _EMPTY_LAYER]
-
-
-def _is_ticked(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> bool:
-    """Whether the artist's view layer is to be rendered: Blender renders it, or would without `take_apart`."""
-    return layer.use or bool(layer.get(_WAS_TICKED)) or layer.name in json.loads(scene.get(_NAMES_OF_TICKED, "[]"))
-
-
-def _rendered_in(branch: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
-    """Those of a collection and of the collections in it: one that is excluded may have some that are not."""
-    if branch.collection.hide_render:
-        return
-    if not branch.exclude:
-        yield from branch.collection.objects
-    for child in branch.children:
-        yield from _rendered_in(child)
-
-
-def _things_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
-    """What is lit, is seen, and hides Gaussians; `hide_render`, which may be keyed, counts in every frame anew."""
-    yield from (found for found in surfaces(scene) if not found.is_shadow_catcher)
-    for found in scene.objects:
-        if found.type == "EMPTY" and found.instance_type == "COLLECTION":
-            yield found
 
 
 def _catchers_among(scene: bpy.types.Scene, rendered: set[bpy.types.Object]) -> Iterator[bpy.types.Object]:

@@ -18,17 +18,17 @@ def world_of(target: bpy.types.Object) -> mathutils.Matrix:
     hides or an excluded collection has: there it is an old one, and the identity in a file that was just opened. Their
     place follows from their parents; constraints do not count then.
     """
-    if target.parent_type in _PARTS_OF_PARENTS or _is_evaluated(target, bpy.context.view_layer):
+    if target.parent_type in _PARTS_OF_PARENTS or is_evaluated(target):
         return target.matrix_world.copy()
     if target.parent is None:
         return target.matrix_basis.copy()
     return world_of(target.parent) @ target.matrix_parent_inverse @ target.matrix_basis
 
 
-def _is_evaluated(target: bpy.types.Object, layer: bpy.types.ViewLayer) -> bool:
-    """Whether `layer` keeps the object up to date; the key H and the eye icon do not keep it from that.
+def is_evaluated(target: bpy.types.Object) -> bool:
+    """Whether the open view layer keeps the object up to date; the key H and the eye icon do not keep it from that.
 
     Its copy in the dependency graph does not tell: what a property of the scene points to has one, with an old matrix.
     """
-    shown = collections_in(layer.layer_collection, hidden_by="hide_viewport")
+    shown = collections_in(bpy.context.view_layer.layer_collection, hidden_by="hide_viewport")
     return not target.hide_viewport and any(found.objects.get(target.name) == target for found in shown)
