@@ -94,8 +94,9 @@ def add_estimated_light(splats: bpy.types.Object, scene: bpy.types.Scene) -> lis
         InputError: see `estimate_light`.
     """
     light = estimate_light(splats)
-    for earlier in [found for found in scene.objects if found.type == "LIGHT" and found.name.startswith(LIGHT_NAME)]:
-        bpy.data.lights.remove(earlier.data)
+    earlier = (found for found in scene.objects if found.type == "LIGHT" and found.name.startswith(LIGHT_NAME))
+    for data in {lamp.data for lamp in earlier}:  # linked duplicates share theirs
+        bpy.data.lights.remove(data)
     lamps = []
     # White that faces a sun of strength pi has a radiance of one.
     for name, direction, radiance, angle in (
