@@ -62,20 +62,20 @@ def add_marks(splats: bpy.types.Object, other: bpy.types.Object) -> list[bpy.typ
     return made
 
 
-def set_marks(splats: bpy.types.Object, places: Iterable[mathutils.Vector]) -> None:
-    """Give `splats` marks at these places of the scene, numbered in their order, in place of those that it has."""
+def set_marks(splats: bpy.types.Object, places: Mapping[int, mathutils.Vector]) -> None:
+    """Give `splats` marks at these places of the scene, by their numbers, in place of those that it has."""
     for mark in list(_marks_of(splats).values()):
         bpy.data.objects.remove(mark)
-    for number, place in enumerate(places, start=1):
+    for number, place in places.items():
         mark = _add_mark(splats, number)
         bpy.context.view_layer.update()
         mark.matrix_world = mathutils.Matrix.Translation(place)
 
 
-def places_of_marks(splats: bpy.types.Object) -> list[mathutils.Vector]:
+def places_of_marks(splats: bpy.types.Object) -> dict[int, mathutils.Vector]:
     """Where the marks of `splats` are in the scene, by their numbers."""
     marks = _marks_of(splats)
-    return [world_of(marks[number]).translation for number in sorted(marks)]
+    return {number: world_of(marks[number]).translation for number in sorted(marks)}
 
 
 def align_by_marks(moved: bpy.types.Object, fixed: bpy.types.Object) -> Alignment:
