@@ -13,7 +13,7 @@ from .activity import ACTIVITY
 from .compositor.copied_scenes import CopiedScenes
 from .inspection import catch_up
 from .pictures import PICTURES
-from .scene.apart import Followers
+from .scene.apart import Followers, remove_left_over
 from .scene.camera_view import has_graphics_card, leave_slow_views
 from .scene.display import Form, form_of, match_after_change, match_before_render
 from .scene.origin import keep_appended_run, keep_open_runs, keep_runs
@@ -138,6 +138,7 @@ def _show_colors(*_: object) -> None:
 def _prepare_saving(path: str, *_: object) -> None:
     keep_runs(path)
     forget_deleted()
+    remove_left_over()
 
 
 @bpy.app.handlers.persistent

@@ -101,11 +101,19 @@ def put_together(scene: bpy.types.Scene) -> None:
     for key in (_OBJECTS_SCENE, _GAUSSIANS_SCENE):
         helper = _own(scene, key)
         if helper is not None:
-            for collection in list(helper.collection.children):
-                bpy.data.collections.remove(collection)
-            bpy.data.scenes.remove(helper)
+            _remove(helper)
         scene.pop(key, None)
     tick_layers_again(scene)
+
+
+def remove_left_over() -> None:
+    """Remove the scenes of `take_apart` whose own scene was deleted, unless somebody has put something into them."""
+    left_over = [found for found in bpy.data.scenes if follows_another(found) and found[_OWNER] is None]
+    if len(left_over) == len(bpy.data.scenes) or bpy.app.is_job_running("RENDER"):
+        return  # a file has one scene at least
+    for helper in left_over:
+        if helper.library is None and not helper.collection.objects:
+            _remove(helper)
 
 
 def follow(scene: bpy.types.Scene) -> None:
@@ -180,7 +188,8 @@ class Followers:
             bpy.app.timers.unregister(self._timer)
 
     def look(self) -> float:
-        """Follow the markers, of which Blender does not tell when they are deleted; for the timer."""
+        """Follow the deletion of markers and scenes, of which Blender does not tell; for the timer."""
+        remove_left_over()
         for scene in filter(is_apart, bpy.data.scenes):
             follow_markers(scene)
         return _INTERVAL
@@ -190,6 +199,12 @@ def _own(scene: bpy.types.Scene, key: str) -> bpy.types.Scene | None:
     """The scene that `scene` names and that follows it: a copy names those of the scene that it was copied from."""
     helper = scene.get(key)
     return helper if helper is not None and helper.get(_OWNER) == scene else None
+
+
+def _remove(helper: bpy.types.Scene) -> None:
+    for collection in list(helper.collection.children):
+        bpy.data.collections.remove(collection)
+    bpy.data.scenes.remove(helper)
 
 
 def _new_scene(name: str, settings: dict, *collections: bpy.types.Collection) -> bpy.types.Scene:

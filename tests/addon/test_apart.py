@@ -374,6 +374,32 @@ def test_view_layers_of_a_file_that_an_earlier_release_saved_are_rendered_again(
     assert "cvdgs_rendered_layers" not in scene
 
 
+@pytest.mark.parametrize("when", ["soon", "when it is saved"])
+def test_what_renders_a_scene_apart_goes_with_it(scene, tmp_path, when):
+    bpy.ops.cvdgs.set_up_render()
+    other = bpy.data.scenes.new("Other")
+    bpy.data.scenes.remove(scene)
+    assert len(bpy.data.scenes) == 3
+    if when == "soon":
+        apart.Followers().look()
+    else:
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    assert list(bpy.data.scenes) == [other]
+    assert "CVD Objects" not in bpy.data.collections
+
+
+def test_the_last_scenes_of_a_file_and_those_that_somebody_uses_stay(scene):
+    bpy.ops.cvdgs.set_up_render()
+    lit = objects_scene(scene)
+    bpy.data.scenes.remove(scene)
+    apart.remove_left_over()
+    assert len(bpy.data.scenes) == 2
+    add_thing(lit, (0.0, 0.0, 0.0))
+    other = bpy.data.scenes.new("Other")
+    apart.remove_left_over()
+    assert set(bpy.data.scenes) == {lit, other}
+
+
 @pytest.mark.parametrize("place", ["render", "Gaussians", "pictures", "output"])
 def test_nodes_that_somebody_adds_stay_when_it_ends(scene, place):
     bpy.ops.cvdgs.set_up_render()
