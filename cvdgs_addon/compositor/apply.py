@@ -18,9 +18,9 @@ from .scene_tree import (
     NODE_NAME,
     ensure_tree,
     is_ours,
+    leave_tree,
     output_socket,
     picture_source,
-    remove_tree,
     scene_tree,
     viewers_of,
 )
@@ -112,8 +112,8 @@ def remove_simulation(scene: bpy.types.Scene) -> None:
     if node is not None:
         _take_out(scene_tree(scene), node)
     tree = scene_tree(scene)
-    if tree is not None and is_ours(tree):
-        remove_tree(scene, tree)
+    if tree is not None:
+        leave_tree(scene, tree)
     restore_settings(scene, SIMULATION_VIEW)
     restore_settings(scene, _RENDER)
     _composite_viewports(scene, False)

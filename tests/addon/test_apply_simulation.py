@@ -122,6 +122,21 @@ def test_an_artists_compositor_is_left_as_it_was(fresh_scene, tmp_path):
     np.testing.assert_array_equal(composited(fresh_scene, tmp_path), pixels)
 
 
+@pytest.mark.skipif(bpy.app.version >= (5, 0), reason="a compositor is not switched off but taken away")
+@pytest.mark.parametrize("is_used", [False, True])
+def test_a_compositor_that_was_switched_off_is_so_again(fresh_scene, is_used):
+    fresh_scene.use_nodes = True
+    tree = artists_tree(fresh_scene)
+    fresh_scene.use_nodes = is_used
+    before = structure(tree)
+    show_simulation(fresh_scene, Simulation())
+    show_simulation(fresh_scene, Simulation(severity=0.5))
+    assert fresh_scene.use_nodes
+    remove_simulation(fresh_scene)
+    assert fresh_scene.use_nodes == is_used
+    assert structure(fresh_scene.node_tree) == before
+
+
 def insert_glare(tree: bpy.types.NodeTree, link: bpy.types.NodeLink) -> bpy.types.Node:
     """Put a node called "mine" into a link of the tree, as an artist does; returns the node."""
     source, target = link.from_socket, link.to_socket
