@@ -25,6 +25,7 @@ from .scene.shapes import frame_map, rotation_matrices
 from .scene.splat_attributes import Attribute, color_attribute, read_attribute, require_object_mode, vertex_positions
 from .scene.splat_nodes import Input
 from .scene.splats import get_input, layer_names
+from .scene.world_matrix import world_of
 from .shown import shown_layer
 
 # A logit beyond this is as good as 0 or 1, and finite.
@@ -65,7 +66,7 @@ def read_gaussians(
         splats: made by `scene.splats.add_gaussians`.
         layer: colour layer.
         enhanced: 0 for the original colours, 1 for the layer's.
-        axes: to which axes the object's own are taken, by 4 × 4: to the scene's by its ``matrix_world``. None: the
+        axes: to which axes the object's own are taken, by 4 × 4: to the scene's by `world_of`. None: the
             object's own, which are the capture's.
         as_in_viewport: only those within the budget, which limits what the viewport draws.
 
@@ -165,7 +166,7 @@ def export_layers(path: str, splats: bpy.types.Object) -> int:
         InputError: no Gaussians are left, they are being edited, an unknown ending, a library that is missing, or the
             file cannot be written.
     """
-    layers = _all_layers(splats, axes=splats.matrix_world)
+    layers = _all_layers(splats, axes=world_of(splats))
     try:
         write_layers(path, layers, up=_SCENES_UP)
     except OSError as error:

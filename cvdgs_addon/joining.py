@@ -20,6 +20,7 @@ from .scene.recolor import source_layer
 from .scene.splat_attributes import Attribute, is_gaussian, read_attribute, write_attribute
 from .scene.splat_nodes import Input
 from .scene.splats import add_gaussians, get_input, layer_names, set_input, show_layer
+from .scene.world_matrix import world_of
 from .shown import shown_layer
 
 _ENDING = " Gaussians"
@@ -35,7 +36,7 @@ def join(scene: bpy.types.Scene, first: bpy.types.Object, second: bpy.types.Obje
         InputError: one of them is being edited, or has no Gaussians left.
     """
     bpy.context.view_layer.update()
-    into = first.matrix_world.inverted_safe() @ second.matrix_world
+    into = world_of(first).inverted_safe() @ world_of(second)
     parts = [_read(first, ORIGINAL), _read(second, ORIGINAL, into)]
     degree = max(part.gaussians.sh_degree for part in parts)
     gaussians = concatenate(*(part.gaussians.with_sh_degree(degree) for part in parts))

@@ -52,7 +52,7 @@ class Picking:
         if place is None:
             return
         places.append(place)
-        set_marks(owner, places)
+        set_marks(owner, dict(enumerate(places, start=1)))
         if self._turn and len(places) == len(self._places[0]):
             self._end(is_complete=True)
 

@@ -13,14 +13,14 @@ from .activity import ACTIVITY
 from .compositor.copied_scenes import CopiedScenes
 from .inspection import catch_up
 from .pictures import PICTURES
-from .scene.apart import Followers
+from .scene.apart import Followers, remove_left_over
 from .scene.camera_view import has_graphics_card, leave_slow_views
 from .scene.display import Form, form_of, match_after_change, match_before_render
 from .scene.origin import keep_appended_run, keep_open_runs, keep_runs
 from .scene.preview import end_looking_around
 from .scene.splats import is_splats
 from .scene.turntable import restore_interrupted
-from .shown import forget_deleted
+from .shown import forget_deleted, show_source_of_missing_layer
 from .watching import WATCHER
 
 _FILE_EVENTS = ("load_post", "undo_post", "redo_post")
@@ -109,6 +109,9 @@ class _OpenedFiles:
 def _put_right(*_: object) -> None:
     for scene in bpy.data.scenes:
         restore_interrupted(scene)
+    for splats in filter(is_splats, bpy.data.objects):
+        if splats.library is None:
+            show_source_of_missing_layer(splats)
     if not bpy.app.background:  # nobody looks, and nobody would hear the worker's answer
         for window in bpy.context.window_manager.windows:
             leave_slow_views(window.scene)
@@ -135,6 +138,7 @@ def _show_colors(*_: object) -> None:
 def _prepare_saving(path: str, *_: object) -> None:
     keep_runs(path)
     forget_deleted()
+    remove_left_over()
 
 
 @bpy.app.handlers.persistent

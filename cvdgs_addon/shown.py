@@ -6,9 +6,10 @@ import bpy
 
 from ..core.runs.layout import ORIGINAL
 from .scene.origin import run_of
+from .scene.recolor import source_layer
 from .scene.splat_attributes import color_attribute
 from .scene.splat_nodes import Input
-from .scene.splats import get_input, is_splats
+from .scene.splats import get_input, is_splats, layer_names, show_layer
 
 NOTHING_TO_SHOW = "Start a run or load a finished one first"
 RUN_UNKNOWN = "The run that these Gaussians came from is unknown - load the run again"
@@ -36,6 +37,16 @@ def shown_layer(splats: bpy.types.Object) -> tuple[str, float]:
     layer = str(get_input(splats, Input.LAYER)).removeprefix(color_attribute(""))
     enhanced = get_input(splats, Input.ENHANCED)
     return layer or ORIGINAL, float(enhanced) if isinstance(enhanced, float) else 1.0
+
+
+def show_source_of_missing_layer(splats: bpy.types.Object) -> None:
+    """Show what an edited layer began from where that one is gone: undo in Edit Mode takes it away, but not the choice
+    of what is shown.
+    """
+    layer, enhanced = shown_layer(splats)
+    names = layer_names(splats)
+    if layer not in names and source_layer(layer) in names:
+        show_layer(splats, source_layer(layer), enhanced)
 
 
 def shown_run(context: bpy.types.Context) -> str:

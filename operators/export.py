@@ -21,6 +21,7 @@ from ..cvdgs_addon.export import (
     read_gaussians,
 )
 from ..cvdgs_addon.scene.origin import run_of
+from ..cvdgs_addon.scene.world_matrix import world_of
 from ..cvdgs_addon.shown import shown_layer, shown_splats
 from .base import NeedsGaussians, NeedsRun
 
@@ -55,7 +56,7 @@ class CVDGS_OT_export_gaussians(NeedsGaussians, bpy.types.Operator, ExportHelper
         splats = shown_splats(context)
         assert splats is not None  # see `NeedsGaussians.missing`
         layer, enhanced = shown_layer(splats)
-        exported = read_gaussians(splats, layer, enhanced, axes=splats.matrix_world if self.axes == "SCENE" else None)
+        exported = read_gaussians(splats, layer, enhanced, axes=world_of(splats) if self.axes == "SCENE" else None)
         path = bpy.path.abspath(self.filepath)
         export_gaussians(path, exported)
         if exported.lost_view_dependence:

@@ -10,7 +10,7 @@ from ..cvdgs_addon.scene import masks
 from ..cvdgs_addon.scene.masks import Treatment, object_mode
 from ..cvdgs_addon.scene.recolor import Change, recolor, source_layer
 from ..cvdgs_addon.scene.splats import show_layer
-from ..cvdgs_addon.shown import shown_layer, shown_splats
+from ..cvdgs_addon.shown import show_source_of_missing_layer, shown_layer, shown_splats
 from .base import ChangesGaussians
 
 _DONE = {
@@ -140,6 +140,7 @@ class CVDGS_OT_recolor_selected(ChangesGaussians, bpy.types.Operator):
 
     def act(self, context: bpy.types.Context) -> None:
         splats = shown_splats(context)
+        show_source_of_missing_layer(splats)
         layer, enhanced = shown_layer(splats)
         with object_mode(splats):
             change = Change(self.hue / (2.0 * math.pi), self.saturation, self.value)

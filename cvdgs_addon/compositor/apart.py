@@ -20,7 +20,7 @@ from ..scene.nodes import NodeWriter, Sockets, Value
 from ..scene.remembered_settings import change_settings, restore_settings
 from ..scene.render_settings import Display, display_of
 from ..scene.splats import is_splats
-from .scene_tree import APART_NODE, ensure_tree, is_ours, output_socket, picture_source, remove_tree, scene_tree
+from .scene_tree import APART_NODE, ensure_tree, leave_tree, output_socket, picture_source, scene_tree
 
 _PICTURE = "CVD objects over Gaussians"
 _RENDER = "cvdgs_apart_render"
@@ -98,8 +98,7 @@ def _take_out(scene: bpy.types.Scene) -> None:
     for group in made:
         if not group.users:
             bpy.data.node_groups.remove(group)
-    if is_ours(tree):
-        remove_tree(scene, tree)
+    leave_tree(scene, tree)
 
 
 def _joins(node: bpy.types.Node) -> bool:

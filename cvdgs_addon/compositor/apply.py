@@ -18,9 +18,9 @@ from .scene_tree import (
     NODE_NAME,
     ensure_tree,
     is_ours,
+    leave_tree,
     output_socket,
     picture_source,
-    remove_tree,
     scene_tree,
     viewers_of,
 )
@@ -112,8 +112,8 @@ def remove_simulation(scene: bpy.types.Scene) -> None:
     if node is not None:
         _take_out(scene_tree(scene), node)
     tree = scene_tree(scene)
-    if tree is not None and is_ours(tree):
-        remove_tree(scene, tree)
+    if tree is not None:
+        leave_tree(scene, tree)
     restore_settings(scene, SIMULATION_VIEW)
     restore_settings(scene, _RENDER)
     _composite_viewports(scene, False)
@@ -167,18 +167,27 @@ def _take_out(tree: bpy.types.NodeTree, node: bpy.types.Node) -> None:
 
 
 def _composite_viewports(scene: bpy.types.Scene, on: bool) -> None:
-    """Let 3D views show the compositor's result, or as they did before."""
-    before = json.loads(scene.get(_VIEWPORTS) or "{}")
+    """Let 3D views show the compositor's result, or as they did before if no other scene has them show it."""
+    before = _views_before(scene)
+    others: dict[str, str] = {}
+    for other in bpy.data.scenes:
+        others |= _views_before(other) if other != scene else {}
     for place, shading in _viewport_shadings():
         if on and place not in before:
-            before[place] = shading.use_compositor
+            before[place] = others.get(place, shading.use_compositor)
             shading.use_compositor = "ALWAYS"
-        elif not on and place in before:
+        elif not on and place in before and place not in others:
             shading.use_compositor = before[place]
     if on:
         scene[_VIEWPORTS] = json.dumps(before)
     elif _VIEWPORTS in scene:
         del scene[_VIEWPORTS]
+
+
+def _views_before(scene: bpy.types.Scene) -> dict[str, str]:
+    """How 3D views were, by their place, before `scene` had them show the compositor's result."""
+    before: dict[str, str] = json.loads(scene.get(_VIEWPORTS) or "{}")
+    return before
 
 
 def _viewport_shadings() -> Iterator[tuple[str, bpy.types.View3DShading]]:

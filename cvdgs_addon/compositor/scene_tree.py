@@ -9,6 +9,7 @@ _OUTPUT = "NodeGroupOutput" if _HAS_GROUPS else "CompositorNodeComposite"
 _SOURCE, _VIEWER = "CompositorNodeRLayers", "CompositorNodeViewer"
 _TREE_NAME = "CVD Compositor"
 _OURS = "cvdgs_made"  # custom property of a tree that `ensure_tree` made
+_SWITCHED_ON = "cvdgs_switched_on"  # and of one whose *Use Nodes* it ticked
 
 NODE_NAME = "CVD simulation (add-on)"
 """The node that simulates (see `apply`)."""
@@ -37,7 +38,8 @@ def ensure_tree(scene: bpy.types.Scene) -> bpy.types.NodeTree:
         scene.use_nodes = True
         tree = scene.node_tree
         if had_nodes:
-            return tree  # somebody's, that was switched off
+            tree[_SWITCHED_ON] = True  # somebody's
+            return tree
         tree.nodes.clear()
     tree[_OURS] = True
     return tree
@@ -54,7 +56,16 @@ def is_ours(tree: bpy.types.NodeTree) -> bool:
     )
 
 
-def remove_tree(scene: bpy.types.Scene, tree: bpy.types.NodeTree) -> None:
+def leave_tree(scene: bpy.types.Scene, tree: bpy.types.NodeTree) -> None:
+    """Undo `ensure_tree` where none of the nodes that it was needed for is left in the tree of `scene`."""
+    if is_ours(tree):
+        _remove_tree(scene, tree)
+    elif tree.get(_SWITCHED_ON) and not any(name in tree.nodes for name in (NODE_NAME, APART_NODE)):
+        del tree[_SWITCHED_ON]
+        scene.use_nodes = False
+
+
+def _remove_tree(scene: bpy.types.Scene, tree: bpy.types.NodeTree) -> None:
     """Leave `scene` without the tree that `ensure_tree` made for it."""
     if _HAS_GROUPS:
         bpy.data.node_groups.remove(tree)

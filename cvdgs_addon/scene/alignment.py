@@ -18,6 +18,7 @@ from .cameras import is_capture_camera, view_key
 from .import_capture import scale_ranges
 from .placement import found_of, is_capture, metres_of_unit, metres_shown, set_metres
 from .splat_attributes import core_of
+from .world_matrix import world_of
 
 _MARK = "cvdgs_mark"  # custom property of an Empty: the number of its pair
 _SPREAD, _SIZE = 0.4, 0.04  # of new marks around the middle and of their spheres, in radii of the core
@@ -61,20 +62,20 @@ def add_marks(splats: bpy.types.Object, other: bpy.types.Object) -> list[bpy.typ
     return made
 
 
-def set_marks(splats: bpy.types.Object, places: Iterable[mathutils.Vector]) -> None:
-    """Give `splats` marks at these places of the scene, numbered in their order, in place of those that it has."""
+def set_marks(splats: bpy.types.Object, places: Mapping[int, mathutils.Vector]) -> None:
+    """Give `splats` marks at these places of the scene, by their numbers, in place of those that it has."""
     for mark in list(_marks_of(splats).values()):
         bpy.data.objects.remove(mark)
-    for number, place in enumerate(places, start=1):
+    for number, place in places.items():
         mark = _add_mark(splats, number)
         bpy.context.view_layer.update()
         mark.matrix_world = mathutils.Matrix.Translation(place)
 
 
-def places_of_marks(splats: bpy.types.Object) -> list[mathutils.Vector]:
+def places_of_marks(splats: bpy.types.Object) -> dict[int, mathutils.Vector]:
     """Where the marks of `splats` are in the scene, by their numbers."""
     marks = _marks_of(splats)
-    return [marks[number].matrix_world.translation.copy() for number in sorted(marks)]
+    return {number: world_of(marks[number]).translation for number in sorted(marks)}
 
 
 def align_by_marks(moved: bpy.types.Object, fixed: bpy.types.Object) -> Alignment:
@@ -126,7 +127,7 @@ def _align(
             remedy="mark points",
         )
     root = moved.parent or moved
-    root.matrix_world = mathutils.Matrix(found.matrix.tolist()) @ root.matrix_world
+    root.matrix_world = mathutils.Matrix(found.matrix.tolist()) @ world_of(root)
     scale_ranges(root, found.scale)
     bpy.context.view_layer.update()
     if not is_metric:
@@ -137,7 +138,7 @@ def _align(
 
 
 def _places(objects: Iterable[bpy.types.Object]) -> np.ndarray:
-    return np.array([found.matrix_world.translation for found in objects], np.float64).reshape(-1, 3)
+    return np.array([world_of(found).translation for found in objects], np.float64).reshape(-1, 3)
 
 
 def _family(splats: bpy.types.Object) -> Iterable[bpy.types.Object]:
@@ -162,7 +163,7 @@ def _add_mark(splats: bpy.types.Object, number: int) -> bpy.types.Object:
     mark.show_name = mark.show_in_front = True
     mark.parent = splats.parent or splats
     offset = _SPREAD * radius * np.array([np.cos(angle), np.sin(angle), 0.0])
-    local = splats.matrix_local if splats.parent else mathutils.Matrix()
+    local = world_of(splats.parent).inverted_safe() @ world_of(splats) if splats.parent else mathutils.Matrix()
     mark.location = local @ mathutils.Vector((center + offset).tolist())
     link_beside(splats, mark)
     return mark

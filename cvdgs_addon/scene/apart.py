@@ -8,26 +8,24 @@ hides them. `compositor.apart` puts the pictures together. 3D views show the art
 from __future__ import annotations
 
 import importlib
-import json
 import threading
 from collections.abc import Iterable, Iterator
 
 import bpy
 
 from .bystanders import surfaces
-from .catcher import catchers_of, is_catcher_handle
+from .catcher import catchers_of, is_catcher_handle, keep_catchers
 from .native_splats import is_native_splats
 from .render_settings import Engine, engine_settings
 from .sparse_points import is_sparse_points
 from .splats import is_splats
+from .view_layers import empty_layers, rendered_objects, tick_layers_again, untick_layers
 
 OBJECTS_LAYER, COVERAGE_LAYER, GAUSSIANS_LAYER = "Objects", "Coverage", "Gaussians"
 """View layers: lit objects with the shadows that they throw; where objects are, as alpha; Gaussians with holes."""
 
 _OBJECTS_SCENE, _GAUSSIANS_SCENE = "cvdgs_objects_scene", "cvdgs_gaussians_scene"
 _OWNER = "cvdgs_owner"  # custom property of these two: the scene that they follow
-_RENDERED_LAYERS = "cvdgs_rendered_layers"
-_EMPTY_LAYER = "CVD Rendered Apart"
 _THINGS, _LAMPS, _CATCHERS, _SPLATS = "CVD Objects", "CVD Lamps", "CVD Shadow Catchers", "CVD Gaussians"
 _FOLLOWED = (
     *("camera", "world", "cycles.device", "render.resolution_x", "render.resolution_y", "render.resolution_percentage"),
@@ -92,28 +90,30 @@ def take_apart(scene: bpy.types.Scene) -> None:
     shown.view_layers[0].layer_collection.children[things.name].holdout = True
     scene[_OBJECTS_SCENE], scene[_GAUSSIANS_SCENE] = lit, shown
     lit[_OWNER] = shown[_OWNER] = scene
-    scene[_RENDERED_LAYERS] = json.dumps([layer.name for layer in scene.view_layers if layer.use])
-    for layer in scene.view_layers:
-        layer.use = False
-    scene.view_layers.new(_EMPTY_LAYER)  # Blender renders no scene without any
+    untick_layers(scene)
     follow(scene)
 
 
 def put_together(scene: bpy.types.Scene) -> None:
     """Undo `take_apart`."""
+    for handle in filter(is_catcher_handle, scene.objects):
+        keep_catchers(handle)  # one of an earlier release has nothing else that does
     for key in (_OBJECTS_SCENE, _GAUSSIANS_SCENE):
         helper = _own(scene, key)
         if helper is not None:
-            for collection in list(helper.collection.children):
-                bpy.data.collections.remove(collection)
-            bpy.data.scenes.remove(helper)
+            _remove(helper)
         scene.pop(key, None)
-    rendered = json.loads(scene.pop(_RENDERED_LAYERS, "[]"))
-    for layer in scene.view_layers:
-        layer.use = layer.use or layer.name in rendered
-    empty = scene.view_layers.get(_EMPTY_LAYER)
-    if empty is not None and len(scene.view_layers) > 1:
-        scene.view_layers.remove(empty)
+    tick_layers_again(scene)
+
+
+def remove_left_over() -> None:
+    """Remove the scenes of `take_apart` whose own scene was deleted, unless somebody has put something into them."""
+    left_over = [found for found in bpy.data.scenes if follows_another(found) and found[_OWNER] is None]
+    if len(left_over) == len(bpy.data.scenes) or bpy.app.is_job_running("RENDER"):
+        return  # a file has one scene at least
+    for helper in left_over:
+        if helper.library is None and not helper.collection.objects:
+            _remove(helper)
 
 
 def follow(scene: bpy.types.Scene) -> None:
@@ -127,17 +127,17 @@ def follow(scene: bpy.types.Scene) -> None:
     follow_markers(scene)
     things, lamps, catchers = lit.collection.children
     splats = shown.collection.children[0]
-    rendered = _rendered(scene)
+    rendered = rendered_objects(scene)
     changes = [
-        _fill(things, filter(rendered.__contains__, _things_of(scene))),
+        _fill(things, (found for found in surfaces(scene) if found in rendered and not found.is_shadow_catcher)),
         _fill(lamps, (found for found in rendered if found.type == "LIGHT")),
-        _fill(catchers, (found for handle in filter(is_catcher_handle, rendered) for found in catchers_of(handle))),
+        _fill(catchers, _catchers_among(scene, rendered)),
         _fill(splats, filter(_is_of_gaussians, rendered)),
     ]
-    empty = scene.view_layers.get(_EMPTY_LAYER)
-    for child in empty.layer_collection.children if empty is not None else ():
-        if not child.exclude:
-            child.exclude = True
+    for empty in empty_layers(scene):
+        for child in empty.layer_collection.children:
+            if not child.exclude:
+                child.exclude = True
     if any(changes):
         bpy.context.view_layer.update()  # a render that has begun may find view layers as they were, and crash
 
@@ -188,7 +188,8 @@ class Followers:
             bpy.app.timers.unregister(self._timer)
 
     def look(self) -> float:
-        """Follow the markers, of which Blender does not tell when they are deleted; for the timer."""
+        """Follow the deletion of markers and scenes, of which Blender does not tell; for the timer."""
+        remove_left_over()
         for scene in filter(is_apart, bpy.data.scenes):
             follow_markers(scene)
         return _INTERVAL
@@ -198,6 +199,12 @@ def _own(scene: bpy.types.Scene, key: str) -> bpy.types.Scene | None:
     """The scene that `scene` names and that follows it: a copy names those of the scene that it was copied from."""
     helper = scene.get(key)
     return helper if helper is not None and helper.get(_OWNER) == scene else None
+
+
+def _remove(helper: bpy.types.Scene) -> None:
+    for collection in list(helper.collection.children):
+        bpy.data.collections.remove(collection)
+    bpy.data.scenes.remove(helper)
 
 
 def _new_scene(name: str, settings: dict, *collections: bpy.types.Collection) -> bpy.types.Scene:
@@ -215,30 +222,11 @@ def _has_denoiser() -> bool:
     return bool(getattr(importlib.import_module("_cycles"), "with_openimagedenoise", False))
 
 
-def _rendered(scene: bpy.types.Scene) -> set[bpy.types.Object]:
-    """What the artist's ticked view layers have and no collection hides, as Blender would render the scene."""
-    layers = [layer for layer in scene.view_layers if layer.name != _EMPTY_LAYER]
-    ticked = json.loads(scene.get(_RENDERED_LAYERS, "[]"))
-    chosen = [layer for layer in layers if layer.use or layer.name in ticked] or layers  # renamed since
-    return {found for layer in chosen for found in _rendered_in(layer.layer_collection)}
-
-
-def _rendered_in(branch: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
-    """Those of a collection and of the collections in it: one that is excluded may have some that are not."""
-    if branch.collection.hide_render:
-        return
-    if not branch.exclude:
-        yield from branch.collection.objects
-    for child in branch.children:
-        yield from _rendered_in(child)
-
-
-def _things_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
-    """What is lit, is seen, and hides Gaussians; `hide_render`, which may be keyed, counts in every frame anew."""
-    yield from surfaces(scene)
-    for found in scene.objects:
-        if found.type == "EMPTY" and found.instance_type == "COLLECTION":
-            yield found
+def _catchers_among(scene: bpy.types.Scene, rendered: set[bpy.types.Object]) -> Iterator[bpy.types.Object]:
+    """What shows nothing but shadows: the planes of `catcher`, and what the artist made a shadow catcher of."""
+    for handle in filter(is_catcher_handle, rendered):
+        yield from catchers_of(handle)
+    yield from (found for found in surfaces(scene) if found.is_shadow_catcher and found in rendered)
 
 
 def _is_of_gaussians(candidate: bpy.types.Object) -> bool:

@@ -12,6 +12,7 @@ from .native_splats import is_native_splats
 from .sparse_points import is_sparse_points
 from .splat_attributes import vertex_positions
 from .splats import is_splats
+from .view_layers import rendered_objects
 
 _SURFACES = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME"}  # types of what renders show
 _START_CUBE = "Cube"  # of Blender's start file
@@ -20,18 +21,30 @@ _CUBE_CORNERS, _CUBE_HALF_SIDE = 8, 1.0
 
 def bystanders(scene: bpy.types.Scene) -> list[str]:
     """Objects that renders show now beside the Gaussians, such as the cube of a new file: their names."""
-    return [found.name for found in surfaces(scene) if not found.hide_render]
+    rendered = rendered_objects(scene)
+    return [
+        found.name
+        for found in surfaces(scene)
+        if found in rendered and not found.hide_render and not _shows_gaussians_alone(found)
+    ]
 
 
 def surfaces(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
-    """Objects that renders may show beside the Gaussians at some time, also those that are hidden now."""
-    for found in scene.objects:
-        if (
-            found.type in _SURFACES
-            and not (is_splats(found) or is_sparse_points(found))
-            and not is_native_splats(found)  # `Object.children` goes through all objects of the file
-        ):
-            yield found
+    """What renders may show beside the Gaussians at some time, and what hides these: objects and instances of
+    collections, also those that are hidden now: that may be keyed.
+    """
+    return filter(is_surface, scene.objects)
+
+
+def is_surface(candidate: bpy.types.Object) -> bool:
+    """Whether `candidate` is not of the Gaussians, and what renders show, or an instance of a collection."""
+    if candidate.type == "EMPTY":
+        return candidate.instance_type == "COLLECTION"
+    return (
+        candidate.type in _SURFACES
+        and not (is_splats(candidate) or is_sparse_points(candidate))
+        and not is_native_splats(candidate)  # `Object.children` goes through all objects of the file
+    )
 
 
 def has_rigid_bodies(scene: bpy.types.Scene) -> bool:
@@ -57,6 +70,14 @@ def hide_start_cube(scene: bpy.types.Scene) -> bool:
         return False
     hide(scene, [cube.name])
     return True
+
+
+def _shows_gaussians_alone(candidate: bpy.types.Object) -> bool:
+    """Whether `candidate` is an instance of a run, such as *Link* makes, or of nothing."""
+    if candidate.type != "EMPTY":
+        return False
+    collection = candidate.instance_collection
+    return collection is None or not any(map(is_surface, collection.all_objects))
 
 
 def _is_untouched(cube: bpy.types.Object) -> bool:

@@ -6,15 +6,19 @@ The artist moves an Empty. The plane that catches is its child and only in the s
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import bpy
 import mathutils
 import numpy as np
 
+from .bystanders import is_surface
 from .splat_attributes import core_of, point_positions
+from .world_matrix import is_evaluated, world_of
 
 NAME = "Shadow Catcher"
 
-_HANDLE = "cvdgs_shadow_catcher"
+_HANDLE, _PLANE = "cvdgs_shadow_catcher", "cvdgs_shadow_catcher_plane"  # custom properties of the Empty
 _FLOOR = 5.0  # percentile of the Gaussians' heights, for a floor with nothing on it
 _RADII = 1.5  # half of its side, in radii of the Gaussians' core
 _CORNERS = ((-1.0, -1.0, 0.0), (1.0, -1.0, 0.0), (1.0, 1.0, 0.0), (-1.0, 1.0, 0.0))
@@ -25,11 +29,12 @@ def add_catcher(scene: bpy.types.Scene, splats: bpy.types.Object, standing: list
     bpy.context.view_layer.update()
     center, radius = core_of(splats)
     positions = point_positions(splats.data)
-    matrix = np.array(splats.matrix_world)
+    matrix = np.array(world_of(splats))
     center = matrix[:3, :3] @ center + matrix[:3, 3]
-    radius *= max(splats.matrix_world.to_scale())
+    radius *= max(world_of(splats).to_scale())
     heights = positions @ matrix[2, :3] + matrix[2, 3]
-    corners = [found.matrix_world @ mathutils.Vector(corner) for found in standing for corner in found.bound_box]
+    # Of others Blender knows neither where they are nor how large.
+    corners = (corner for found in filter(is_evaluated, standing) for corner in _corners(found, found.matrix_world))
     floor = min((corner.z for corner in corners), default=float(np.percentile(heights, _FLOOR)))
     handle = bpy.data.objects.new(NAME, None)
     handle[_HANDLE] = True
@@ -41,7 +46,24 @@ def add_catcher(scene: bpy.types.Scene, splats: bpy.types.Object, standing: list
     mesh.from_pydata(_CORNERS, [], [(0, 1, 2, 3)])
     plane = bpy.data.objects.new(f"{NAME} Plane", mesh)
     plane.parent, plane.is_shadow_catcher = handle, True
+    keep_catchers(handle)
     return handle
+
+
+def keep_catchers(handle: bpy.types.Object) -> None:
+    """Let files keep the plane of `handle` also where no scene has it, as while nothing is rendered apart."""
+    for plane in catchers_of(handle):
+        handle[_PLANE] = plane
+
+
+def _corners(found: bpy.types.Object, matrix: mathutils.Matrix) -> Iterator[mathutils.Vector]:
+    """Corners of what an object shows where `matrix` puts it; of an instance those of all that it shows."""
+    if found.type != "EMPTY":
+        yield from (matrix @ mathutils.Vector(corner) for corner in found.bound_box)
+    elif found.instance_collection is not None:
+        base = matrix @ mathutils.Matrix.Translation(-found.instance_collection.instance_offset)
+        for inner in filter(is_surface, found.instance_collection.all_objects):
+            yield from _corners(inner, base @ inner.matrix_world)
 
 
 def is_catcher_handle(candidate: bpy.types.Object) -> bool:

@@ -11,7 +11,8 @@ from ...core.errors import InputError
 from .beside import link_beside
 from .splat_attributes import core_of
 from .splat_nodes import Input
-from .splats import get_input, set_input
+from .splats import get_input, is_splats, set_input
+from .world_matrix import world_of
 
 _CROP_MARGIN = 1.2  # of a new crop box, in radii of the scene's core
 
@@ -46,11 +47,12 @@ def crop_box_of(splats: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def remove_crop_box(splats: bpy.types.Object) -> None:
-    """Show all of `splats` again and delete the box."""
+    """Show all of `splats` again and delete the box, unless other Gaussians have it too, as duplicates do."""
     box = crop_box_of(splats)
     set_input(splats, Input.CROP, False)
     set_input(splats, Input.CROP_BOX, None)
-    if box is not None:
+    others = (found for found in bpy.data.objects if is_splats(found) and found.users_scene)
+    if box is not None and all(crop_box_of(other) != box for other in others):
         bpy.data.objects.remove(box)
 
 
@@ -63,7 +65,7 @@ def in_box(splats: bpy.types.Object, positions: NDArray[np.float32]) -> NDArray[
     box = crop_box_of(splats)
     if box is None:
         raise InputError("there is no crop box", where=splats.name, remedy="add one first")
-    to_box = np.array(box.matrix_world.inverted_safe() @ splats.matrix_world, np.float64)
+    to_box = np.array(world_of(box).inverted_safe() @ world_of(splats), np.float64)
     return (np.abs(positions @ to_box[:3, :3].T + to_box[:3, 3]) <= 1.0).all(axis=1)
 
 

@@ -34,12 +34,16 @@ def within_budget(write: NodeWriter, rank: Value, budget: Value, is_limited: Val
 
 
 def inside_box(write: NodeWriter, position: Value, box: Value, is_cropped: Value) -> bpy.types.NodeSocket:
-    """Boolean: `position` lies within the cube of side two around the object `box`, in its own space; or no crop."""
-    to_object = write.output("GeometryNodeObjectInfo", box, name="Transform", transform_space="RELATIVE")
-    in_box = write.output("FunctionNodeTransformPoint", position, write.output("FunctionNodeInvertMatrix", to_object))
+    """Boolean: `position` lies within the cube of side two around the object `box`, in its own space; or no crop, nor
+    where the box is gone.
+    """
+    info = write.node("GeometryNodeObjectInfo", box, transform_space="RELATIVE").outputs
+    to_box = write.output("FunctionNodeInvertMatrix", info["Transform"])
+    in_box = write.output("FunctionNodeTransformPoint", position, to_box)
     x, y, z = write.separate(write.vector_math("ABSOLUTE", in_box))
     largest = write.math("MAXIMUM", x, write.math("MAXIMUM", y, z))
-    outside = write.both(is_cropped, write.compare("GREATER_THAN", largest, 1.0))
+    has_box = write.compare("GREATER_THAN", write.vector_math("LENGTH", info["Scale"]), 0.0)  # without: all zeros
+    outside = write.both(write.both(is_cropped, has_box), write.compare("GREATER_THAN", largest, 1.0))
     return write.output("FunctionNodeBooleanMath", outside, operation="NOT")
 
 

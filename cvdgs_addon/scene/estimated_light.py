@@ -20,6 +20,7 @@ from ...core.errors import InputError
 from ...core.runs.layout import ORIGINAL
 from .shapes import rotation_matrices, towards_cameras
 from .splat_attributes import Attribute, color_attribute, is_gaussian, read_attribute, require_object_mode
+from .world_matrix import world_of
 
 LIGHT_NAME = "Light of the Photographs"
 
@@ -76,7 +77,7 @@ def estimate_light(splats: bpy.types.Object) -> EstimatedLight:
     design = np.column_stack([np.ones(len(normals)), normals])
     ambient, *b = np.linalg.lstsq(design * root[:, None], brightness * root, rcond=None)[0]
     direct = float(np.linalg.norm(b))
-    turned = np.array(splats.matrix_world.to_3x3().normalized()) @ np.array(b)
+    turned = np.array(world_of(splats).to_3x3().normalized()) @ np.array(b)
     is_white = brightness >= np.percentile(brightness, _WHITE)
     white = np.median(colors[usable][is_white], axis=0)
     # The fit has the scene's mean reflectance in it; white has about one.
@@ -93,8 +94,9 @@ def add_estimated_light(splats: bpy.types.Object, scene: bpy.types.Scene) -> lis
         InputError: see `estimate_light`.
     """
     light = estimate_light(splats)
-    for earlier in [found for found in scene.objects if found.type == "LIGHT" and found.name.startswith(LIGHT_NAME)]:
-        bpy.data.lights.remove(earlier.data)
+    earlier = (found for found in scene.objects if found.type == "LIGHT" and found.name.startswith(LIGHT_NAME))
+    for data in {lamp.data for lamp in earlier}:  # linked duplicates share theirs
+        bpy.data.lights.remove(data)
     lamps = []
     # White that faces a sun of strength pi has a radiance of one.
     for name, direction, radiance, angle in (

@@ -22,6 +22,7 @@ from .recolor import edited_layers, remove_edited_layers, restore
 from .splat_attributes import (
     Attribute,
     color_attribute,
+    hide_frame,
     is_gaussian,
     read_attribute,
     vertex_positions,
@@ -170,6 +171,7 @@ def edit_points(splats: bpy.types.Object) -> None:
         other.select_set(False)
     splats.select_set(True)
     context.view_layer.objects.active = splats
+    hide_frame(splats.data)  # files of earlier releases have it in sight
     bpy.ops.object.mode_set(mode="EDIT")
     context.tool_settings.mesh_select_mode = (True, False, False)
 
@@ -190,7 +192,7 @@ def _remove(splats: bpy.types.Object, removed: Mask) -> None:
     """Nor can anybody select them in Edit Mode."""
     _write(splats, Attribute.REMOVED, "BOOLEAN", removed)
     splats.data.vertices.foreach_set("select", selected(splats) & ~removed)
-    splats.data.vertices.foreach_set("hide", removed)
+    splats.data.vertices.foreach_set("hide", removed | ~is_gaussian(splats.data))
 
 
 def _write(splats: bpy.types.Object, name: str, kind: str, values: Mask) -> None:

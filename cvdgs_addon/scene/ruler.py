@@ -14,6 +14,7 @@ from .beside import link_beside
 from .import_capture import middle_of, scale_ranges
 from .origin import run_of
 from .placement import metres_of_unit, metres_shown, set_metres
+from .world_matrix import world_of
 
 _END = "cvdgs_ruler"  # custom property of an Empty: which end of the ruler it is
 _APART, _SIZE = 0.2, 0.02  # of new ends around the middle and of their spheres, in distances of the cameras
@@ -57,7 +58,7 @@ def measure(empty: bpy.types.Object, metres: float) -> list[Path]:
     ends = ends_of(empty)
     if len(ends) < 2:
         raise InputError("no ruler", where=empty.name, remedy="add one, and move its ends to two places")
-    first, second = (np.array(ends[name].matrix_world.translation, np.float64) for name in "AB")
+    first, second = (np.array(world_of(ends[name]).translation, np.float64) for name in "AB")
     scene = bpy.context.scene
     apart = float(np.linalg.norm(second - first)) * metres_of_unit(scene)
     if not apart > 0.0 or not 0.0 < metres <= _LONGEST:
@@ -68,7 +69,7 @@ def measure(empty: bpy.types.Object, metres: float) -> list[Path]:
     # First what may fail, so that a run that cannot be told leaves the scene as it is.
     told = [folder for folder in folders if _is_told(folder, unit)]
     middle = mathutils.Matrix.Translation(((first + second) / 2.0).tolist())
-    empty.matrix_world = middle @ mathutils.Matrix.Scale(ratio, 4) @ middle.inverted() @ empty.matrix_world
+    empty.matrix_world = middle @ mathutils.Matrix.Scale(ratio, 4) @ middle.inverted() @ world_of(empty)
     scale_ranges(empty, ratio)
     set_metres(empty, unit)
     bpy.context.view_layer.update()

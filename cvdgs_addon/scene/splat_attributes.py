@@ -50,7 +50,8 @@ class Frame(IntEnum):
     """Values of `Attribute.FRAME`.
 
     Apply Transform moves a mesh's points but not its attributes. Four extra points follow it, and the group takes the
-    linear map that they went through and applies it to every Gaussian's axes.
+    linear map that they went through and applies it to every Gaussian's axes. Nobody who edits a part of the Gaussians
+    is to move or delete these: they are hidden in Edit Mode.
     """
 
     ORIGIN = 1
@@ -102,6 +103,17 @@ def is_gaussian(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:
     if Attribute.FRAME not in mesh.attributes:
         return np.ones(len(mesh.vertices), np.bool_)
     return read_attribute(mesh, Attribute.FRAME) == 0
+
+
+def hide_frame(mesh: bpy.types.Mesh) -> None:
+    """Keep the points of the frame out of Edit Mode; what else is hidden there stays so."""
+    hidden = np.empty(len(mesh.vertices), np.bool_)
+    mesh.vertices.foreach_get("hide", hidden)
+    hidden |= ~is_gaussian(mesh)
+    mesh.vertices.foreach_set("hide", hidden)
+    selected = np.empty(len(hidden), np.bool_)
+    mesh.vertices.foreach_get("select", selected)
+    mesh.vertices.foreach_set("select", selected & ~hidden)
 
 
 def point_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:

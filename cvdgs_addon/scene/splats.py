@@ -16,7 +16,7 @@ from ...core.splats.gaussians import SH_C0, Gaussians, core_bounds
 from .color_nodes import coefficient_attribute, coefficient_count
 from .nodes import InputValue, get_modifier_input, modifier_input_path, modifier_input_property, set_modifier_input
 from .render_settings import TRANSPARENT_BOUNCES
-from .splat_attributes import Attribute, Frame, color_attribute, opaque, write_attribute
+from .splat_attributes import Attribute, Frame, color_attribute, hide_frame, opaque, write_attribute
 from .splat_material import (
     DISC_NAME,
     ELLIPSOID_NAME,
@@ -193,6 +193,7 @@ def _fill_mesh(mesh: bpy.types.Mesh, gaussians: Gaussians, layers: Mapping[str, 
     mesh.attributes.new(Attribute.PREVIEW_COLOR, "BYTE_COLOR", "POINT")
     mesh.attributes.active_color_name = Attribute.PREVIEW_COLOR
     mesh.vertices.foreach_set("select", np.zeros(count + len(frame), np.bool_))  # Blender selects what is new
+    hide_frame(mesh)
     mesh.update()
 
 

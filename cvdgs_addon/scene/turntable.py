@@ -22,6 +22,7 @@ from .display import match_display
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import Display, Engine, display_of, engine_settings, literal_path, png_settings
 from .splat_attributes import core_of
+from .world_matrix import world_of
 
 _RENDER = "cvdgs_turntable_render"
 _IS_RIG = "cvdgs_turntable"  # custom property of the Empty
@@ -77,7 +78,7 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
     center, core_radius = _subject(splats)
     photographs = [camera for camera in _related(splats) if is_capture_camera(camera)]
     # Doubles, whose scalars are Python's numbers too: Blender stores no others.
-    places = np.array([camera.matrix_world.translation for camera in photographs], np.float64).reshape(-1, 3) - center
+    places = np.array([world_of(camera).translation for camera in photographs], np.float64).reshape(-1, 3) - center
     radius = turntable.radius or _usual_radius(places) or _RADII_AWAY * core_radius
     start, swing = _way_around(places, math.radians(turntable.arc))
     remove_turntable(scene)  # not before all is known of the new one
@@ -249,7 +250,7 @@ def _require_writable(folder: Path) -> None:
 def _subject(splats: bpy.types.Object) -> tuple[NDArray[np.float64], float]:
     """Centre (3,) and radius of the Gaussians' core in the scene."""
     center, radius = core_of(splats)
-    matrix = splats.matrix_world
+    matrix = world_of(splats)
     in_scene = np.array(matrix @ mathutils.Vector(center.tolist()), np.float64)
     return in_scene, float(radius) * max(matrix.to_scale())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import bpy
@@ -135,6 +136,43 @@ def test_a_catcher_shows_the_shadow_and_nothing_else(scene, tmp_path):
     assert np.median(abs(darker)) < 2 * EIGHT_BITS
     (plane,) = catchers_of(handle)
     assert plane.name not in scene.objects
+
+
+@pytest.mark.parametrize("release", ["this", "an earlier one"])
+def test_a_catcher_is_there_again_in_a_file_that_was_saved_without(scene, tmp_path, release):
+    bpy.ops.cvdgs.set_up_render()
+    bpy.ops.cvdgs.add_catcher()
+    (handle,) = filter(is_catcher_handle, scene.objects)
+    if release != "this":
+        del handle["cvdgs_shadow_catcher_plane"]
+    catchers_of(handle)[0].data.materials.append(bpy.data.materials.new("Rough"))
+    bpy.ops.cvdgs.restore_render()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.cvdgs.set_up_render()
+    scene = bpy.context.scene
+    (handle,) = filter(is_catcher_handle, scene.objects)
+    (plane,) = catchers_of(handle)
+    assert plane.data.materials[0].name == "Rough"
+    assert list(objects_scene(scene).collection.children[2].objects) == [plane]
+    bpy.data.objects.remove(handle)
+    apart.follow(scene)
+    assert not objects_scene(scene).collection.children[2].objects
+
+
+def test_an_artists_own_shadow_catcher_hides_no_gaussians(scene, tmp_path):
+    bpy.ops.cvdgs.set_up_render()
+    without = render_png(scene, tmp_path / "without.png")
+    plane = add_thing(scene, (0.0, 0.0, 0.0), size=6.0)
+    plane.scale.z = 1e-3
+    plane.is_shadow_catcher = True
+    bpy.context.view_layer.update()
+    things, _, catchers = objects_scene(scene).collection.children
+    assert (list(things.objects), list(catchers.objects)) == ([], [plane])
+    np.testing.assert_allclose(render_png(scene, tmp_path / "with.png"), without, atol=2 * EIGHT_BITS)
+    plane.is_shadow_catcher = False
+    apart.follow(scene)
+    assert (list(things.objects), list(catchers.objects)) == ([plane], [])
 
 
 def test_what_happens_in_the_scene_is_followed(scene):
@@ -310,6 +348,56 @@ def test_restoring_leaves_no_trace(scene):
     assert list(bpy.data.scenes) == [scene]
     assert (structure(tree), {layer.name: layer.use for layer in scene.view_layers}) == before
     assert len(bpy.data.node_groups) <= groups + 2  # of the Gaussians, for light
+
+
+def test_view_layers_that_were_renamed_meanwhile_are_rendered_again(scene):
+    scene.view_layers.new("Mine").use = False
+    bpy.ops.cvdgs.set_up_render()
+    scene.view_layers[0].name, scene.view_layers["Mine"].name = "Beauty", "Proxies"
+    scene.view_layers["CVD Rendered Apart"].name = "Nothing"
+    apart.follow(scene)
+    bpy.ops.cvdgs.restore_render()
+    assert {layer.name: layer.use for layer in scene.view_layers} == {"Beauty": True, "Proxies": False}
+    assert not any("cvdgs_rendered_layer" in layer for layer in scene.view_layers)
+
+
+def test_view_layers_of_a_file_that_an_earlier_release_saved_are_rendered_again(scene):
+    scene.view_layers.new("Mine").use = False
+    name = scene.view_layers[0].name
+    bpy.ops.cvdgs.set_up_render()
+    for layer in scene.view_layers:
+        for key in list(layer.keys()):
+            del layer[key]
+    scene["cvdgs_rendered_layers"] = json.dumps([name])
+    bpy.ops.cvdgs.restore_render()
+    assert {layer.name: layer.use for layer in scene.view_layers} == {name: True, "Mine": False}
+    assert "cvdgs_rendered_layers" not in scene
+
+
+@pytest.mark.parametrize("when", ["soon", "when it is saved"])
+def test_what_renders_a_scene_apart_goes_with_it(scene, tmp_path, when):
+    bpy.ops.cvdgs.set_up_render()
+    other = bpy.data.scenes.new("Other")
+    bpy.data.scenes.remove(scene)
+    assert len(bpy.data.scenes) == 3
+    if when == "soon":
+        apart.Followers().look()
+    else:
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    assert list(bpy.data.scenes) == [other]
+    assert "CVD Objects" not in bpy.data.collections
+
+
+def test_the_last_scenes_of_a_file_and_those_that_somebody_uses_stay(scene):
+    bpy.ops.cvdgs.set_up_render()
+    lit = objects_scene(scene)
+    bpy.data.scenes.remove(scene)
+    apart.remove_left_over()
+    assert len(bpy.data.scenes) == 2
+    add_thing(lit, (0.0, 0.0, 0.0))
+    other = bpy.data.scenes.new("Other")
+    apart.remove_left_over()
+    assert set(bpy.data.scenes) == {lit, other}
 
 
 @pytest.mark.parametrize("place", ["render", "Gaussians", "pictures", "output"])

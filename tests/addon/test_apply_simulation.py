@@ -122,6 +122,21 @@ def test_an_artists_compositor_is_left_as_it_was(fresh_scene, tmp_path):
     np.testing.assert_array_equal(composited(fresh_scene, tmp_path), pixels)
 
 
+@pytest.mark.skipif(bpy.app.version >= (5, 0), reason="a compositor is not switched off but taken away")
+@pytest.mark.parametrize("is_used", [False, True])
+def test_a_compositor_that_was_switched_off_is_so_again(fresh_scene, is_used):
+    fresh_scene.use_nodes = True
+    tree = artists_tree(fresh_scene)
+    fresh_scene.use_nodes = is_used
+    before = structure(tree)
+    show_simulation(fresh_scene, Simulation())
+    show_simulation(fresh_scene, Simulation(severity=0.5))
+    assert fresh_scene.use_nodes
+    remove_simulation(fresh_scene)
+    assert fresh_scene.use_nodes == is_used
+    assert structure(fresh_scene.node_tree) == before
+
+
 def insert_glare(tree: bpy.types.NodeTree, link: bpy.types.NodeLink) -> bpy.types.Node:
     """Put a node called "mine" into a link of the tree, as an artist does; returns the node."""
     source, target = link.from_socket, link.to_socket
@@ -182,24 +197,37 @@ def test_changing_what_is_simulated_changes_the_node_that_is_there(fresh_scene):
     assert second.inputs["Severity"].default_value == 0.5
 
 
+def shadings_of_views() -> list[bpy.types.View3DShading]:
+    """Of all 3D views."""
+    areas = [area for screen in bpy.data.screens for area in screen.areas]
+    return [space.shading for area in areas for space in area.spaces if space.type == "VIEW_3D"]
+
+
 def test_the_viewport_alone_can_show_it(fresh_scene):
     """The empty start file has a 3D view, in background too."""
     fresh_scene.view_settings.view_transform = "Standard"
     show_simulation(fresh_scene, Simulation())
     use_simulation(fresh_scene, in_renders=False, in_viewport=True)
     assert not fresh_scene.render.use_compositing
-    shadings = [
-        space.shading
-        for screen in bpy.data.screens
-        for area in screen.areas
-        for space in area.spaces
-        if space.type == "VIEW_3D"
-    ]
+    shadings = shadings_of_views()
     assert shadings
     assert {shading.use_compositor for shading in shadings} == {"ALWAYS"}
     use_simulation(fresh_scene, in_renders=True, in_viewport=False)
     assert fresh_scene.render.use_compositing
     assert {shading.use_compositor for shading in shadings} == {"DISABLED"}
+
+
+def test_the_viewport_is_as_it_was_when_the_last_scene_needs_it_no_more(fresh_scene):
+    second = bpy.data.scenes.new("second")
+    shadings = shadings_of_views()
+    before = [shading.use_compositor for shading in shadings]
+    for scene in (fresh_scene, second):
+        show_simulation(scene, Simulation())
+        use_simulation(scene, in_renders=False, in_viewport=True)
+    remove_simulation(fresh_scene)
+    assert {shading.use_compositor for shading in shadings} == {"ALWAYS"}
+    remove_simulation(second)
+    assert [shading.use_compositor for shading in shadings] == before
 
 
 def test_renders_keep_a_compositor_that_holds_the_view_transform(fresh_scene, tmp_path):

@@ -147,6 +147,32 @@ def test_a_crop_box_hides_what_is_outside_wherever_it_is_moved(scene, view, tmp_
     assert ewa.psnr(render_png(scene, tmp_path / "all.png"), reference(gaussians)) > 50.0
 
 
+def test_a_duplicate_that_loses_its_crop_box_leaves_it_to_the_original(scene):
+    added = splats.add_gaussians(cloud(200), {}, scene.collection)
+    box = crop.add_crop_box(added)
+    box.scale = (0.5, 0.5, 0.5)
+    duplicate = added.copy()
+    scene.collection.objects.link(duplicate)
+    for target in (added, duplicate):
+        splats.set_input(target, Input.AS_POINTS, True)
+    cropped = len(drawn_points(added)[0])
+    crop.remove_crop_box(duplicate)
+    assert len(drawn_points(duplicate)[0]) == 200
+    assert crop.crop_box_of(added) == box
+    assert len(drawn_points(added)[0]) == cropped < 200
+    crop.remove_crop_box(added)
+    assert "Gaussians Crop" not in bpy.data.objects
+
+
+def test_without_its_box_nothing_is_cropped(scene):
+    added = splats.add_gaussians(cloud(200), {}, scene.collection)
+    added.data.transform(mathutils.Matrix.Translation((5.0, 0.0, 0.0)))
+    bpy.data.objects.remove(crop.add_crop_box(added))
+    splats.set_input(added, Input.AS_POINTS, True)
+    assert splats.get_input(added, Input.CROP)
+    assert len(drawn_points(added)[0]) == 200
+
+
 def test_a_new_crop_box_holds_most_of_the_scene(scene):
     gaussians = cloud(400)
     gaussians.means[:4] += 500.0  # floaters

@@ -69,6 +69,14 @@ def test_two_lamps_are_added_once(scene):
     assert fill.data.angle == pytest.approx(np.pi)
 
 
+def test_linked_duplicates_of_the_lamps_are_replaced_with_them(scene):
+    added = splats.add_gaussians(lit_ball(np.array([0.6, -0.48, 0.64])), {}, scene.collection)
+    for lamp in add_estimated_light(added, scene):
+        scene.collection.objects.link(lamp.copy())
+    lamps = add_estimated_light(added, scene)
+    assert [found for found in scene.objects if found.type == "LIGHT"] == lamps
+
+
 def test_too_few_flat_gaussians_are_refused(scene):
     gaussians = cloud(30)
     gaussians.log_scales[:] = -2.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bmesh
 import bpy
 import mathutils
 import numpy as np
@@ -21,6 +22,7 @@ from cvdgs.ui.display import CVDGS_PT_display
 from . import ewa
 from .layouts import drawn
 from .scenes import CAMERA, add_with_inverse, cloud, opencv, render_png, ring_view, synthetic_run, take
+from .test_splats import apply_transform
 
 POSE = ring_view(0.4)
 LAYER = "tritan-0.5"
@@ -184,6 +186,46 @@ def test_points_are_chosen_in_edit_mode_with_blenders_tools_and_removed_there(sh
         read_gaussians(shown, "original", 1.0)
     bpy.ops.cvdgs.take_all_back()
     assert len(read_gaussians(shown, "original", 1.0).gaussians) == 400
+
+
+def edit(target: bpy.types.Object, half_side: float) -> None:
+    """Select, in Edit Mode, all that can be selected in a cube around the middle."""
+    bpy.ops.cvdgs.edit_points()
+    points = bmesh.from_edit_mesh(target.data)
+    for point in points.verts:
+        point.select = max(map(abs, point.co)) < half_side and not point.hide
+    bmesh.update_edit_mesh(target.data)
+
+
+def of_an_earlier_release(target: bpy.types.Object) -> None:
+    """Let the frame be in sight in Edit Mode, as it was once."""
+    target.data.vertices.foreach_set("hide", np.zeros(len(target.data.vertices), np.bool_))
+
+
+@pytest.mark.parametrize("prepare", [lambda target: None, of_an_earlier_release, masks.take_all_back])
+def test_gaussians_that_nobody_touched_stay_as_they_are_when_others_are_moved(shown, prepare):
+    prepare(shown)
+    before = read_gaussians(shown, "original", 1.0).gaussians
+    inside = np.abs(before.means).max(axis=1) < 0.5
+    edit(shown, 0.5)
+    bpy.ops.transform.translate(value=(0.0, 0.0, 1.0))
+    bpy.ops.object.mode_set(mode="OBJECT")
+    after = read_gaussians(shown, "original", 1.0).gaussians
+    assert 5 < inside.sum() < 395
+    np.testing.assert_allclose(after.means, before.means + np.where(inside[:, None], (0.0, 0.0, 1.0), 0.0), atol=1e-6)
+    np.testing.assert_allclose(after.log_scales, before.log_scales, atol=1e-5)
+
+
+def test_gaussians_that_are_left_keep_the_scale_that_was_applied_to_them(shown):
+    shown.scale = (3.0, 3.0, 3.0)
+    apply_transform(shown)
+    before = read_gaussians(shown, "original", 1.0).gaussians
+    left = np.abs(before.means).max(axis=1) >= 1.5
+    edit(shown, 1.5)
+    bpy.ops.mesh.delete(type="VERT")
+    bpy.ops.object.mode_set(mode="OBJECT")
+    after = read_gaussians(shown, "original", 1.0).gaussians
+    np.testing.assert_allclose(after.log_scales, before.log_scales[left], atol=1e-5)
 
 
 @pytest.mark.parametrize(

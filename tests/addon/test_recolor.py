@@ -97,6 +97,26 @@ def test_nothing_selected_is_told(added):
         recolor(added, first(added, 0), LAYER, CHANGE)
 
 
+def test_every_change_of_a_slider_takes_effect_in_edit_mode(shown):
+    """Blender takes the last change back before the next one, by undo."""
+    layer, name = shown_layer(shown)[0], shown.name
+    before = colors_of(shown, layer)
+    bpy.ops.ed.undo_push(message="loaded")
+    bpy.ops.cvdgs.edit_points()
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.ed.undo_push(message="selected")
+    bpy.ops.cvdgs.recolor_selected(hue=1.0)
+    bpy.ops.ed.undo_push(message="recoloured")
+    bpy.ops.ed.undo()
+    shown = bpy.data.objects[name]
+    assert shown_layer(shown) == (layer, 1.0)
+    bpy.ops.cvdgs.recolor_selected(hue=2.0)
+    assert shown_layer(shown) == (f"{layer}-edited", 1.0)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    expected = changed(before[:400], Change(hue=2.0 / (2.0 * math.pi)))
+    np.testing.assert_allclose(colors_of(shown, f"{layer}-edited")[:400], expected, atol=1e-5)
+
+
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
 def test_the_operator_shows_what_it_made_and_take_all_back_removes_it(shown, mode):
     masks.select(shown, first(shown, 50), extend=False)
