@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,11 +13,12 @@ from typing import TypeVar
 import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
+from PIL.JpegImagePlugin import JpegImageFile
 
 from ..color.profiles import can_convert, convert_to_srgb
 from ..errors import InputError
 from ..files.untrusted import opened
-from ..intake.exif import LENS_ATTRIBUTES, name_lens
+from ..intake.exif import DAMAGE, LENS_ATTRIBUTES, name_lens
 from ..intake.heif import read_heif, read_heif_header, taken_with
 from ..intake.kinds import kind_of, video_as_photograph
 from ..intake.raw import Development, read_raw, read_raw_header
@@ -70,6 +73,9 @@ _SIGNATURES = (
 )
 _SIGNATURE_BYTES = 32
 _UNREADABLE = "no readable error message"  # it quotes bytes of the file that are not text
+# What libjpeg says of damaged pixels, which Pillow does not mind. Bytes too many are no damage before a table, but they
+# are where coded data start again.
+_LOST_PIXELS = re.compile(r"premature end of data|bad \w+ code|before marker 0xd[0-7]|instead of RST")
 
 _Pixel = TypeVar("_Pixel", np.uint8, np.bool_)
 
@@ -193,6 +199,8 @@ def read_pixels(
         pixels = file.read_image(oiio.FLOAT if linear else oiio.UINT8)
         # The JPEG and TIFF readers fill what is missing with grey or black, return it, and leave an error behind.
         error = readable(file.geterror, _UNREADABLE)
+    if pixels is not None and error and format_name == "jpeg" and _is_whole_jpeg(path, error):
+        error = ""
     if pixels is None or error:
         reason = error.splitlines()[0] if error else "no pixels could be read"
         raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
@@ -208,6 +216,23 @@ def read_pixels(
         color = apply_orientation(color, _orientation(spec))
         alpha = None if alpha is None else apply_orientation(alpha, _orientation(spec))
     return np.ascontiguousarray(color), alpha
+
+
+def _is_whole_jpeg(path: Path, complaint: str) -> bool:
+    """Whether a JPEG has all its pixels though libjpeg complains of it, as of the headers that Samsung's phones write.
+
+    It says its first complaint alone, and a file with such a header may be cut short, too: Pillow notices that.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of damaged EXIF data, which do not matter here
+            with JpegImageFile(path) as picture:  # Image.open refuses 200 megapixels, which these phones take
+                picture.load()
+                is_progressive = "progressive" in picture.info
+    except DAMAGE:
+        return False
+    # Tables stand between the scans of a progressive JPEG, too.
+    return not (_LOST_PIXELS.search(complaint) or (is_progressive and "Corrupt JPEG data" in complaint))
 
 
 @contextmanager

@@ -360,6 +360,61 @@ def test_cut_progressive_jpeg_is_refused(tmp_path: Path, part: float) -> None:
         read_pixels(path)
 
 
+def jpeg(**options: object) -> bytes:
+    stream = io.BytesIO()
+    Image.fromarray(PICTURE).save(stream, "JPEG", quality=95, **options)
+    return stream.getvalue()
+
+
+def with_wrong_scan(data: bytes) -> bytes:
+    """A JPEG with a scan's parameters as Samsung's phones write them: 0, 0, 0 instead of 0, 63, 0."""
+    start = data.index(b"\xff\xda")
+    end = start + 2 + int.from_bytes(data[start + 2 : start + 4], "big")
+    return data[: end - 3] + bytes(3) + data[end:]
+
+
+def with_wrong_revision(data: bytes) -> bytes:
+    version = data.index(b"JFIF\0") + 5
+    return data[:version] + b"\2" + data[version + 1 :]
+
+
+def with_stray_bytes(data: bytes) -> bytes:
+    table = data.index(b"\xff\xdb")
+    return data[:table] + bytes(3) + data[table:]
+
+
+HEADERS = pytest.mark.parametrize("change", [with_wrong_scan, with_wrong_revision, with_stray_bytes])
+
+
+@HEADERS
+def test_a_jpeg_with_a_wrong_header_is_read_where_all_its_pixels_are_there(
+    tmp_path: Path, change: Callable[[bytes], bytes]
+) -> None:
+    (tmp_path / "right.jpg").write_bytes(jpeg())
+    (tmp_path / "wrong.jpg").write_bytes(change(jpeg()))
+    np.testing.assert_array_equal(read_pixels(tmp_path / "wrong.jpg")[0], read_pixels(tmp_path / "right.jpg")[0])
+
+
+@HEADERS
+@pytest.mark.parametrize("part", [0.5, 0.9, 0.99])
+def test_a_jpeg_with_a_wrong_header_that_is_cut_is_refused(
+    tmp_path: Path, change: Callable[[bytes], bytes], part: float
+) -> None:
+    data = change(jpeg())
+    (tmp_path / "x.jpg").write_bytes(data[: int(len(data) * part)])
+    with pytest.raises(InputError, match="damaged or cut short"):
+        read_pixels(tmp_path / "x.jpg")
+
+
+@pytest.mark.parametrize("options", [{"progressive": True}, {"restart_marker_rows": 1}])
+def test_a_jpeg_with_stray_bytes_among_its_pixels_is_refused(tmp_path: Path, options: dict[str, object]) -> None:
+    data = jpeg(**options)
+    marker = data.rindex(b"\xff\xda" if "progressive" in options else b"\xff\xd1")
+    (tmp_path / "x.jpg").write_bytes(data[:marker] + bytes(3) + data[marker:])
+    with pytest.raises(InputError, match="damaged or cut short"):
+        read_pixels(tmp_path / "x.jpg")
+
+
 def test_text_named_as_an_image_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x.jpg").write_text("not an image " * 50)
     with pytest.raises(InputError, match="cannot be opened"):
