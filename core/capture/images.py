@@ -280,7 +280,7 @@ def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
         remedy = "export it smaller or without the extra channels"
     elif spec.depth > 1 or channels < 1:
         what, remedy = "the image is a volume or has no channels", _EXPORT_PLAIN
-    elif any(space.upper() in ("CMYK", "YCCK", "SEPARATED", "COLOR SEPARATED") for space in spaces):
+    elif any(space.upper() in ("CMYK", "YCCK", "YCBCRK", "SEPARATED", "COLOR SEPARATED") for space in spaces):
         what, remedy = "the image is CMYK, made for print", _CONVERT
     elif any(space.upper() in ("CIELAB", "ICCLAB", "ITULAB") for space in spaces):
         what, remedy = "the image is Lab", _CONVERT

@@ -132,6 +132,17 @@ def test_cmyk_is_refused(tmp_path: Path, extension: str) -> None:
         read_header(tmp_path / f"x.{extension}")
 
 
+def test_cmyk_as_photoshop_writes_it_is_refused(tmp_path: Path) -> None:
+    """As YCCK, which the byte for the transform in Adobe's marker says (Adobe Technical Note 5116, section 18)."""
+    stream = io.BytesIO()
+    Image.fromarray(PICTURE).convert("CMYK").save(stream, "JPEG")
+    data = bytearray(stream.getvalue())
+    data[data.index(b"Adobe") + 11] = 2
+    (tmp_path / "x.jpg").write_bytes(data)
+    with pytest.raises(InputError, match=r"CMYK.*convert it to RGB"):
+        read_header(tmp_path / "x.jpg")
+
+
 def test_lab_is_refused(tmp_path: Path) -> None:
     picture = Image.fromarray(PICTURE).convert("LAB")
     picture.info.pop("icc_profile", None)
