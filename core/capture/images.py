@@ -18,7 +18,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from ..color.profiles import can_convert, convert_to_srgb
 from ..errors import InputError
 from ..files.untrusted import opened
-from ..intake.exif import DAMAGE, LENS_ATTRIBUTES, name_lens
+from ..intake.exif import DAMAGE, LENS_ATTRIBUTES, exif_of_webp, name_lens, orientation_of
 from ..intake.heif import read_heif, read_heif_header, taken_with
 from ..intake.kinds import kind_of, video_as_photograph
 from ..intake.raw import Development, read_raw, read_raw_header
@@ -132,14 +132,15 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
         spec = file.spec()
         _check_header(spec, path, min_side)
         described, profile = color_profile(spec, path)
+        exif = _further_exif(file, path)
         return ImageHeader(
             spec.width,
             spec.height,
-            _orientation(spec),
+            _orientation(spec, exif),
             described,
             # Fewer than a format's whole bytes (PNG palettes, bitmaps) are reported apart from the decoded type.
             max(spec.get_int_attribute("oiio:BitsPerSample", 0), 8 * spec.format.size()),
-            _taken_with(spec),
+            taken_with(exif) if exif else _taken_with(spec),
             can_convert(profile),
             _has_pages(file, spec.width, spec.height),
         )
@@ -196,6 +197,7 @@ def read_pixels(
         spec = file.spec()
         _check_header(spec, path, min_side)
         linear, format_name = is_linear(spec), file.format_name()
+        orientation = _orientation(spec, _further_exif(file, path)) if upright else 1
         pixels = file.read_image(oiio.FLOAT if linear else oiio.UINT8)
         # The JPEG and TIFF readers fill what is missing with grey or black, return it, and leave an error behind.
         error = readable(file.geterror, _UNREADABLE)
@@ -212,9 +214,8 @@ def read_pixels(
         color = np.ascontiguousarray(color)
         convert_to_srgb(color, profile)
     color, alpha = opaque_or(color, alpha)
-    if upright:
-        color = apply_orientation(color, _orientation(spec))
-        alpha = None if alpha is None else apply_orientation(alpha, _orientation(spec))
+    color = apply_orientation(color, orientation)
+    alpha = None if alpha is None else apply_orientation(alpha, orientation)
     return np.ascontiguousarray(color), alpha
 
 
@@ -301,8 +302,13 @@ def _check_size(width: int, height: int, path: Path, min_side: int) -> None:
         raise InputError(what, where=path, remedy=remedy)
 
 
-def _orientation(spec: oiio.ImageSpec) -> int:
-    orientation = spec.get_int_attribute("Orientation", 1)
+def _further_exif(file: oiio.ImageInput, path: Path) -> bytes:
+    """Raw EXIF data where OpenImageIO does not read them itself."""
+    return exif_of_webp(path) if file.format_name() == "webp" else b""
+
+
+def _orientation(spec: oiio.ImageSpec, exif: bytes) -> int:
+    orientation = orientation_of(exif) if exif else spec.get_int_attribute("Orientation", 1)
     return orientation if orientation in _ORIENTATION_STEPS else 1
 
 

@@ -8,7 +8,9 @@ import warnings
 from pathlib import Path
 
 from PIL import Image
+from PIL.WebPImagePlugin import WebPImageFile
 
+_ORIENTATION = 0x0112
 _EXIF, _INTEROPERABILITY = 0x8769, 0xA005  # the tags that lead to further tables
 _COLOR_SPACE, _INDEX = 0xA001, 0x0001
 SRGB, UNCALIBRATED = 1, 65535
@@ -25,6 +27,25 @@ DAMAGE: tuple[type[Exception], ...] = (
     Image.DecompressionBombError,
 )
 """Whatever goes wrong in Pillow where data are damaged."""
+
+
+def exif_of_webp(path: Path) -> bytes:
+    """The raw EXIF data of a WebP, which OpenImageIO does not read; nothing where there are none or it is damaged."""
+    try:
+        with WebPImageFile(path) as picture:
+            return bytes(picture.info.get("exif") or b"")
+    except DAMAGE:
+        return b""
+
+
+def orientation_of(exif: bytes) -> int:
+    """EXIF orientation as raw EXIF data have it; 1 (upright) where they say nothing that can be read."""
+    try:
+        tags = Image.Exif()
+        tags.load(exif)
+        return int(tags.get(_ORIENTATION, 1))
+    except DAMAGE:
+        return 1
 
 
 def is_adobe_rgb(exif: bytes) -> bool:

@@ -231,6 +231,24 @@ def test_orientation_agrees_with_an_independent_reader(tmp_path: Path, orientati
     assert np.abs(image - reference).max() <= 2
 
 
+@pytest.mark.parametrize("orientation", [1, 3, 5, 6, 8])
+def test_orientation_of_a_webp_agrees_with_an_independent_reader(tmp_path: Path, orientation: int) -> None:
+    tags = Image.Exif()
+    tags[0x0112] = orientation
+    Image.fromarray(PICTURE).save(tmp_path / "x.webp", lossless=True, exif=tags)
+    reference = np.asarray(ImageOps.exif_transpose(Image.open(tmp_path / "x.webp")))
+    np.testing.assert_array_equal(read_pixels(tmp_path / "x.webp", upright=True)[0], reference)
+    np.testing.assert_array_equal(read_pixels(tmp_path / "x.webp")[0], PICTURE)
+    assert read_header(tmp_path / "x.webp").upright_size == (reference.shape[1], reference.shape[0])
+
+
+@pytest.mark.parametrize("exif", [b"Exif\0\0II+\0\x08\0\0\0", b"nothing", b""])
+def test_a_webp_whose_exif_data_are_damaged_is_used_without_them(tmp_path: Path, exif: bytes) -> None:
+    Image.fromarray(PICTURE).save(tmp_path / "x.webp", lossless=True, exif=exif)
+    assert (read_header(tmp_path / "x.webp").orientation, read_header(tmp_path / "x.webp").taken_with) == (1, "")
+    np.testing.assert_array_equal(read_pixels(tmp_path / "x.webp", upright=True)[0], PICTURE)
+
+
 def test_camera_of_the_turned_size_turns_the_photograph(tmp_path: Path) -> None:
     photographs = shots(2, pinhole(72, 96))
     root = write_colmap(tmp_path, photographs, images=False)

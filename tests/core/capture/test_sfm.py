@@ -143,7 +143,7 @@ def test_photographs_are_numbered_by_camera_and_a_video_has_one(tmp_path: Path) 
     assert number_cameras(tmp_path, ["a.jpg", "b.jpg", "c.jpg", "d.jpg", "e.jpg"], frames) == [0, 1, 2, 0, 3]
 
 
-@pytest.mark.parametrize("ending", ["jpg", "heic", "dng"])
+@pytest.mark.parametrize("ending", ["jpg", "webp", "heic", "dng"])
 def test_zoomed_photographs_have_a_camera_of_their_own(tmp_path: Path, ending: str) -> None:
     pixels = np.full((64, 96, 3), 90, np.uint8)
 
