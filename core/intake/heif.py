@@ -83,7 +83,7 @@ def _read_plain(path: Path, kind: str, header: HeifHeader) -> tuple[NDArray[np.u
         picture = opened.to_pillow() if kind == "heif" else ImageOps.exif_transpose(opened)
         profile = opened.info.get("icc_profile")
         coverage = np.array(picture.getchannel("A")) if picture.mode in ("RGBA", "LA") else None
-        color = np.array(picture.convert("RGB"))
+        color = _grey(picture) if picture.mode.startswith("I") else np.array(picture.convert("RGB"))
     except DAMAGE as error:
         raise _damaged(path, error) from None
     if profile:
@@ -93,6 +93,12 @@ def _read_plain(path: Path, kind: str, header: HeifHeader) -> tuple[NDArray[np.u
     elif header.primaries in _NO_PRIMARIES and is_adobe_rgb(header.exif):
         convert_to_srgb(color, ADOBE_RGB)
     return color, coverage
+
+
+def _grey(picture: Image.Image) -> NDArray[np.uint8]:
+    """(H, W, 3) of grey with 16 bits, which Pillow clips at 255 where it converts it."""
+    grey = (np.asarray(picture) >> 8).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=2)
 
 
 def _read_hdr(path: Path, transfer: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:

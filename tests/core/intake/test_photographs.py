@@ -128,6 +128,16 @@ def _with(picture: Image.Image, exif: Image.Exif) -> Image.Image:
     return Image.open(file)
 
 
+def test_a_grey_heic_of_10_bits_keeps_its_greys(tmp_path: Path) -> None:
+    grey = soft_picture()[..., 0]
+    wide = (grey.astype(np.uint16) * 257).tobytes()
+    pillow_heif.from_bytes(mode="I;16", size=(128, 96), data=wide).save(tmp_path / "x.heic", quality=-1)
+    assert read_header(tmp_path / "x.heic").bits == 10
+    color, alpha = read_pixels(tmp_path / "x.heic")
+    assert alpha is None
+    assert np.abs(color.astype(int) - grey[..., None]).max() <= 1
+
+
 def test_a_heic_that_was_renamed_is_read(tmp_path: Path) -> None:
     save(tmp_path / "x.heic", soft_picture()).rename(tmp_path / "x.jpg")
     assert read_pixels(tmp_path / "x.jpg")[0].shape == (96, 128, 3)
