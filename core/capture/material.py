@@ -17,7 +17,7 @@ from PIL import Image
 from ..errors import InputError
 from ..files.untrusted import is_file
 from ..intake.archive import unpack
-from ..intake.exif import DAMAGE, mark_srgb
+from ..intake.exif import exif_for_jpeg
 from ..intake.heif import HeifHeader, read_heif_header
 from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file, video_as_photograph
 from ..intake.panoramas import PANORAMA_EXTENSIONS
@@ -362,15 +362,7 @@ def _free_name(name: str, taken: set[str]) -> str:
 def _write_jpeg(path: Path, source: Path, exif: bytes, development: Development | None) -> None:
     color, _ = read_pixels(source, upright=True, development=development)
     path.parent.mkdir(parents=True, exist_ok=True)
-    tags = Image.Exif()
-    try:
-        tags.load(exif)
-        tags[0x0112] = 1  # upright already
-        mark_srgb(tags)
-        written = tags.tobytes()
-    except DAMAGE:
-        written = b""
-    Image.fromarray(color).save(path, "JPEG", quality=_QUALITY, subsampling=0, exif=written)
+    Image.fromarray(color).save(path, "JPEG", quality=_QUALITY, subsampling=0, exif=exif_for_jpeg(exif))
 
 
 def _link(source: Path, target: Path) -> None:

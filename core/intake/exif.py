@@ -10,7 +10,10 @@ from pathlib import Path
 from PIL import Image
 from PIL.WebPImagePlugin import WebPImageFile
 
-_ORIENTATION = 0x0112
+_MAKE, _MODEL, _ORIENTATION = 0x010F, 0x0110, 0x0112
+_LENS = (0x920A, 0xA405, 0xA404)  # the numbers of `name_lens`, in their order
+_LONG = (0x927C, 0x9286)  # what a maker or a user has noted
+_MOST_BYTES = 65_533  # in a JPEG, whose segments state their length in 16 bits
 _EXIF, _INTEROPERABILITY = 0x8769, 0xA005  # the tags that lead to further tables
 _COLOR_SPACE, _INDEX = 0xA001, 0x0001
 SRGB, UNCALIBRATED = 1, 65535
@@ -75,16 +78,41 @@ def _says_adobe_rgb(tags: Image.Exif) -> bool:
     return tags.get_ifd(_EXIF).get(_COLOR_SPACE) == UNCALIBRATED and index.strip("\0 ") == _ADOBE_RGB
 
 
-def mark_srgb(tags: Image.Exif) -> None:
-    """Make the data say that colours are sRGB.
-
-    Raises:
-        One of `DAMAGE`.
-    """
+def _mark_srgb(tags: Image.Exif) -> None:
     further = tags.get_ifd(_EXIF)
     if further:
         further[_COLOR_SPACE] = SRGB
         further.pop(_INTEROPERABILITY, None)
+
+
+def exif_for_jpeg(exif: bytes) -> bytes:
+    """Raw EXIF data for an upright JPEG of sRGB; nothing where they are damaged.
+
+    HEIC and AVIF may hold more than a JPEG can; then notes are left out, or else all but camera and lens.
+    """
+    try:
+        tags = Image.Exif()
+        tags.load(exif)
+        tags[_ORIENTATION] = 1
+        _mark_srgb(tags)
+        written = tags.tobytes()
+        if len(written) > _MOST_BYTES:
+            for number in _LONG:
+                tags.get_ifd(_EXIF).pop(number, None)
+            written = tags.tobytes()
+        if len(written) > _MOST_BYTES:
+            written = _lens_alone(tags).tobytes()
+    except DAMAGE:
+        return b""
+    return written if len(written) <= _MOST_BYTES else b""
+
+
+def _lens_alone(tags: Image.Exif) -> Image.Exif:
+    alone = Image.Exif()
+    alone.update((number, tags[number]) for number in (_MAKE, _MODEL) if number in tags)
+    further = tags.get_ifd(_EXIF)
+    alone.get_ifd(_EXIF).update((number, further[number]) for number in _LENS if number in further)
+    return alone
 
 
 def name_lens(make: str, model: str, focal: float, equivalent: float, zoom: float) -> str:
