@@ -18,8 +18,8 @@ from PIL.JpegImagePlugin import JpegImageFile
 from ..color.profiles import can_convert, convert_to_srgb
 from ..errors import InputError
 from ..files.untrusted import opened
-from ..intake.exif import DAMAGE, LENS_ATTRIBUTES, exif_of_webp, name_lens, orientation_of
-from ..intake.heif import read_heif, read_heif_header, taken_with
+from ..intake.exif import DAMAGE, LENS_ATTRIBUTES, exif_of_webp, name_lens, orientation_of, taken_with
+from ..intake.heif import read_heif, read_heif_header
 from ..intake.kinds import kind_of, video_as_photograph
 from ..intake.raw import Development, read_raw, read_raw_header
 from .channels import opaque_or, straight_srgb

@@ -22,7 +22,7 @@ from ..intake.heif import HeifHeader, read_heif_header
 from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file, video_as_photograph
 from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
-from ..intake.raw import Development
+from ..intake.raw import Development, exif_of_raw
 from ..intake.selection import choose
 from ..intake.video import MAX_SECONDS, Look, extract, look_through
 from ..runtime.protocol import Reporter
@@ -313,8 +313,9 @@ def _convert_photographs(material: Material, kinds: dict[str, str], made: Photog
         source, kind = material.folder / name, kinds[name]
         if kind in _CONVERTED:
             name = _free_name(name, taken)
-            exif = b""
-            if kind != "raw":
+            if kind == "raw":
+                exif = exif_of_raw(source)
+            else:
                 headers.append(read_heif_header(source, kind))
                 exif = headers[-1].exif
             _write_jpeg(made.folder / name, source, exif, development)

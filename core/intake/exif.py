@@ -8,10 +8,12 @@ import warnings
 from pathlib import Path
 
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 from PIL.WebPImagePlugin import WebPImageFile
 
 _MAKE, _MODEL, _ORIENTATION = 0x010F, 0x0110, 0x0112
-_LENS = (0x920A, 0xA405, 0xA404)  # the numbers of `name_lens`, in their order
+_EQUIVALENT = 0xA405
+_LENS = (0x920A, _EQUIVALENT, 0xA404)  # the numbers of `name_lens`, in their order
 _LONG = (0x927C, 0x9286)  # what a maker or a user has noted
 _MOST_BYTES = 65_533  # in a JPEG, whose segments state their length in 16 bits
 _EXIF, _INTEROPERABILITY = 0x8769, 0xA005  # the tags that lead to further tables
@@ -113,6 +115,36 @@ def _lens_alone(tags: Image.Exif) -> Image.Exif:
     further = tags.get_ifd(_EXIF)
     alone.get_ifd(_EXIF).update((number, further[number]) for number in _LENS if number in further)
     return alone
+
+
+def exif_of_lens(make: str, model: str, focal: float, equivalent: float, zoom: float) -> bytes:
+    """Raw EXIF data that say what `name_lens` is given, as far as it is known."""
+    tags = Image.Exif()
+    tags.update((number, text) for number, text in ((_MAKE, make), (_MODEL, model)) if text)
+    numbers = zip(_LENS, (focal, equivalent, zoom), strict=True)
+    known: dict[int, IFDRational | int] = {
+        number: IFDRational(value) for number, value in numbers if value > 0.0 and math.isfinite(value)
+    }
+    if _EQUIVALENT in known:
+        known[_EQUIVALENT] = round(equivalent)  # a whole number in EXIF data
+    try:
+        tags.get_ifd(_EXIF).update(known)
+        return tags.tobytes()
+    except DAMAGE:
+        return b""
+
+
+def taken_with(exif: bytes) -> str:
+    """What raw EXIF data say, as `name_lens` has it."""
+    try:
+        tags = Image.Exif()
+        tags.load(exif)
+        make, model = (str(tags.get(number, "")).strip("\0 ") for number in (_MAKE, _MODEL))
+        further = tags.get_ifd(_EXIF)
+        focal, equivalent, zoom = (float(further.get(number) or 0.0) for number in _LENS)
+    except DAMAGE:
+        return ""
+    return name_lens(make, model, focal, equivalent, zoom)
 
 
 def name_lens(make: str, model: str, focal: float, equivalent: float, zoom: float) -> str:

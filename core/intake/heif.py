@@ -15,7 +15,7 @@ from PIL import Image, ImageOps
 from ..color.hdr import TRANSFERS, tone_map
 from ..color.profiles import ADOBE_RGB, DISPLAY_P3, convert_to_srgb
 from ..errors import InputError
-from .exif import DAMAGE, is_adobe_rgb, name_lens
+from .exif import DAMAGE, is_adobe_rgb
 
 _COPY_AGAIN = "copy or export the image again"
 _GAIN_MAP = ("gainmap", "iso:ts:21496")
@@ -169,16 +169,3 @@ def _damaged(path: Path, error: BaseException) -> InputError:
     if isinstance(error, InputError):
         return error
     return InputError("the image is damaged or cut short", where=path, remedy=_COPY_AGAIN)
-
-
-def taken_with(exif: bytes) -> str:
-    """Camera and focal length as `ImageHeader.taken_with` has them."""
-    try:
-        tags = Image.Exif()
-        tags.load(exif)
-        make, model = (str(tags.get(number, "")).strip("\0 ") for number in (0x010F, 0x0110))
-        further = tags.get_ifd(0x8769)
-        focal, equivalent, zoom = (float(further.get(number) or 0.0) for number in (0x920A, 0xA405, 0xA404))
-    except DAMAGE:
-        return ""
-    return name_lens(make, model, focal, equivalent, zoom)

@@ -21,7 +21,8 @@ from cvdgs.core.capture.reader import inspect_capture
 from cvdgs.core.color.hdr import tone_map
 from cvdgs.core.color.profiles import DISPLAY_P3
 from cvdgs.core.errors import InputError
-from cvdgs.core.intake.heif import read_heif_header, taken_with
+from cvdgs.core.intake.exif import taken_with
+from cvdgs.core.intake.heif import read_heif_header
 from cvdgs.core.intake.raw import Development
 from cvdgs.core.photographs.find import find_photographs
 from cvdgs.core.runtime.protocol import Reporter
