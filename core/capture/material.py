@@ -40,7 +40,7 @@ from .files import (
     resolve_inside,
 )
 from .images import read_pixels
-from .masks import FoundMasks, find_masks
+from .masks import FoundMasks, find_masks, masks_among
 from .model import CaptureWarning
 
 Renaming = Callable[[str], str]
@@ -64,6 +64,7 @@ class Material:
     Attributes:
         depths: how many depth maps lie beside them.
         copies: names of files that show photographs once more.
+        masks: names of masks of photographs that lie where masks are not looked for.
     """
 
     folder: Path
@@ -71,6 +72,7 @@ class Material:
     videos: tuple[str, ...] = ()
     depths: int = 0
     copies: tuple[str, ...] = ()
+    masks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,7 @@ def find_material(path: Path) -> Material:
     """What is in a folder, or a video alone.
 
     Photographs in the folder ``images`` of a capture, where it holds any, are taken alone, so masks, depths or smaller
-    copies beside it do not take part; videos are found everywhere.
+    copies beside it do not take part; nor do masks among the photographs. Videos are found everywhere.
 
     Raises:
         InputError: there is nothing, or a name is unusable or a link out of the folder.
@@ -152,6 +154,8 @@ def find_material(path: Path) -> Material:
     pictures = [name for name in names if not _DEPTH_FOLDERS & set(PurePosixPath(name.lower()).parent.parts)]
     depths = len(names) - len(pictures) if pictures or videos else 0
     found = pictures if depths else names
+    masks = masks_among(found)
+    found = [name for name in found if name not in masks]
     names = without_copies(path, found)
     filmed = without_live_photos(path, videos, found) if len(names) > 1 else videos
     copies = sorted({*found, *videos} - {*names, *filmed}, key=natural_key)
@@ -170,7 +174,7 @@ def find_material(path: Path) -> Material:
         raise InputError(what, where=path, remedy=remedy)
     for name in (*names, *filmed):
         resolve_inside(path, name, where=path, root=path)
-    return Material(path, tuple(names), tuple(filmed), depths, tuple(copies))
+    return Material(path, tuple(names), tuple(filmed), depths, tuple(copies), tuple(sorted(masks, key=natural_key)))
 
 
 def way_round(path: Path) -> str:
@@ -211,7 +215,10 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter, si
 def masks_of(material: Material) -> FoundMasks:
     """Masks of photographs, and of videos, all of whose frames have the video's; errors as for `find_masks`."""
     names = (*material.photographs, *material.videos)
-    return find_masks(material.folder, {name: material.folder / name for name in names})
+    found = find_masks(material.folder, {name: material.folder / name for name in names})
+    named = tuple(f"{folder}{os.sep}" for folder in found.misnamed)
+    misplaced = [name for name in material.masks if not os.path.abspath(material.folder / name).startswith(named)]
+    return replace(found, misplaced=misplaced)
 
 
 def describe(material: Material) -> str:
