@@ -24,6 +24,7 @@ from .files import (
     quote_first,
     resolve_inside,
 )
+from .masks import masks_among
 from .shared_lens import describe, may_share_lens, share_lens
 from .source import SourceModel, SourceView, rigid_pose
 
@@ -118,7 +119,8 @@ def add_model(model: SourceModel, read: ColmapModel, image_folder: Path, root: P
     registered = {image.name for image in images}
     used = {view.path for view in model.views}
     names = [name for name in list_images(image_folder) if not is_in_masks(PurePosixPath(name))]
-    unregistered = [name for name in names if name not in registered and image_folder / name not in used]
+    known = registered.union(masks_among(names))
+    unregistered = [name for name in names if name not in known and image_folder / name not in used]
     if unregistered:
         what = f"{len(unregistered)} photographs without cameras are left out: {quote_first(unregistered)}"
         model.warn("unregistered", f"{image_folder}: {what}")

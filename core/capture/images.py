@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,12 +13,13 @@ from typing import TypeVar
 import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
+from PIL.JpegImagePlugin import JpegImageFile
 
 from ..color.profiles import can_convert, convert_to_srgb
 from ..errors import InputError
 from ..files.untrusted import opened
-from ..intake.exif import LENS_ATTRIBUTES, name_lens
-from ..intake.heif import read_heif, read_heif_header, taken_with
+from ..intake.exif import DAMAGE, LENS_ATTRIBUTES, exif_of_webp, name_lens, orientation_of, taken_with
+from ..intake.heif import read_heif, read_heif_header
 from ..intake.kinds import kind_of, video_as_photograph
 from ..intake.raw import Development, read_raw, read_raw_header
 from .channels import opaque_or, straight_srgb
@@ -70,6 +73,9 @@ _SIGNATURES = (
 )
 _SIGNATURE_BYTES = 32
 _UNREADABLE = "no readable error message"  # it quotes bytes of the file that are not text
+# What libjpeg says of damaged pixels, which Pillow does not mind. Bytes too many are no damage before a table, but they
+# are where coded data start again.
+_LOST_PIXELS = re.compile(r"premature end of data|bad \w+ code|before marker 0xd[0-7]|instead of RST")
 
 _Pixel = TypeVar("_Pixel", np.uint8, np.bool_)
 
@@ -126,14 +132,15 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
         spec = file.spec()
         _check_header(spec, path, min_side)
         described, profile = color_profile(spec, path)
+        exif = _further_exif(file, path)
         return ImageHeader(
             spec.width,
             spec.height,
-            _orientation(spec),
+            _orientation(spec, exif),
             described,
             # Fewer than a format's whole bytes (PNG palettes, bitmaps) are reported apart from the decoded type.
             max(spec.get_int_attribute("oiio:BitsPerSample", 0), 8 * spec.format.size()),
-            _taken_with(spec),
+            taken_with(exif) if exif else _taken_with(spec),
             can_convert(profile),
             _has_pages(file, spec.width, spec.height),
         )
@@ -190,9 +197,12 @@ def read_pixels(
         spec = file.spec()
         _check_header(spec, path, min_side)
         linear, format_name = is_linear(spec), file.format_name()
+        orientation = _orientation(spec, _further_exif(file, path)) if upright else 1
         pixels = file.read_image(oiio.FLOAT if linear else oiio.UINT8)
         # The JPEG and TIFF readers fill what is missing with grey or black, return it, and leave an error behind.
         error = readable(file.geterror, _UNREADABLE)
+    if pixels is not None and error and format_name == "jpeg" and _is_whole_jpeg(path, error):
+        error = ""
     if pixels is None or error:
         reason = error.splitlines()[0] if error else "no pixels could be read"
         raise InputError(f"the image is damaged or cut short ({reason})", where=path, remedy=_COPY_AGAIN)
@@ -204,10 +214,26 @@ def read_pixels(
         color = np.ascontiguousarray(color)
         convert_to_srgb(color, profile)
     color, alpha = opaque_or(color, alpha)
-    if upright:
-        color = apply_orientation(color, _orientation(spec))
-        alpha = None if alpha is None else apply_orientation(alpha, _orientation(spec))
+    color = apply_orientation(color, orientation)
+    alpha = None if alpha is None else apply_orientation(alpha, orientation)
     return np.ascontiguousarray(color), alpha
+
+
+def _is_whole_jpeg(path: Path, complaint: str) -> bool:
+    """Whether a JPEG has all its pixels though libjpeg complains of it, as of the headers that Samsung's phones write.
+
+    It says its first complaint alone, and a file with such a header may be cut short, too: Pillow notices that.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of damaged EXIF data, which do not matter here
+            with JpegImageFile(path) as picture:  # Image.open refuses 200 megapixels, which these phones take
+                picture.load()
+                is_progressive = "progressive" in picture.info
+    except DAMAGE:
+        return False
+    # Tables stand between the scans of a progressive JPEG, too.
+    return not (_LOST_PIXELS.search(complaint) or (is_progressive and "Corrupt JPEG data" in complaint))
 
 
 @contextmanager
@@ -255,7 +281,7 @@ def _check_header(spec: oiio.ImageSpec, path: Path, min_side: int) -> None:
         remedy = "export it smaller or without the extra channels"
     elif spec.depth > 1 or channels < 1:
         what, remedy = "the image is a volume or has no channels", _EXPORT_PLAIN
-    elif any(space.upper() in ("CMYK", "YCCK", "SEPARATED", "COLOR SEPARATED") for space in spaces):
+    elif any(space.upper() in ("CMYK", "YCCK", "YCBCRK", "SEPARATED", "COLOR SEPARATED") for space in spaces):
         what, remedy = "the image is CMYK, made for print", _CONVERT
     elif any(space.upper() in ("CIELAB", "ICCLAB", "ITULAB") for space in spaces):
         what, remedy = "the image is Lab", _CONVERT
@@ -276,8 +302,13 @@ def _check_size(width: int, height: int, path: Path, min_side: int) -> None:
         raise InputError(what, where=path, remedy=remedy)
 
 
-def _orientation(spec: oiio.ImageSpec) -> int:
-    orientation = spec.get_int_attribute("Orientation", 1)
+def _further_exif(file: oiio.ImageInput, path: Path) -> bytes:
+    """Raw EXIF data where OpenImageIO does not read them itself."""
+    return exif_of_webp(path) if file.format_name() == "webp" else b""
+
+
+def _orientation(spec: oiio.ImageSpec, exif: bytes) -> int:
+    orientation = orientation_of(exif) if exif else spec.get_int_attribute("Orientation", 1)
     return orientation if orientation in _ORIENTATION_STEPS else 1
 
 

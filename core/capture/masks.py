@@ -7,9 +7,10 @@ out, where nothing is.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Set
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath, PurePosixPath
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,12 @@ _WHOLLY = 0.999  # of a pixel, or of its neighbourhood: a share of a moving thin
 _BACK = {6: 8, 8: 6}  # the EXIF orientations that do not undo themselves, and those that undo them
 _EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 _MISNAMED_FOLDER = "mask"
+# In the folder of their photograph, {stem}{suffix}: COLMAP's, RealityScan's two, Metashape's and instant-ngp's, which
+# are white where nothing is looked at.
+_INVERTED = "dynamic_mask_"
+_BESIDE = ("{0}{1}.png", "{0}{1}.mask.png", "{0}.mask.png", "{0}_mask.png", _INVERTED + "{0}.png")
+
+_Path = TypeVar("_Path", bound=PurePath)
 
 
 @dataclass(frozen=True)
@@ -41,17 +48,20 @@ class FoundMasks:
         files: by the photograph's name.
         unused: names of pictures in these folders that belong to no photograph.
         misnamed: folders with masks of the photographs that are called ``mask``, and are not used.
+        misplaced: names of masks that lie among the photographs, and are not used.
     """
 
     files: dict[str, Path]
     unused: list[str]
     misnamed: list[Path]
+    misplaced: list[str] = field(default_factory=list)
 
 
 def find_masks(capture: Path, photographs: Mapping[str, Path]) -> FoundMasks:
     """The masks in ``masks/`` beside the photographs' folder, called ``<name>.<extension>.png`` or ``<name>.png``.
 
-    The folder's name may be in upper case. They may also be JPEG, TIFF, WebP or BMP files; PNG is taken first.
+    They may lie in ``masks/`` in the photographs' folder, too, whose name may be in upper case, and may also be JPEG,
+    TIFF, WebP or BMP files; PNG is taken first.
 
     Args:
         capture: the capture, or what of it was given.
@@ -83,20 +93,49 @@ def find_masks(capture: Path, photographs: Mapping[str, Path]) -> FoundMasks:
     unused = [name for folder in inside for name in list_images(folder) if folder / name not in known]
     others = {folder.with_name(_MISNAMED_FOLDER): relative for folder, relative in photographs_of.items()}
     misnamed = [folder for folder, relative in others.items() if _has_masks(folder, relative, taken)]
-    return FoundMasks(files, unused, misnamed)
+    lying = dict.fromkeys(_lying_beside(paths.values()))
+    misplaced = [path.name for path in lying if path not in known and is_file(path)]
+    return FoundMasks(files, unused, misnamed, misplaced)
 
 
-def _places(photograph: Path, root: Path) -> list[tuple[Path, Path]]:
+def masks_among(names: Sequence[str]) -> set[str]:
+    """Which of the pictures `names`, relative to a capture, are by their names masks of others of them.
+
+    They lie beside their photograph, or in a folder called ``mask``. What has no photograph is one itself.
+    """
+    paths = {name: PurePosixPath(name) for name in names}
+    folders = {path.parent for path in paths.values()}
+    misnamed = {folder for folder in folders if _MISNAMED_FOLDER in (part.lower() for part in folder.parts)}
+    others = [path for path in paths.values() if path.parent not in misnamed]
+    wanted = {path.as_posix().lower() for path in _lying_beside(paths.values())}
+    if misnamed:
+        places = (place for path in others for place in _places(path, PurePosixPath()))
+        wanted.update(
+            (beside / _MISNAMED_FOLDER / name).as_posix().lower()
+            for beside, relative in places
+            for name in _mask_names(relative)
+        )
+    return {name for name in names if name.lower() in wanted}
+
+
+def _lying_beside(photographs: Iterable[_Path]) -> Iterator[_Path]:
+    """What masks in the folders of their photographs are called."""
+    for path in photographs:
+        yield from (path.with_name(form.format(path.stem, path.suffix)) for form in _BESIDE)
+
+
+def _places(photograph: _Path, root: _Path) -> list[tuple[_Path, _Path]]:
     """Folders whose ``masks`` may hold the mask of a photograph, and the photograph's name in each of these."""
     above = [folder for folder in photograph.parents if folder.is_relative_to(root)]
     names = [(folder, folder.name.lower()) for folder in above]
     named = [folder for folder, name in names if name in IMAGE_FOLDERS or name.startswith("images_")][:1]
     beside = [*named, *(folder for folder in above[:1] if folder != root)]
     places = [(folder.parent, photograph.relative_to(folder)) for folder in beside]
-    return [*places, (root, photograph.relative_to(root))]
+    inside = [(folder, photograph.relative_to(folder)) for folder in beside]
+    return [*places, (root, photograph.relative_to(root)), *inside]
 
 
-def _mask_names(photograph: Path) -> Iterator[str]:
+def _mask_names(photograph: PurePath) -> Iterator[str]:
     for extension in _EXTENSIONS:
         yield f"{photograph.as_posix()}{extension}"
         yield photograph.with_suffix(extension).as_posix()
@@ -122,6 +161,11 @@ def warn_about_unused(model: SourceModel, found: FoundMasks) -> None:
         model.warn("masks-unused", f"{model.file}: {what}")
     for folder in found.misnamed:
         model.warn("masks-unused", f"{folder}: the masks in it are not used; call the folder {MASKS_FOLDER}")
+    if found.misplaced:
+        what = f"{len(found.misplaced)} masks among the photographs are not used: {quote_first(found.misplaced)}"
+        inverted = any(PurePosixPath(name).name.startswith(_INVERTED) for name in found.misplaced)
+        way = f"put them into a folder {MASKS_FOLDER}{', inverted' if inverted else ''}"
+        model.warn("masks-unused", f"{model.file}: {what}; {way}, as 1.png for 1.jpg")
 
 
 def read_mask(path: Path, header: ImageHeader, *, upright: bool) -> NDArray[np.uint8]:

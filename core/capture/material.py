@@ -17,12 +17,12 @@ from PIL import Image
 from ..errors import InputError
 from ..files.untrusted import is_file
 from ..intake.archive import unpack
-from ..intake.exif import DAMAGE, mark_srgb
+from ..intake.exif import exif_for_jpeg
 from ..intake.heif import HeifHeader, read_heif_header
 from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file, video_as_photograph
 from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
-from ..intake.raw import Development
+from ..intake.raw import Development, exif_of_raw
 from ..intake.selection import choose
 from ..intake.video import MAX_SECONDS, Look, extract, look_through
 from ..runtime.protocol import Reporter
@@ -40,7 +40,7 @@ from .files import (
     resolve_inside,
 )
 from .images import read_pixels
-from .masks import FoundMasks, find_masks
+from .masks import FoundMasks, find_masks, masks_among
 from .model import CaptureWarning
 
 Renaming = Callable[[str], str]
@@ -64,6 +64,7 @@ class Material:
     Attributes:
         depths: how many depth maps lie beside them.
         copies: names of files that show photographs once more.
+        masks: names of masks of photographs that lie where masks are not looked for.
     """
 
     folder: Path
@@ -71,6 +72,7 @@ class Material:
     videos: tuple[str, ...] = ()
     depths: int = 0
     copies: tuple[str, ...] = ()
+    masks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -135,7 +137,7 @@ def find_material(path: Path) -> Material:
     """What is in a folder, or a video alone.
 
     Photographs in the folder ``images`` of a capture, where it holds any, are taken alone, so masks, depths or smaller
-    copies beside it do not take part; videos are found everywhere.
+    copies beside it do not take part; nor do masks among the photographs. Videos are found everywhere.
 
     Raises:
         InputError: there is nothing, or a name is unusable or a link out of the folder.
@@ -152,6 +154,8 @@ def find_material(path: Path) -> Material:
     pictures = [name for name in names if not _DEPTH_FOLDERS & set(PurePosixPath(name.lower()).parent.parts)]
     depths = len(names) - len(pictures) if pictures or videos else 0
     found = pictures if depths else names
+    masks = masks_among(found)
+    found = [name for name in found if name not in masks]
     names = without_copies(path, found)
     filmed = without_live_photos(path, videos, found) if len(names) > 1 else videos
     copies = sorted({*found, *videos} - {*names, *filmed}, key=natural_key)
@@ -170,7 +174,7 @@ def find_material(path: Path) -> Material:
         raise InputError(what, where=path, remedy=remedy)
     for name in (*names, *filmed):
         resolve_inside(path, name, where=path, root=path)
-    return Material(path, tuple(names), tuple(filmed), depths, tuple(copies))
+    return Material(path, tuple(names), tuple(filmed), depths, tuple(copies), tuple(sorted(masks, key=natural_key)))
 
 
 def way_round(path: Path) -> str:
@@ -211,7 +215,10 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter, si
 def masks_of(material: Material) -> FoundMasks:
     """Masks of photographs, and of videos, all of whose frames have the video's; errors as for `find_masks`."""
     names = (*material.photographs, *material.videos)
-    return find_masks(material.folder, {name: material.folder / name for name in names})
+    found = find_masks(material.folder, {name: material.folder / name for name in names})
+    named = tuple(f"{folder}{os.sep}" for folder in found.misnamed)
+    misplaced = [name for name in material.masks if not os.path.abspath(material.folder / name).startswith(named)]
+    return replace(found, misplaced=misplaced)
 
 
 def describe(material: Material) -> str:
@@ -313,8 +320,9 @@ def _convert_photographs(material: Material, kinds: dict[str, str], made: Photog
         source, kind = material.folder / name, kinds[name]
         if kind in _CONVERTED:
             name = _free_name(name, taken)
-            exif = b""
-            if kind != "raw":
+            if kind == "raw":
+                exif = exif_of_raw(source)
+            else:
                 headers.append(read_heif_header(source, kind))
                 exif = headers[-1].exif
             _write_jpeg(made.folder / name, source, exif, development)
@@ -362,15 +370,7 @@ def _free_name(name: str, taken: set[str]) -> str:
 def _write_jpeg(path: Path, source: Path, exif: bytes, development: Development | None) -> None:
     color, _ = read_pixels(source, upright=True, development=development)
     path.parent.mkdir(parents=True, exist_ok=True)
-    tags = Image.Exif()
-    try:
-        tags.load(exif)
-        tags[0x0112] = 1  # upright already
-        mark_srgb(tags)
-        written = tags.tobytes()
-    except DAMAGE:
-        written = b""
-    Image.fromarray(color).save(path, "JPEG", quality=_QUALITY, subsampling=0, exif=written)
+    Image.fromarray(color).save(path, "JPEG", quality=_QUALITY, subsampling=0, exif=exif_for_jpeg(exif))
 
 
 def _link(source: Path, target: Path) -> None:

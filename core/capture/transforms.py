@@ -78,7 +78,9 @@ def find_nested_transforms(folder: Path) -> Path | None:
 def read_transforms(file: Path, folder: Path | None = None, root: Path | None = None) -> SourceModel:
     """Read a camera file; frames without an image file are left out, and counted in a warning.
 
-    ``k4``, ``k5`` and ``k6`` are the denominator of OpenCV's rational model.
+    ``k4``, ``k5`` and ``k6`` are the denominator of OpenCV's rational model where ``camera_model`` is ``FULL_OPENCV``
+    or one of the last two is not 0. Elsewhere ``k4`` continues the polynomial of ``k1``, ``k2`` and ``k3``, as
+    nerfstudio writes it for RealityScan and Metashape, and is refused: no model of COLMAP has that.
 
     Args:
         folder: what names are relative to; None is the file's own. It may also be the images' folder itself.
@@ -272,6 +274,10 @@ class _Reader:
             return "PINHOLE", ()
         if not any(distortion[4:]):
             return "OPENCV", distortion[:4]
+        if name != "FULL_OPENCV" and distortion[5] and not any(distortion[6:]):
+            raise self._refusal(
+                f"k4 of {name or 'OPENCV'} is not supported", "calibrate without k4, or undistort the photographs"
+            )
         return "FULL_OPENCV", distortion
 
     def _add_points(self, model: SourceModel) -> None:

@@ -8,7 +8,14 @@ import warnings
 from pathlib import Path
 
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
+from PIL.WebPImagePlugin import WebPImageFile
 
+_MAKE, _MODEL, _ORIENTATION = 0x010F, 0x0110, 0x0112
+_EQUIVALENT = 0xA405
+_LENS = (0x920A, _EQUIVALENT, 0xA404)  # the numbers of `name_lens`, in their order
+_LONG = (0x927C, 0x9286)  # what a maker or a user has noted
+_MOST_BYTES = 65_533  # in a JPEG, whose segments state their length in 16 bits
 _EXIF, _INTEROPERABILITY = 0x8769, 0xA005  # the tags that lead to further tables
 _COLOR_SPACE, _INDEX = 0xA001, 0x0001
 SRGB, UNCALIBRATED = 1, 65535
@@ -25,6 +32,25 @@ DAMAGE: tuple[type[Exception], ...] = (
     Image.DecompressionBombError,
 )
 """Whatever goes wrong in Pillow where data are damaged."""
+
+
+def exif_of_webp(path: Path) -> bytes:
+    """The raw EXIF data of a WebP, which OpenImageIO does not read; nothing where there are none or it is damaged."""
+    try:
+        with WebPImageFile(path) as picture:
+            return bytes(picture.info.get("exif") or b"")
+    except DAMAGE:
+        return b""
+
+
+def orientation_of(exif: bytes) -> int:
+    """EXIF orientation as raw EXIF data have it; 1 (upright) where they say nothing that can be read."""
+    try:
+        tags = Image.Exif()
+        tags.load(exif)
+        return int(tags.get(_ORIENTATION, 1))
+    except DAMAGE:
+        return 1
 
 
 def is_adobe_rgb(exif: bytes) -> bool:
@@ -54,16 +80,71 @@ def _says_adobe_rgb(tags: Image.Exif) -> bool:
     return tags.get_ifd(_EXIF).get(_COLOR_SPACE) == UNCALIBRATED and index.strip("\0 ") == _ADOBE_RGB
 
 
-def mark_srgb(tags: Image.Exif) -> None:
-    """Make the data say that colours are sRGB.
-
-    Raises:
-        One of `DAMAGE`.
-    """
+def _mark_srgb(tags: Image.Exif) -> None:
     further = tags.get_ifd(_EXIF)
     if further:
         further[_COLOR_SPACE] = SRGB
         further.pop(_INTEROPERABILITY, None)
+
+
+def exif_for_jpeg(exif: bytes) -> bytes:
+    """Raw EXIF data for an upright JPEG of sRGB; nothing where they are damaged.
+
+    HEIC and AVIF may hold more than a JPEG can; then notes are left out, or else all but camera and lens.
+    """
+    try:
+        tags = Image.Exif()
+        tags.load(exif)
+        tags[_ORIENTATION] = 1
+        _mark_srgb(tags)
+        written = tags.tobytes()
+        if len(written) > _MOST_BYTES:
+            for number in _LONG:
+                tags.get_ifd(_EXIF).pop(number, None)
+            written = tags.tobytes()
+        if len(written) > _MOST_BYTES:
+            written = _lens_alone(tags).tobytes()
+    except DAMAGE:
+        return b""
+    return written if len(written) <= _MOST_BYTES else b""
+
+
+def _lens_alone(tags: Image.Exif) -> Image.Exif:
+    alone = Image.Exif()
+    alone.update((number, tags[number]) for number in (_MAKE, _MODEL) if number in tags)
+    further = tags.get_ifd(_EXIF)
+    alone.get_ifd(_EXIF).update((number, further[number]) for number in _LENS if number in further)
+    return alone
+
+
+def exif_of_lens(make: str, model: str, focal: float, equivalent: float, zoom: float) -> bytes:
+    """Raw EXIF data that say what `name_lens` is given, as far as it is known."""
+    tags = Image.Exif()
+    tags.update((number, text) for number, text in ((_MAKE, make), (_MODEL, model)) if text)
+    numbers = zip(_LENS, (focal, equivalent, zoom), strict=True)
+    known: dict[int, IFDRational | int] = {
+        number: IFDRational(value) for number, value in numbers if value > 0.0 and math.isfinite(value)
+    }
+    if _EQUIVALENT in known:
+        known[_EQUIVALENT] = round(equivalent)  # a whole number in EXIF data
+    try:
+        tags.get_ifd(_EXIF).update(known)
+        return tags.tobytes()
+    except DAMAGE:
+        return b""
+
+
+def taken_with(exif: bytes) -> str:
+    """What raw EXIF data say, as `name_lens` has it."""
+    try:
+        tags = Image.Exif()
+        tags.load(exif)
+        make, model = (str(tags.get(number, "")).strip("\0 ") for number in (_MAKE, _MODEL))
+        further = tags.get_ifd(_EXIF)
+        focal, equivalent, zoom = (float(further.get(number) or 0.0) for number in _LENS)
+    except DAMAGE:
+        return ""
+    return name_lens(make, model, focal, equivalent, zoom)
 
 
 def name_lens(make: str, model: str, focal: float, equivalent: float, zoom: float) -> str:

@@ -15,7 +15,7 @@ from PIL import Image, ImageOps
 from ..color.hdr import TRANSFERS, tone_map
 from ..color.profiles import ADOBE_RGB, DISPLAY_P3, convert_to_srgb
 from ..errors import InputError
-from .exif import DAMAGE, is_adobe_rgb, name_lens
+from .exif import DAMAGE, is_adobe_rgb
 
 _COPY_AGAIN = "copy or export the image again"
 _GAIN_MAP = ("gainmap", "iso:ts:21496")
@@ -83,7 +83,7 @@ def _read_plain(path: Path, kind: str, header: HeifHeader) -> tuple[NDArray[np.u
         picture = opened.to_pillow() if kind == "heif" else ImageOps.exif_transpose(opened)
         profile = opened.info.get("icc_profile")
         coverage = np.array(picture.getchannel("A")) if picture.mode in ("RGBA", "LA") else None
-        color = np.array(picture.convert("RGB"))
+        color = _grey(picture) if picture.mode.startswith("I") else np.array(picture.convert("RGB"))
     except DAMAGE as error:
         raise _damaged(path, error) from None
     if profile:
@@ -93,6 +93,12 @@ def _read_plain(path: Path, kind: str, header: HeifHeader) -> tuple[NDArray[np.u
     elif header.primaries in _NO_PRIMARIES and is_adobe_rgb(header.exif):
         convert_to_srgb(color, ADOBE_RGB)
     return color, coverage
+
+
+def _grey(picture: Image.Image) -> NDArray[np.uint8]:
+    """(H, W, 3) of grey with 16 bits, which Pillow clips at 255 where it converts it."""
+    grey = (np.asarray(picture) >> 8).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=2)
 
 
 def _read_hdr(path: Path, transfer: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
@@ -163,16 +169,3 @@ def _damaged(path: Path, error: BaseException) -> InputError:
     if isinstance(error, InputError):
         return error
     return InputError("the image is damaged or cut short", where=path, remedy=_COPY_AGAIN)
-
-
-def taken_with(exif: bytes) -> str:
-    """Camera and focal length as `ImageHeader.taken_with` has them."""
-    try:
-        tags = Image.Exif()
-        tags.load(exif)
-        make, model = (str(tags.get(number, "")).strip("\0 ") for number in (0x010F, 0x0110))
-        further = tags.get_ifd(0x8769)
-        focal, equivalent, zoom = (float(further.get(number) or 0.0) for number in (0x920A, 0xA405, 0xA404))
-    except DAMAGE:
-        return ""
-    return name_lens(make, model, focal, equivalent, zoom)

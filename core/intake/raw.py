@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .exif import LENS_ATTRIBUTES, name_lens
+from .exif import LENS_ATTRIBUTES, exif_of_lens, taken_with
 from .kinds import kind_of_file
 from .sampling import evenly_spread
 
@@ -89,7 +89,25 @@ def read_raw_header(path: Path) -> RawHeader:
         width, height = sizes.iwidth, sizes.iheight
         if sizes.flip in (5, 6):
             width, height = height, width
-        return RawHeader(int(width), int(height), _taken_with(path))
+        return RawHeader(int(width), int(height), taken_with(exif_of_raw(path)))
+
+
+def exif_of_raw(path: Path) -> bytes:
+    """Raw EXIF data that say what it was taken with; nothing where that cannot be read, as of CR3."""
+    import OpenImageIO as oiio  # reads the TIFF tags of all but CR3
+
+    file = oiio.ImageInput.open(str(path)) if path.suffix.lower() != ".cr3" else None
+    if file is None:
+        oiio.geterror()
+        return b""
+    try:
+        spec = file.spec()
+        make, model = (spec.get_string_attribute(name) for name in ("Make", "Model"))
+        return exif_of_lens(make, model, *(spec.get_float_attribute(name, 0.0) for name in LENS_ATTRIBUTES))
+    except UnicodeDecodeError:
+        return b""
+    finally:
+        file.close()
 
 
 def read_raw(path: Path, development: Development | None = None) -> NDArray[np.uint8]:
@@ -143,23 +161,6 @@ def _white_balance(raw: Any) -> list[float]:
             values[3] = values[3] if values[3] > 0.0 else values[1]
             return list(values / values[1])
     return [1.0, 1.0, 1.0, 1.0]
-
-
-def _taken_with(path: Path) -> str:
-    import OpenImageIO as oiio  # reads the TIFF tags of all but CR3
-
-    file = oiio.ImageInput.open(str(path)) if path.suffix.lower() != ".cr3" else None
-    if file is None:
-        oiio.geterror()
-        return ""
-    try:
-        spec = file.spec()
-        make, model = (spec.get_string_attribute(name) for name in ("Make", "Model"))
-        return name_lens(make, model, *(spec.get_float_attribute(name, 0.0) for name in LENS_ATTRIBUTES))
-    except UnicodeDecodeError:
-        return ""
-    finally:
-        file.close()
 
 
 @contextmanager

@@ -41,6 +41,9 @@ def rendered_objects(scene: bpy.types.Scene) -> set[bpy.types.Object]:
     """What the artist's ticked view layers have and no collection hides, also what its own `hide_render` hides."""
     layers = _layers_of_artist(scene)
     chosen = [layer for layer in layers if _is_ticked(scene, layer)] or layers  # renamed in an earlier release
+    for layer in chosen:
+        if layer.layer_collection is None:
+            layer.update()  # Blender 5.2 knows the collections of a scene that no window has shown only then
     collections = {
         found for layer in chosen for found in collections_in(layer.layer_collection, hidden_by="hide_render")
     }

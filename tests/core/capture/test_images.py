@@ -132,6 +132,17 @@ def test_cmyk_is_refused(tmp_path: Path, extension: str) -> None:
         read_header(tmp_path / f"x.{extension}")
 
 
+def test_cmyk_as_photoshop_writes_it_is_refused(tmp_path: Path) -> None:
+    """As YCCK, which the byte for the transform in Adobe's marker says (Adobe Technical Note 5116, section 18)."""
+    stream = io.BytesIO()
+    Image.fromarray(PICTURE).convert("CMYK").save(stream, "JPEG")
+    data = bytearray(stream.getvalue())
+    data[data.index(b"Adobe") + 11] = 2
+    (tmp_path / "x.jpg").write_bytes(data)
+    with pytest.raises(InputError, match=r"CMYK.*convert it to RGB"):
+        read_header(tmp_path / "x.jpg")
+
+
 def test_lab_is_refused(tmp_path: Path) -> None:
     picture = Image.fromarray(PICTURE).convert("LAB")
     picture.info.pop("icc_profile", None)
@@ -218,6 +229,24 @@ def test_orientation_agrees_with_an_independent_reader(tmp_path: Path, orientati
     assert image.shape == reference.shape
     assert read_header(path).upright_size == (image.shape[1], image.shape[0])
     assert np.abs(image - reference).max() <= 2
+
+
+@pytest.mark.parametrize("orientation", [1, 3, 5, 6, 8])
+def test_orientation_of_a_webp_agrees_with_an_independent_reader(tmp_path: Path, orientation: int) -> None:
+    tags = Image.Exif()
+    tags[0x0112] = orientation
+    Image.fromarray(PICTURE).save(tmp_path / "x.webp", lossless=True, exif=tags)
+    reference = np.asarray(ImageOps.exif_transpose(Image.open(tmp_path / "x.webp")))
+    np.testing.assert_array_equal(read_pixels(tmp_path / "x.webp", upright=True)[0], reference)
+    np.testing.assert_array_equal(read_pixels(tmp_path / "x.webp")[0], PICTURE)
+    assert read_header(tmp_path / "x.webp").upright_size == (reference.shape[1], reference.shape[0])
+
+
+@pytest.mark.parametrize("exif", [b"Exif\0\0II+\0\x08\0\0\0", b"nothing", b""])
+def test_a_webp_whose_exif_data_are_damaged_is_used_without_them(tmp_path: Path, exif: bytes) -> None:
+    Image.fromarray(PICTURE).save(tmp_path / "x.webp", lossless=True, exif=exif)
+    assert (read_header(tmp_path / "x.webp").orientation, read_header(tmp_path / "x.webp").taken_with) == (1, "")
+    np.testing.assert_array_equal(read_pixels(tmp_path / "x.webp", upright=True)[0], PICTURE)
 
 
 def test_camera_of_the_turned_size_turns_the_photograph(tmp_path: Path) -> None:
@@ -358,6 +387,61 @@ def test_cut_progressive_jpeg_is_refused(tmp_path: Path, part: float) -> None:
     path.write_bytes(stream.getvalue()[: int(len(stream.getvalue()) * part)])
     with pytest.raises(InputError, match=r"damaged or cut short|cannot be opened"):
         read_pixels(path)
+
+
+def jpeg(**options: object) -> bytes:
+    stream = io.BytesIO()
+    Image.fromarray(PICTURE).save(stream, "JPEG", quality=95, **options)
+    return stream.getvalue()
+
+
+def with_wrong_scan(data: bytes) -> bytes:
+    """A JPEG with a scan's parameters as Samsung's phones write them: 0, 0, 0 instead of 0, 63, 0."""
+    start = data.index(b"\xff\xda")
+    end = start + 2 + int.from_bytes(data[start + 2 : start + 4], "big")
+    return data[: end - 3] + bytes(3) + data[end:]
+
+
+def with_wrong_revision(data: bytes) -> bytes:
+    version = data.index(b"JFIF\0") + 5
+    return data[:version] + b"\2" + data[version + 1 :]
+
+
+def with_stray_bytes(data: bytes) -> bytes:
+    table = data.index(b"\xff\xdb")
+    return data[:table] + bytes(3) + data[table:]
+
+
+HEADERS = pytest.mark.parametrize("change", [with_wrong_scan, with_wrong_revision, with_stray_bytes])
+
+
+@HEADERS
+def test_a_jpeg_with_a_wrong_header_is_read_where_all_its_pixels_are_there(
+    tmp_path: Path, change: Callable[[bytes], bytes]
+) -> None:
+    (tmp_path / "right.jpg").write_bytes(jpeg())
+    (tmp_path / "wrong.jpg").write_bytes(change(jpeg()))
+    np.testing.assert_array_equal(read_pixels(tmp_path / "wrong.jpg")[0], read_pixels(tmp_path / "right.jpg")[0])
+
+
+@HEADERS
+@pytest.mark.parametrize("part", [0.5, 0.9, 0.99])
+def test_a_jpeg_with_a_wrong_header_that_is_cut_is_refused(
+    tmp_path: Path, change: Callable[[bytes], bytes], part: float
+) -> None:
+    data = change(jpeg())
+    (tmp_path / "x.jpg").write_bytes(data[: int(len(data) * part)])
+    with pytest.raises(InputError, match="damaged or cut short"):
+        read_pixels(tmp_path / "x.jpg")
+
+
+@pytest.mark.parametrize("options", [{"progressive": True}, {"restart_marker_rows": 1}])
+def test_a_jpeg_with_stray_bytes_among_its_pixels_is_refused(tmp_path: Path, options: dict[str, object]) -> None:
+    data = jpeg(**options)
+    marker = data.rindex(b"\xff\xda" if "progressive" in options else b"\xff\xd1")
+    (tmp_path / "x.jpg").write_bytes(data[:marker] + bytes(3) + data[marker:])
+    with pytest.raises(InputError, match="damaged or cut short"):
+        read_pixels(tmp_path / "x.jpg")
 
 
 def test_text_named_as_an_image_is_refused(tmp_path: Path) -> None:

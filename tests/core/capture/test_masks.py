@@ -187,6 +187,21 @@ def test_masks_in_a_folder_of_another_name_are_named(tmp_path: Path, name: str) 
     assert "masks-unused" not in warnings_of(read(tmp_path))
 
 
+@pytest.mark.parametrize(
+    ("name", "way"),
+    [("0001.png.mask.png", "a folder masks"), ("dynamic_mask_0001.png", "a folder masks, inverted")],
+)
+def test_masks_among_the_photographs_are_named_and_not_taken_for_photographs(
+    tmp_path: Path, name: str, way: str
+) -> None:
+    photographs = shots(3)
+    save(write_colmap(tmp_path, photographs) / "images" / name, mask_of(photographs[0]))
+    for capture in (read(tmp_path), inspect_capture(tmp_path)):
+        assert "unregistered" not in warnings_of(capture)
+        (message,) = [warning.message for warning in capture.warnings if warning.name == "masks-unused"]
+        assert f"1 masks among the photographs are not used: {name}; put them into {way}, as 1.png for 1.jpg" in message
+
+
 def test_photographs_of_a_mask_are_not_masks(tmp_path: Path) -> None:
     photographs = shots(3)
     for name in ("mask", "masks"):

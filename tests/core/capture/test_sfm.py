@@ -15,12 +15,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pillow_heif
+import pycolmap
 import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from cvdgs.core.capture import sfm
 from cvdgs.core.capture.images import read_pixels
+from cvdgs.core.capture.material import find_material, make_photographs
 from cvdgs.core.capture.reader import read_capture
 from cvdgs.core.capture.sfm import estimate_cameras, number_cameras
 from cvdgs.core.capture.sfm_verdict import Frame
@@ -143,8 +145,10 @@ def test_photographs_are_numbered_by_camera_and_a_video_has_one(tmp_path: Path) 
     assert number_cameras(tmp_path, ["a.jpg", "b.jpg", "c.jpg", "d.jpg", "e.jpg"], frames) == [0, 1, 2, 0, 3]
 
 
-@pytest.mark.parametrize("ending", ["jpg", "heic", "dng"])
-def test_zoomed_photographs_have_a_camera_of_their_own(tmp_path: Path, ending: str) -> None:
+@pytest.mark.parametrize("ending", ["jpg", "webp", "heic", "dng"])
+def test_zoomed_photographs_have_a_camera_of_their_own(
+    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, ending: str
+) -> None:
     pixels = np.full((64, 96, 3), 90, np.uint8)
 
     def take(name: str, equivalent: int = 0, zoom: float = 0.0) -> str:
@@ -167,6 +171,11 @@ def test_zoomed_photographs_have_a_camera_of_their_own(tmp_path: Path, ending: s
     lenses = ((24, 0.0), (48, 0.0), (24, 1.0), (24, 2.0), (24, 1.001), (0, 2.0), (48, 0.0))
     names = [take(f"{number}", *lens) for number, lens in enumerate(lenses)]
     assert number_cameras(tmp_path, names, {}) == [0, 1, 0, 2, 0, 3, 1]
+    made = make_photographs(find_material(tmp_path), tmp_path_factory.mktemp("made"), Reporter())
+    assert number_cameras(made.folder, made.names, {}) == [0, 1, 0, 2, 0, 3, 1], "as estimation has them"
+    if ending in ("heic", "dng"):  # the converted ones; pycolmap reads no WebP
+        told = pycolmap.infer_camera_from_image(made.folder / made.names[0], pycolmap.ImageReaderOptions())
+        assert told.has_prior_focal_length
 
 
 def test_names_may_hold_spaces_and_lie_in_folders(tmp_path: Path) -> None:

@@ -171,6 +171,12 @@ def test_names_without_extension_and_split_files(tmp_path: Path) -> None:
             "OPENCV_FISHEYE",
             [0.05, -0.02, 0.01, 0.001],
         ),
+        ({"camera_model": "FULL_OPENCV", "k1": 0.06, "k4": 0.02}, "FULL_OPENCV", [0.06, 0, 0, 0, 0, 0.02, 0, 0]),
+        (
+            {"camera_model": "OPENCV", "k1": 0.06, "k4": 0.02, "k6": 0.01},
+            "FULL_OPENCV",
+            [0.06, *[0] * 4, 0.02, 0, 0.01],
+        ),
         ({"is_fisheye": True, "k1": 0.05}, "OPENCV_FISHEYE", [0.05, 0, 0, 0]),
         ({"camera_model": "SIMPLE_RADIAL", "k1": -0.1}, "SIMPLE_RADIAL", [-0.1]),
     ],
@@ -187,6 +193,15 @@ def test_distortion_is_that_of_the_colmap_model(
     for view, expected in zip(ours.views, reference.views, strict=True):
         assert view.camera.fx == pytest.approx(expected.camera.fx, rel=1e-9)
         assert np.abs(view.image.astype(int) - expected.image).max() <= 1
+
+
+@pytest.mark.parametrize("model", [{"camera_model": "OPENCV"}, {}])
+def test_a_fourth_coefficient_of_a_polynomial_is_refused(tmp_path: Path, model: dict[str, str]) -> None:
+    """As nerfstudio's converters write it for lenses of RealityScan and Metashape; COLMAP's k4 is something else."""
+    photographs = shots(2)
+    document = {**intrinsics(pinhole()), **model, "k1": 0.06, "k4": 0.01, "frames": frames(photographs)}
+    with pytest.raises(InputError, match=r"k4 of OPENCV is not supported - calibrate without k4, or undistort"):
+        inspect_capture(write_transforms(tmp_path, photographs, document))
 
 
 def test_unknown_camera_model_is_refused(tmp_path: Path) -> None:

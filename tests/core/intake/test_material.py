@@ -54,6 +54,84 @@ def test_masks_in_any_folder_are_masks_and_no_photographs(tmp_path: Path, images
     assert found.files == {f"{images}/{n}.jpg": tmp_path / masks / f"{n}{ending}" for n in (1, 2)}
 
 
+MASKS_AMONG = {
+    "COLMAP": "1.jpg 2.jpg 1.jpg.png 2.jpg.png",
+    "RealityScan": "images/1.JPG images/2.JPG images/1.mask.png images/2.JPG.mask.png",
+    "Metashape": "images/a/1.jpg images/a/2.jpg images/a/1_mask.png images/a/2_mask.PNG",
+    "instant-ngp": "images/1.jpg images/2.jpg images/dynamic_mask_1.png images/dynamic_mask_2.png",
+}
+
+
+@pytest.mark.parametrize("names", MASKS_AMONG.values(), ids=MASKS_AMONG.keys())
+def test_masks_among_photographs_are_no_photographs_and_are_named(tmp_path: Path, names: str) -> None:
+    make_files(tmp_path, names)
+    material = find_material(tmp_path)
+    assert material.photographs == tuple(names.split()[:2])
+    found = masks_of(material)
+    assert found.files == {}
+    assert found.misplaced == names.split()[2:]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "1.jpg 2.jpg mask/1.png mask/2.jpg.png",
+        "photos/1.jpg photos/2.jpg mask/1.jpg mask/2.jpg",
+        "photos/1.jpg photos/2.jpg photos/mask/1.png photos/mask/2.png",
+        "a/images/b/1.jpg a/images/b/2.jpg a/mask/b/1.png a/mask/b/2.png",
+    ],
+)
+def test_masks_in_a_folder_called_mask_are_no_photographs_and_their_folder_is_named(tmp_path: Path, names: str) -> None:
+    make_files(tmp_path, names)
+    material = find_material(tmp_path)
+    assert material.photographs == tuple(names.split()[:2])
+    found = masks_of(material)
+    assert (found.files, found.misplaced) == ({}, [])
+    assert found.misnamed == [(tmp_path / names.split()[2]).parents[names.count("/b/1.png")]]
+
+
+def test_masks_in_a_folder_called_mask_in_upper_case_are_named(tmp_path: Path) -> None:
+    make_files(tmp_path, "1.jpg 2.jpg Mask/1.png Mask/2.png")
+    material = find_material(tmp_path)
+    assert material.photographs == ("1.jpg", "2.jpg")
+    assert masks_of(material).misplaced == ["Mask/1.png", "Mask/2.png"]
+
+
+@pytest.mark.parametrize("folder", ["images", "images/left", "photos"])
+def test_masks_in_the_folder_of_their_photographs_are_used(tmp_path: Path, folder: str) -> None:
+    make_files(tmp_path, f"{folder}/1.jpg {folder}/2.jpg {folder}/masks/1.png {folder}/masks/3.png")
+    material = find_material(tmp_path)
+    assert material.photographs == (f"{folder}/1.jpg", f"{folder}/2.jpg")
+    found = masks_of(material)
+    assert found.files == {f"{folder}/1.jpg": tmp_path / folder / "masks" / "1.png"}
+    assert found.unused == ["3.png"]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "1_mask.png 2.jpg 3.mask.png dynamic_mask_4.png 5.jpg.png",
+        "mask/1.jpg mask/2.jpg room/3.jpg",
+        "mask/1.jpg mask/2.jpg",
+        "a/1.jpg b/1_mask.png",
+    ],
+)
+def test_photographs_that_are_called_like_masks_of_none_are_photographs(tmp_path: Path, names: str) -> None:
+    make_files(tmp_path, names)
+    assert set(find_material(tmp_path).photographs) == set(names.split())
+
+
+def test_photographs_of_a_mask_with_depth_maps_are_photographs(tmp_path: Path) -> None:
+    make_files(tmp_path, "mask/1.jpg mask/2.jpg depth/1.png depth/2.png")
+    assert find_material(tmp_path).photographs == ("mask/1.jpg", "mask/2.jpg")
+
+
+def make_files(folder: Path, names: str) -> None:
+    for name in names.split():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).touch()
+
+
 def test_an_empty_folder_for_images_hides_no_photographs(tmp_path: Path) -> None:
     (tmp_path / "1.jpg").touch()
     for name in ("images", "rgb"):

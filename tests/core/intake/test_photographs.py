@@ -12,6 +12,7 @@ import pillow_heif
 import pytest
 import torch
 from PIL import Image, ImageOps
+from PIL.TiffImagePlugin import IFDRational
 from scipy.ndimage import gaussian_filter
 
 from cvdgs.core.capture.images import read_header, read_pixels
@@ -20,7 +21,8 @@ from cvdgs.core.capture.reader import inspect_capture
 from cvdgs.core.color.hdr import tone_map
 from cvdgs.core.color.profiles import DISPLAY_P3
 from cvdgs.core.errors import InputError
-from cvdgs.core.intake.heif import read_heif_header, taken_with
+from cvdgs.core.intake.exif import taken_with
+from cvdgs.core.intake.heif import read_heif_header
 from cvdgs.core.intake.raw import Development
 from cvdgs.core.photographs.find import find_photographs
 from cvdgs.core.runtime.protocol import Reporter
@@ -126,6 +128,16 @@ def _with(picture: Image.Image, exif: Image.Exif) -> Image.Image:
     file = io.BytesIO()
     picture.save(file, "PNG", exif=exif)
     return Image.open(file)
+
+
+def test_a_grey_heic_of_10_bits_keeps_its_greys(tmp_path: Path) -> None:
+    grey = soft_picture()[..., 0]
+    wide = (grey.astype(np.uint16) * 257).tobytes()
+    pillow_heif.from_bytes(mode="I;16", size=(128, 96), data=wide).save(tmp_path / "x.heic", quality=-1)
+    assert read_header(tmp_path / "x.heic").bits == 10
+    color, alpha = read_pixels(tmp_path / "x.heic")
+    assert alpha is None
+    assert np.abs(color.astype(int) - grey[..., None]).max() <= 1
 
 
 def test_a_heic_that_was_renamed_is_read(tmp_path: Path) -> None:
@@ -299,3 +311,24 @@ def test_a_photograph_whose_exif_block_is_cut_is_used_without_it(tmp_path: Path)
     (tmp_path / "out").mkdir()
     made = make_photographs(find_material(tmp_path), tmp_path / "out", Reporter())
     assert (read_header(tmp_path / "out" / made.names[0]).width, made.names) == (96, ["1.jpg"])
+
+
+@pytest.mark.parametrize("number", [0x927C, 0x9286, 0x010E])
+@pytest.mark.parametrize("ending", ["heic", "avif"])
+def test_a_photograph_with_more_exif_data_than_a_jpeg_holds_keeps_its_lens(
+    tmp_path: Path, ending: str, number: int
+) -> None:
+    """As the notes of a telephone's maker or of a user, or as anything else, here the description."""
+    tags = Image.Exif()
+    tags[0x010F], tags[0x0110] = "Acme", "Acme One"
+    further = tags.get_ifd(0x8769)
+    further[0x920A], further[0xA405] = IFDRational(57, 10), 24
+    (tags if number == 0x010E else further)[number] = "x" * 80_000 if number == 0x010E else b"x" * 80_000
+    picture, path = Image.fromarray(soft_picture(64, 96)), tmp_path / f"1.{ending}"
+    if ending == "heic":
+        pillow_heif.from_pillow(picture).save(path, exif=tags.tobytes())
+    else:
+        picture.save(path, exif=tags.tobytes())
+    (tmp_path / "out").mkdir()
+    make_photographs(find_material(tmp_path), tmp_path / "out", Reporter())
+    assert read_header(tmp_path / "out" / "1.jpg").taken_with == "Acme Acme One 5.7 mm 24 mm on film"
