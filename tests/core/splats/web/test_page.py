@@ -59,6 +59,19 @@ def test_numbers_come_back_within_their_steps():
     np.testing.assert_allclose(rest, first.sh[order, 1:].reshape(-1, 24), atol=0.51 * step + 1e-6)
 
 
+def test_a_gaussian_with_absurd_colours_takes_no_precision_from_the_others():
+    first = layered(2000, degree=3)["original"]
+    sh = first.sh.copy()
+    sh[7, 1:] = 50.0
+    streams = pack({"original": replace(first, sh=sh)}, np.zeros(3))
+    low, step = streams.description["layers"][0]["restCode"]
+    rest = low + step * numbers(streams.data["rest0"], 45, "u1").reshape(-1, 15, 3)
+    order = np.argsort(-first.importance, kind="stable")
+    others = order != 7
+    np.testing.assert_allclose(rest[others], first.sh[order, 1:][others], atol=0.01)
+    assert (rest[~others] > 0.9).all()
+
+
 def test_a_further_layer_takes_no_more_than_its_colours(tmp_path):
     count = 3000
     layers = layered(count)
