@@ -40,27 +40,38 @@ async function readScene() {
   return scene;
 }
 
-// Sorts beside the page, or within it where the browser allows no worker.
+// Sorts beside the page, or within it where the browser allows no worker: some say so with an exception, others later.
 function sorterOf(scene) {
-  const text = find("sorter").textContent;
-  let worker, ticket = 0;
-  const waiting = new Map();
+  const text = find("sorter").textContent, waiting = new Map();
+  let worker = null, sort = null, ticket = 0;
+  const sortHere = ({ row, count, done, failed }) => {
+    try {
+      if (!sort) {
+        const script = document.createElement("script");
+        script.textContent = text;
+        document.head.append(script);
+        sort = makeSorter(scene.means);
+      }
+      done(sort(row, scene.near, count));
+    } catch (error) { failed(error); }
+  };
   try {
     worker = new Worker(URL.createObjectURL(new Blob([text], { type: "text/javascript" })));
     worker.postMessage({ means: scene.means });
     worker.onmessage = ({ data }) => {
-      waiting.get(data.ticket)(data.order);
+      waiting.get(data.ticket)?.done(data.order);
       waiting.delete(data.ticket);
     };
-  } catch {
-    const script = document.createElement("script");
-    script.textContent = text;
-    document.head.append(script);
-    const sort = makeSorter(scene.means);
-    return async (row, count) => sort(row, scene.near, count);
-  }
-  return (row, count) => new Promise((done) => {
-    waiting.set(++ticket, done);
+    worker.onerror = () => {
+      worker = null;
+      waiting.forEach(sortHere);
+      waiting.clear();
+    };
+  } catch { worker = null; }
+  return (row, count) => new Promise((done, failed) => {
+    const asked = { row, count, done, failed };
+    if (!worker) return sortHere(asked);
+    waiting.set(++ticket, asked);
     worker.postMessage({ row, near: scene.near, count, ticket });
   });
 }

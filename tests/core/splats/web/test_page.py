@@ -6,6 +6,8 @@ import base64
 import gzip
 import json
 import re
+import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +26,11 @@ from cvdgs.core.splats.web.page import Surroundings, write_web_page
 from cvdgs.core.splats.web.streams import pack
 
 from ..sets import gaussians
-from .scenes import layered
+from .scenes import layered, surroundings
+
+NODE = shutil.which("node") or shutil.which("nodejs")
+VISITOR = Path(__file__).with_name("visitor.js")
+in_node = pytest.mark.skipif(NODE is None, reason="needs node")
 
 
 def scene_of(path: Path) -> dict[str, Any]:
@@ -197,3 +203,18 @@ def test_colours_beyond_what_half_floats_hold_are_limited():
     wild.sh[:] = 1e6
     streams = pack({"original": Gaussians(**vars(wild))}, np.zeros(3))
     assert np.isfinite(numbers(streams.data["colors0"], 3, "<f2")).all()
+
+
+def opened(folder: Path, fault: str) -> dict[str, Any]:
+    """What a visitor has before him whose browser fails so; see visitor.js."""
+    write_web_page(folder / "scene.html", layered(400, degree=1), "", surroundings())
+    done = subprocess.run([NODE, VISITOR, folder / "scene.html", fault], capture_output=True, text=True, timeout=60.0)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@in_node
+@pytest.mark.parametrize("fault", ["none", "worker refused", "worker blocked", "worker breaks"])
+def test_the_scene_opens_where_the_browser_allows_no_worker_too(tmp_path, fault):
+    found = opened(tmp_path, fault)
+    assert (found["opens"], found["fails"], found["drawn"]) == (True, False, 400)
