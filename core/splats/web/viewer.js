@@ -8,6 +8,7 @@ const MANY = 300000;       // Gaussians from which on the detail can be chosen
 const MOST_ON_PHONES = 400000, MOST_ELSEWHERE = 1500000;  // that are drawn at first
 const MOST_PATIENCE = 1000;  // milliseconds that the first picture of many may take; otherwise fewer are drawn
 const SLOW_FRAME = 60;     // milliseconds from one frame to the next, above which moving pictures get coarser
+const TAKEN_AWAY = "The graphics card was taken away; load the page again.";
 const STEADY_AFTER = 180;  // milliseconds without a move, after which the picture is drawn in full
 
 // Columns and bytes of one kind lie together; `stride` bytes of the result are a row.
@@ -349,7 +350,7 @@ function connect(viewer) {
     show();
   });
   new ResizeObserver(() => viewer.request()).observe(canvas);
-  canvas.addEventListener("webglcontextlost", () => fail(new Error("The graphics card was taken away; load the page again.")));
+  canvas.addEventListener("webglcontextlost", () => fail(new Error(TAKEN_AWAY)));
   show();
 }
 
@@ -373,6 +374,8 @@ async function start() {
     find("controls").hidden = false;
     await viewer.drawNow();
     if (scene.count >= MANY) await viewer.spare();
+    // A large scene may lose the graphics while it loads, before anybody listens: the picture would just stay black.
+    if (viewer.renderer.isLost) throw new Error(TAKEN_AWAY);
     connect(viewer);
     find("cover").hidden = true;
     window.cvdgs = viewer;

@@ -218,3 +218,13 @@ def opened(folder: Path, fault: str) -> dict[str, Any]:
 def test_the_scene_opens_where_the_browser_allows_no_worker_too(tmp_path, fault):
     found = opened(tmp_path, fault)
     assert (found["opens"], found["fails"], found["drawn"]) == (True, False, 400)
+
+
+@in_node
+@pytest.mark.parametrize(
+    ("fault", "said"), [("context lost", "graphics card was taken away"), ("memory full", "too large for this")]
+)
+def test_that_the_graphics_card_fails_while_the_scene_loads_is_said(tmp_path, fault, said):
+    found = opened(tmp_path, fault)
+    assert (found["opens"], found["fails"]) == (False, True)
+    assert said in found["said"]

@@ -1,5 +1,5 @@
-// Opens a scene's page without a browser: runs its scripts on as much of a document, and of WebGL, as they ask for. Nothing
-// is drawn; what is told is how far the page comes where a part of the browser fails.
+// Opens a scene's page without a browser: runs its scripts on as much of a document, and of WebGL, as they ask for.
+// Nothing is drawn; what is told is how far the page comes where a part of the browser fails.
 //
 //     node visitor.js PAGE.html FAULT      writes what the visitor has before him as JSON
 //
