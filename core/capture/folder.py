@@ -25,6 +25,7 @@ _RUN_AGAIN = "choose the output folder of a finished run"
 _IMPORT_AGAIN = "import the capture again"
 _LEAST_UP = 1e-6  # length of a vector that is a direction, also of a mean of these
 _ORTHONORMAL_TOLERANCE = 1e-3
+_MOST = 1e18  # of pixels and of scene units: far beyond any use, and its square is still a float32
 _DISTORTION = ("k1", "k2", "k3", "k4", "p1", "p2")
 
 # Offset of the colour type in a PNG's header chunk, and the two types that have alpha (PNG specification, 11.2.2).
@@ -177,9 +178,9 @@ def _read_view(frame: Mapping[str, Any], path: Path) -> CaptureView:
     camera = PinholeCamera(int(frame["w"]), int(frame["h"]), *intrinsics)
     pose = np.array(frame["transform_matrix"], np.float64)
     sizes = (camera.width, camera.height, camera.fx, camera.fy)
-    if not np.isfinite(intrinsics).all() or min(sizes) <= 0:
+    if not np.isfinite(intrinsics).all() or min(sizes) <= 0 or max(*sizes, *map(abs, intrinsics)) > _MOST:
         raise InputError(f"view '{key}' has an impossible camera", where=path, remedy=_RUN_AGAIN)
-    if pose.shape != (4, 4) or not np.isfinite(pose).all() or not _is_rotation(pose[:3, :3]):
+    if pose.shape != (4, 4) or not (np.abs(pose) <= _MOST).all() or not _is_rotation(pose[:3, :3]):
         raise InputError(f"view '{key}' has no rigid pose", where=path, remedy=_RUN_AGAIN)
     return CaptureView(key, camera, pose, _image_of(path.parent, str(frame["file_path"])))
 

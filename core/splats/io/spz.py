@@ -42,6 +42,7 @@ _SH_BUCKETS = (8, 16)  # of degree 1 and above: coefficients are rounded to this
 _POSITION_LIMIT = 1 << 23  # 24 bits with a sign
 _USUAL_FRACTIONAL_BITS = 12  # of the reference encoder: a quarter of a millimetre if the unit is a metre
 _RELATIVE_BITS = 16  # positions are stored to at least 2^-16 of the scene's size, whatever its unit
+_LEAST_RELATIVE_BITS = 10  # of the scene's size: coarser steps show in pictures of a thousand pixels
 _FRACTIONAL_BITS_LIMIT = 30
 _COMPONENT_STEPS = 511.0  # 9 bits and a sign for at most sqrt(1/2)
 # Neither compression can do better: a header that claims more than this times the file's length is wrong.
@@ -92,11 +93,13 @@ def read_spz(path: str | Path) -> Gaussians:
 def write_spz(path: str | Path, gaussians: Gaussians, version: int = 3) -> None:
     """Write an SPZ file of `version` 2 or 3.
 
-    Positions are precise to 2^-12 scene units or 2^-16 of the scene's size, whichever is finer; log scales, from -10 to
-    5.9, to 1/32, and beyond that clipped; opacities and colours to half a byte.
+    Positions are precise to 2^-12 scene units or 2^-16 of the scene's size, whichever is finer, and less where a
+    Gaussian lies far out; log scales, from -10 to 5.9, to 1/32, and beyond that clipped; opacities and colours to half
+    a byte.
 
     Raises:
-        InputError: a position, or the size of more than a few Gaussians, is beyond the range of the format.
+        InputError: a position, or the size of more than a few Gaussians, is beyond the range of the format, or one lies
+            so far out that the positions of all would be less precise than 2^-10 of the scene's size.
         ValueError: an unknown version.
     """
     if version not in VERSIONS_WRITTEN:
@@ -244,17 +247,18 @@ def _fractional_bits(means: NDArray[np.float32], path: Path) -> int:
     """Fractional bits of the positions: as many as the scene's size requires and its farthest Gaussian allows."""
     if not len(means):
         return _USUAL_FRACTIONAL_BITS
-    farthest = float(np.abs(means).max())
+    farthest, remedy = float(np.abs(means).max()), "remove what lies that far out, or write a .ply"
+    lies = f"a Gaussian lies {farthest:g} units from the origin"
     if not farthest < _POSITION_LIMIT - 1:
-        raise InputError(
-            f"a Gaussian lies {farthest:g} units from the origin, and SPZ reaches to {_POSITION_LIMIT}",
-            where=path,
-            remedy="remove what lies that far out, or write a .ply",
-        )
+        raise InputError(f"{lies}, and SPZ reaches to {_POSITION_LIMIT}", where=path, remedy=remedy)
     size = float(np.median(np.abs(means - np.median(means, axis=0)).max(axis=1)))
     wanted = _RELATIVE_BITS - int(np.floor(np.log2(size))) if size > 0.0 else _USUAL_FRACTIONAL_BITS
     possible = int(np.floor(np.log2((_POSITION_LIMIT - 1) / farthest))) if farthest > 0.0 else _FRACTIONAL_BITS_LIMIT
-    return max(min(max(wanted, _USUAL_FRACTIONAL_BITS), possible, _FRACTIONAL_BITS_LIMIT), 0)
+    bits = max(min(max(wanted, _USUAL_FRACTIONAL_BITS), possible, _FRACTIONAL_BITS_LIMIT), 0)
+    if size > 0.0 and bits == possible < wanted - _RELATIVE_BITS + _LEAST_RELATIVE_BITS:
+        what = f"{lies}, so that SPZ would round all positions to {2.0**-bits:.2g} units"
+        raise InputError(what, where=path, remedy=remedy)
+    return bits
 
 
 def _require_sizes(log_scales: NDArray[np.float32], path: Path) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ...capture.folder import read_capture_folder
+from ...capture.folder import CaptureFolder, read_capture_folder
+from ...errors import InputError
 from ...files.untrusted import is_file
 from ...rendering.requests import seen_by, vision
 from ...runs.layout import (
@@ -55,6 +56,15 @@ def surroundings_of(folder: Path) -> Surroundings:
     """
     report = read_report(folder)
     capture = read_capture_folder(folder / CAPTURE_FOLDER)
+    try:
+        return _told_by(report, capture, folder)
+    except (KeyError, TypeError, ValueError, AttributeError):
+        remedy = "make the run again, or copy the files into an empty folder for a page without cameras"
+        raise InputError(f"{REPORT_FILE} of the finished run is damaged", where=folder, remedy=remedy) from None
+
+
+def _told_by(report: dict[str, Any], capture: CaptureFolder, folder: Path) -> Surroundings:
+    """As `surroundings_of`; a report that was changed raises whatever its values lead to."""
     shown = report["views_shown"]
     start = shown[len(shown) // 2] if shown else ""
     name = Path(report["settings"]["capture"]).name or "capture"

@@ -151,6 +151,7 @@ void main() {
 
 const TEXTURES = ["means", "shapes", "colorsA", "colorsB", "restA", "restB"];
 const FIELD_OF_VIEW_MARGIN = 0.3;
+const TOO_LARGE = "The scene is too large for this graphics card.";
 
 class Renderer {
   // Throws where the browser has no WebGL 2 or the scene does not fit.
@@ -208,7 +209,7 @@ class Renderer {
 
   texture(data, count, parts, internal, format, type) {
     const gl = this.gl, rows = Math.max(Math.ceil(count / this.width), 1);
-    if (rows > gl.getParameter(gl.MAX_TEXTURE_SIZE)) throw new Error("The scene is too large for this graphics card.");
+    if (rows > gl.getParameter(gl.MAX_TEXTURE_SIZE)) throw new Error(TOO_LARGE);
     let padded = data;
     if (data.length < rows * this.width * parts) {
       padded = new data.constructor(rows * this.width * parts);
@@ -218,6 +219,7 @@ class Renderer {
     gl.bindTexture(gl.TEXTURE_2D, texture);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.texImage2D(gl.TEXTURE_2D, 0, internal, this.width, rows, 0, format, type, padded);
+    if (gl.getError() === gl.OUT_OF_MEMORY) throw new Error(TOO_LARGE);
     this.unfiltered();
     return texture;
   }
@@ -307,6 +309,8 @@ class Renderer {
     this.corners();
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);
   }
+
+  get isLost() { return this.gl.isContextLost(); }
 
   // Wait until what was asked for is drawn.
   finish() {

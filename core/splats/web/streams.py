@@ -22,6 +22,9 @@ from ..gaussians import SH_C0, Gaussians
 _MOST_SIGNED, _MOST_UNSIGNED, _MOST_BYTE = 32767, 65535, 255
 _LOG_SCALE_RANGE = (-40.0, 40.0)  # whose exponential the page's float32 holds
 _LARGEST_HALF = 65504.0
+_USUAL_TERM = 1.0  # of the terms that depend on the direction; SPZ files hold none beyond it
+_NOT_CLIPPED = 0.999  # of all terms, where some are larger
+_SAMPLED = 100_000  # Gaussians that tell how large terms are
 _COMPRESSION = 6  # gzip's level; 9 takes three times as long for a hundredth of the size
 
 
@@ -79,7 +82,11 @@ def _signed(quaternions: NDArray[np.float32]) -> NDArray[np.uint16]:
 
 
 def _bytes(terms: NDArray[np.float32]) -> tuple[NDArray[np.uint8], list[float]]:
-    """Codes of (N, width) terms, and the value of code 0 and of a step."""
+    """Codes of (N, width) terms, and the value of code 0 and of a step; a few that are far too large are clipped."""
     largest = float(np.abs(terms).max())
+    if largest > _USUAL_TERM:
+        # A single one would leave next to no steps to all others.
+        sizes = np.abs(terms[:: max(len(terms) // _SAMPLED, 1)])
+        largest = max(float(np.quantile(sizes, _NOT_CLIPPED, method="lower")), _USUAL_TERM)
     step = 2.0 * largest / (_MOST_BYTE - 1) or 1.0  # so that zero has a code
-    return np.round((terms + largest) / step).astype(np.uint8), [-largest, step]
+    return np.round((np.clip(terms, -largest, largest) + largest) / step).astype(np.uint8), [-largest, step]

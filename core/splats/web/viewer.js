@@ -8,6 +8,7 @@ const MANY = 300000;       // Gaussians from which on the detail can be chosen
 const MOST_ON_PHONES = 400000, MOST_ELSEWHERE = 1500000;  // that are drawn at first
 const MOST_PATIENCE = 1000;  // milliseconds that the first picture of many may take; otherwise fewer are drawn
 const SLOW_FRAME = 60;     // milliseconds from one frame to the next, above which moving pictures get coarser
+const TAKEN_AWAY = "The graphics card was taken away; load the page again.";
 const STEADY_AFTER = 180;  // milliseconds without a move, after which the picture is drawn in full
 
 // Columns and bytes of one kind lie together; `stride` bytes of the result are a row.
@@ -40,27 +41,38 @@ async function readScene() {
   return scene;
 }
 
-// Sorts beside the page, or within it where the browser allows no worker.
+// Sorts beside the page, or within it where the browser allows no worker: some say so with an exception, others later.
 function sorterOf(scene) {
-  const text = find("sorter").textContent;
-  let worker, ticket = 0;
-  const waiting = new Map();
+  const text = find("sorter").textContent, waiting = new Map();
+  let worker = null, sort = null, ticket = 0;
+  const sortHere = ({ row, count, done, failed }) => {
+    try {
+      if (!sort) {
+        const script = document.createElement("script");
+        script.textContent = text;
+        document.head.append(script);
+        sort = makeSorter(scene.means);
+      }
+      done(sort(row, scene.near, count));
+    } catch (error) { failed(error); }
+  };
   try {
     worker = new Worker(URL.createObjectURL(new Blob([text], { type: "text/javascript" })));
     worker.postMessage({ means: scene.means });
     worker.onmessage = ({ data }) => {
-      waiting.get(data.ticket)(data.order);
+      waiting.get(data.ticket)?.done(data.order);
       waiting.delete(data.ticket);
     };
-  } catch {
-    const script = document.createElement("script");
-    script.textContent = text;
-    document.head.append(script);
-    const sort = makeSorter(scene.means);
-    return async (row, count) => sort(row, scene.near, count);
-  }
-  return (row, count) => new Promise((done) => {
-    waiting.set(++ticket, done);
+    worker.onerror = () => {
+      worker = null;
+      waiting.forEach(sortHere);
+      waiting.clear();
+    };
+  } catch { worker = null; }
+  return (row, count) => new Promise((done, failed) => {
+    const asked = { row, count, done, failed };
+    if (!worker) return sortHere(asked);
+    waiting.set(++ticket, asked);
     worker.postMessage({ row, near: scene.near, count, ticket });
   });
 }
@@ -338,7 +350,7 @@ function connect(viewer) {
     show();
   });
   new ResizeObserver(() => viewer.request()).observe(canvas);
-  canvas.addEventListener("webglcontextlost", () => fail(new Error("The graphics card was taken away; load the page again.")));
+  canvas.addEventListener("webglcontextlost", () => fail(new Error(TAKEN_AWAY)));
   show();
 }
 
@@ -362,6 +374,8 @@ async function start() {
     find("controls").hidden = false;
     await viewer.drawNow();
     if (scene.count >= MANY) await viewer.spare();
+    // A large scene may lose the graphics while it loads, before anybody listens: the picture would just stay black.
+    if (viewer.renderer.isLost) throw new Error(TAKEN_AWAY);
     connect(viewer);
     find("cover").hidden = true;
     window.cvdgs = viewer;

@@ -87,7 +87,7 @@ function keep() {
 }
 
 let session = stored() || newSession();
-let trials = session.stage === "pairs" || session.stage === "done" ? trialsOf(session.seed, session.cvd) : [];
+let trials = session.cvd ? trialsOf(session.seed, session.cvd) : []; // there is a type once the row is finished
 let timer = 0; // of a turntable
 let onKey = () => {};
 document.addEventListener("keydown", (event) => { if (!event.repeat) onKey(event); });

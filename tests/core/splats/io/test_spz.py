@@ -130,6 +130,19 @@ def test_a_scene_too_far_out_is_refused_and_nothing_is_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_gaussian_so_far_out_that_all_positions_would_suffer_is_refused(tmp_path):
+    scene = waves(300, 0)
+    size = float(np.abs(scene.means).max())
+    scene.means[7, 1] = 1000.0 * size
+    write_spz(tmp_path / "s.spz", scene)
+    np.testing.assert_allclose(read_spz(tmp_path / "s.spz").means, scene.means, atol=2.0**-12 * size)
+    scene.means[7, 1] = 1e6
+    with pytest.raises(InputError, match=r"1e\+06 units from the origin, so that SPZ would round all .* 0\.12 units"):
+        write_spz(tmp_path / "far.spz", scene)
+    assert not (tmp_path / "far.spz").exists()
+    write_spz(tmp_path / "alone.spz", scene.take(np.array([7])))  # there is no size to be precise about
+
+
 @pytest.mark.parametrize("longest", [-12.5, 6.5, -np.inf])
 def test_units_in_which_sizes_do_not_fit_are_refused_and_nothing_is_written(tmp_path, longest):
     scene = waves(300, 0)

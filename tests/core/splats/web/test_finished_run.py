@@ -67,6 +67,50 @@ def test_one_of_a_damaged_run_is_refused_and_an_old_one_does_not_stay(tmp_path):
     assert not (tmp_path / "viewer.html").exists()
 
 
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"views_shown": {"view1": 1}},
+        {"layers": {"deutan-1.0": {}}},
+        {"capture": [4]},
+        {"reconstruction": {"psnr": "good"}},
+        {"settings": {"capture": 5}},
+        {"versions": []},
+    ],
+    ids=lambda changed: next(iter(changed)),
+)
+def test_a_report_that_cannot_be_used_is_said_in_a_line(tmp_path, capsys, changed):
+    report = write_run(tmp_path) / "report.json"
+    report.write_text(json.dumps({**json.loads(report.read_text()), **changed}))
+    assert convert.main([str(tmp_path / "splats.ply"), str(tmp_path / "scene.html")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "report.json of the finished run is damaged" in line
+    assert not (tmp_path / "scene.html").exists()
+
+
+def moved_away(frame: dict) -> None:
+    frame["transform_matrix"][0][3] = 1e200
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (moved_away, "'view0' has no rigid pose"),
+        (lambda frame: frame.update(w=10**400), "'view0' has an impossible camera"),
+        (lambda frame: frame.update(cx=-1e300), "'view0' has an impossible camera"),
+    ],
+    ids=["position", "width", "middle"],
+)
+def test_cameras_beyond_all_measure_are_refused_in_a_line(tmp_path, capsys, damage, said):
+    cameras = write_run(tmp_path) / "capture" / "transforms.json"
+    document = json.loads(cameras.read_text())
+    damage(document["frames"][0])
+    cameras.write_text(json.dumps(document))
+    assert convert.main([str(tmp_path / "splats.ply"), str(tmp_path / "scene.html")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+
+
 def test_the_report_begins_with_what_was_gained_and_holds_the_scene(run):
     write_report_page(run)
     text = text_of(run / "report.html")

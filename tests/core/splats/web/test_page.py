@@ -6,6 +6,8 @@ import base64
 import gzip
 import json
 import re
+import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +26,11 @@ from cvdgs.core.splats.web.page import Surroundings, write_web_page
 from cvdgs.core.splats.web.streams import pack
 
 from ..sets import gaussians
-from .scenes import layered
+from .scenes import layered, surroundings
+
+NODE = shutil.which("node") or shutil.which("nodejs")
+VISITOR = Path(__file__).with_name("visitor.js")
+in_node = pytest.mark.skipif(NODE is None, reason="needs node")
 
 
 def scene_of(path: Path) -> dict[str, Any]:
@@ -57,6 +63,19 @@ def test_numbers_come_back_within_their_steps():
     low, step = streams.description["layers"][0]["restCode"]
     rest = low + step * numbers(streams.data["rest0"], 24, "u1")
     np.testing.assert_allclose(rest, first.sh[order, 1:].reshape(-1, 24), atol=0.51 * step + 1e-6)
+
+
+def test_a_gaussian_with_absurd_colours_takes_no_precision_from_the_others():
+    first = layered(2000, degree=3)["original"]
+    sh = first.sh.copy()
+    sh[7, 1:] = 50.0
+    streams = pack({"original": replace(first, sh=sh)}, np.zeros(3))
+    low, step = streams.description["layers"][0]["restCode"]
+    rest = low + step * numbers(streams.data["rest0"], 45, "u1").reshape(-1, 15, 3)
+    order = np.argsort(-first.importance, kind="stable")
+    others = order != 7
+    np.testing.assert_allclose(rest[others], first.sh[order, 1:][others], atol=0.01)
+    assert (rest[~others] > 0.9).all()
 
 
 def test_a_further_layer_takes_no_more_than_its_colours(tmp_path):
@@ -184,3 +203,28 @@ def test_colours_beyond_what_half_floats_hold_are_limited():
     wild.sh[:] = 1e6
     streams = pack({"original": Gaussians(**vars(wild))}, np.zeros(3))
     assert np.isfinite(numbers(streams.data["colors0"], 3, "<f2")).all()
+
+
+def opened(folder: Path, fault: str) -> dict[str, Any]:
+    """What a visitor has before him whose browser fails so; see visitor.js."""
+    write_web_page(folder / "scene.html", layered(400, degree=1), "", surroundings())
+    done = subprocess.run([NODE, VISITOR, folder / "scene.html", fault], capture_output=True, text=True, timeout=60.0)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@in_node
+@pytest.mark.parametrize("fault", ["none", "worker refused", "worker blocked", "worker breaks"])
+def test_the_scene_opens_where_the_browser_allows_no_worker_too(tmp_path, fault):
+    found = opened(tmp_path, fault)
+    assert (found["opens"], found["fails"], found["drawn"]) == (True, False, 400)
+
+
+@in_node
+@pytest.mark.parametrize(
+    ("fault", "said"), [("context lost", "graphics card was taken away"), ("memory full", "too large for this")]
+)
+def test_that_the_graphics_card_fails_while_the_scene_loads_is_said(tmp_path, fault, said):
+    found = opened(tmp_path, fault)
+    assert (found["opens"], found["fails"]) == (False, True)
+    assert said in found["said"]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,9 @@ from .sessions import METHODS, ROWS, stimuli
 PHOTOGRAPHS, TURNS = 1, 3
 PAIRS = PHOTOGRAPHS * 6 + 1  # four methods of a photograph, two of the turntable
 TRIALS = 2 * (PAIRS + round(PAIRS / 4))
+NODE = shutil.which("node") or shutil.which("nodejs")
+PARTICIPANT = Path(__file__).with_name("participant.js")
+in_node = pytest.mark.skipif(NODE is None, reason="needs node")
 
 
 def made(folder: Path) -> Key:
@@ -190,3 +195,24 @@ def test_everything_of_a_pair_is_on_the_screen(page, size) -> None:
         assert box["x"] >= 0
         assert box["x"] + box["width"] <= size[0]
         assert box["y"] + box["height"] <= size[1]
+
+
+def shown_after(place: Path, folder: Path, *steps: str) -> list[dict[str, Any]]:
+    """What the page shows after each of the steps of somebody who agreed and put the caps in a row."""
+    before = ("I agree. Begin", "arrange", "The row is finished")
+    (folder / "row.json").write_text(json.dumps(ROWS["deutan"]))
+    (folder / "steps.json").write_text(json.dumps([*before, *steps]))
+    arguments = [place / PAGE_FILE, folder / "row.json", folder / "steps.json"]
+    done = subprocess.run([NODE, PARTICIPANT, *arguments], capture_output=True, text=True, timeout=60.0)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)[len(before) :]
+
+
+@in_node
+def test_a_session_that_is_broken_off_between_the_questions_goes_on(place, key, tmp_path) -> None:
+    first_block = ["Start"] + ["tick", "ArrowLeft"] * (TRIALS // 2)
+    shown = shown_after(place, tmp_path, "reload", *first_block, "reload", "Start")
+    before, between, again, second = shown[0], shown[-3], shown[-2], shown[-1]
+    assert before["stage"] == between["stage"] == again["stage"] == "begin"
+    assert again["headline"] == between["headline"] != before["headline"]
+    assert second == {**again, "stage": "pairs"}
