@@ -14,7 +14,7 @@ import bpy
 
 from ..core.bootstrap import OLDEST_PYTHON
 from ..core.errors import InputError
-from ..core.runtime.environment import STAGE, can_make_environments, is_complete, python_in
+from ..core.runtime.environment import STAGE, can_make_environments, is_complete, is_outdated, python_in
 from ..core.runtime.process import WORKER, Workers, find_python
 from ..core.runtime.supervisor import Listener, finish
 from .activity import ACTIVITY
@@ -54,7 +54,9 @@ def worker_python() -> str:
     try:
         return find_python()
     except InputError:
-        raise InputError("there is no worker yet", remedy=_SET_UP) from None
+        is_old = is_outdated(environment_folder())
+        what = "the worker is that of another version of the add-on" if is_old else "there is no worker yet"
+        raise InputError(what, remedy=_SET_UP) from None
 
 
 def why_no_worker() -> str:
@@ -62,7 +64,11 @@ def why_no_worker() -> str:
     try:
         worker_python()
     except InputError as error:
-        return f"{error.where} {error.what}" if error.where else "Choose Worker Python below, or Set Up Worker"
+        if error.where:
+            return f"{error.where} {error.what}"
+        if is_outdated(environment_folder()):
+            return "The worker is that of another version of the add-on: Set Up Worker replaces it"
+        return "Choose Worker Python below, or Set Up Worker"
     return ""
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cvdgs.core.bootstrap import ROOT
-from cvdgs.core.runtime.environment import is_complete, python_in, requirements
+from cvdgs.core.runtime.environment import is_complete, is_outdated, python_in, requirements
 
 
 @pytest.fixture
@@ -53,6 +53,9 @@ def test_an_environment_has_what_was_asked_for(tmp_path, shelf):
     assert fractions[-1] == 1.0
     weight = subprocess.run([python_in(folder), "-c", "import pebble; print(pebble.WEIGHT)"], capture_output=True)
     assert weight.stdout.strip() == b"3"
+    (folder / ".complete").write_text("pebble>=1\n")
+    assert is_outdated(folder)
+    assert not is_complete(folder)
 
 
 def test_a_package_that_cannot_be_had_is_one_line_and_no_environment(tmp_path, shelf):
