@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import sys
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,14 @@ import bpy
 
 from ..core.bootstrap import OLDEST_PYTHON
 from ..core.errors import InputError
-from ..core.runtime.environment import STAGE, can_make_environments, is_complete, is_outdated, python_in
+from ..core.runtime.environment import (
+    STAGE,
+    can_make_environments,
+    discard_environment,
+    is_complete,
+    is_outdated,
+    python_in,
+)
 from ..core.runtime.process import WORKER, Workers, find_python
 from ..core.runtime.supervisor import Listener, finish
 from .activity import ACTIVITY
@@ -108,9 +116,18 @@ def start_making(base_python: str) -> None:
 
 
 def remove_environment() -> None:
-    """Delete the environment that was made."""
+    """Delete the environment that was made.
+
+    Raises:
+        InputError: another Blender is making it, or the system refuses.
+    """
     ACTIVITY.end(MAKE_JOB)
-    shutil.rmtree(environment_folder(), ignore_errors=True)
+    folder = environment_folder()
+    try:
+        discard_environment(folder)
+    except OSError as error:
+        what = f"cannot be removed ({error.strerror})"
+        raise InputError(what, where=folder, remedy="check its permissions") from None
     remember(machine="")
 
 
@@ -139,7 +156,8 @@ def _make(base_python: str, folder: Path, workers: Workers, listen: Listener) ->
     try:
         return finish(workers.start_command([base_python, str(WORKER)], request, _to_console), listen)["python"]
     except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
+        with suppress(InputError, OSError):  # what is there is another Blender's
+            discard_environment(folder)
         raise
 
 

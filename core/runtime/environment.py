@@ -15,7 +15,8 @@ import subprocess
 import sys
 import tempfile
 import venv
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from typing import Any
 from ..bootstrap import OLDEST_PYTHON, ROOT
 from ..errors import InputError
 from ..files.untrusted import is_there, read_text
+from ..runs.folder import is_held, lock_exclusively, open_lock
 from .protocol import Reporter
 
 STAGE = "environment"
@@ -54,6 +56,7 @@ WORKER_EXTRAS = ("photographs", "video")
 
 _COMPLETE = ".complete"
 _MOST_MARK_BYTES = 1 << 16
+_LOCK_SUFFIX = ".lock"  # of the file beside the folder; the lock on it vanishes with the process that holds it
 _PROBE_SECONDS = 10.0  # for a Python to say whether it can make environments
 _PACKAGES_EACH = 2.5  # that a required package brings along, itself included: the worker's 13 are 23, 42 with CUDA
 _LOG_LINES = 12  # of pip's last words, kept for the message when it fails
@@ -115,6 +118,43 @@ def _to_stderr(line: str) -> None:
     print(line, file=sys.stderr)
 
 
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Keep other processes from making or removing the environment in `folder`.
+
+    Raises:
+        InputError: one does.
+        OSError: files cannot be locked there.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with open_lock(folder.with_name(folder.name + _LOCK_SUFFIX)) as lock:
+        try:
+            lock_exclusively(lock)
+        except OSError as error:
+            if not is_held(error):
+                raise
+            what = "another program, such as a second Blender, is setting up the worker"
+            raise InputError(what, where=folder, remedy="wait for it") from None
+        yield
+
+
+def discard_environment(folder: Path) -> None:
+    """Delete the environment in `folder`.
+
+    Raises:
+        InputError: another process is making it.
+        OSError: the folder cannot be written.
+    """
+    with _alone(folder):
+        _delete(folder)
+
+
+def _delete(folder: Path) -> None:
+    with suppress(OSError):  # first: what is left where this is cut short is not complete
+        (folder / _COMPLETE).unlink()
+    shutil.rmtree(folder, ignore_errors=True)
+
+
 def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | None = None) -> Path:
     """Make the environment in `folder`; returns its interpreter. What was there is replaced.
 
@@ -123,16 +163,23 @@ def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | N
         wanted: packages as pip takes them; None takes `REQUIREMENTS`, or `requirements` where these do not fit.
 
     Raises:
-        InputError: this Python cannot make environments, or a package cannot be had.
+        InputError: this Python cannot make environments, a package cannot be had, or another process makes it.
         OSError: the folder cannot be written.
     """
     if sys.version_info[:2] < OLDEST_PYTHON:
         version = f"Python {sys.version_info[0]}.{sys.version_info[1]}"
         remedy = f"use Python {'.'.join(map(str, OLDEST_PYTHON))} or later"
         raise InputError(f"{version} is too old", where=sys.executable, remedy=remedy)
-    reporter.status(STAGE, f"making an environment for Python {sys.version_info[0]}.{sys.version_info[1]}")
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    with _alone(folder):
+        reporter.status(STAGE, f"making an environment for Python {sys.version_info[0]}.{sys.version_info[1]}")
+        _make(folder, reporter, wanted)
+    reporter.progress(STAGE, 1.0, "done")
+    return python_in(folder)
+
+
+def _make(folder: Path, reporter: Reporter, wanted: Sequence[str] | None) -> None:
+    _delete(folder)
+    folder.mkdir()
     try:
         venv.create(folder, with_pip=True, symlinks=os.name != "nt")
     except (subprocess.CalledProcessError, ImportError):
@@ -146,8 +193,6 @@ def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | N
         progress = _PipProgress(round(len(packages) * _PACKAGES_EACH), reporter)
         _run_pip(python_in(folder), ["install", *packages], progress, _to_stderr)
     (folder / _COMPLETE).write_text(mark(), encoding="utf-8", newline="\n")
-    reporter.progress(STAGE, 1.0, "done")
-    return python_in(folder)
 
 
 def install_locked(

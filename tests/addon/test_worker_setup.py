@@ -8,6 +8,7 @@ import bpy
 import pytest
 
 from cvdgs.core.errors import InputError
+from cvdgs.core.runs.folder import lock_exclusively, open_lock
 from cvdgs.core.runtime.environment import mark
 from cvdgs.core.runtime.process import find_python
 from cvdgs.cvdgs_addon import environment
@@ -134,6 +135,21 @@ def test_removing_ends_the_setting_up(online, tmp_path):
     assert not (tmp_path / "user" / "environment").exists()
 
 
+def test_what_another_blender_is_setting_up_is_neither_removed_nor_replaced(online, tmp_path):
+    half_made = tmp_path / "user" / "environment" / "pyvenv.cfg"
+    half_made.parent.mkdir(parents=True)
+    half_made.touch()
+    with open_lock(tmp_path / "user" / "environment.lock") as lock:
+        lock_exclusively(lock)  # as the other one's worker does
+        environment.start_making(base(tmp_path, NOT_FOUND))
+        assert finished(environment.MAKE_JOB).problem
+        with pytest.raises(RuntimeError, match="a second Blender, is setting up the worker"):
+            bpy.ops.cvdgs.remove_environment()
+        assert half_made.exists()
+    assert bpy.ops.cvdgs.remove_environment() == {"FINISHED"}
+    assert not half_made.exists()
+
+
 def test_nothing_is_downloaded_without_online_access(online):
     bpy.context.preferences.system.use_online_access = False
     assert not bpy.ops.cvdgs.make_environment.poll()
@@ -164,7 +180,7 @@ def test_an_environment_with_the_packages_of_another_version_is_set_up_again(onl
     finished(environment.MAKE_JOB)
     finished(environment.CHECK_JOB)
     (tmp_path / "user" / "environment" / ".complete").write_text("numpy>=1.26,<2\n")
-    with pytest.raises(InputError, match="another version of the add-on - .* set up the worker"):
+    with pytest.raises(InputError, match=r"another version of the add-on - .* set up the worker"):
         environment.worker_python()
     assert "Set Up Worker replaces it" in environment.why_no_worker()
     assert bpy.ops.cvdgs.make_environment.poll()
