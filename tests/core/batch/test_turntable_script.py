@@ -334,6 +334,33 @@ def test_a_dry_run_tells_every_task_and_writes_nothing(collection):
     assert not collection.out.exists()
 
 
+def dry_run(collection, stdout) -> subprocess.Popen:
+    """A plan for people, printed to `stdout`."""
+    collection.add_capture("chair")
+    batch = collection.write_batch(ONE)
+    script = str(ROOT / "scripts" / "turntable.py")
+    command = [sys.executable, script, str(batch), "--out", str(collection.out), "--dry-run"]
+    environment = {**os.environ, **collection.variables}
+    return subprocess.Popen(command, env=environment, stdout=stdout, stderr=subprocess.PIPE, text=True)
+
+
+def test_a_dry_run_whose_reader_has_gone_ends_without_a_word(collection):
+    process = dry_run(collection, subprocess.PIPE)
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    assert process.wait(timeout=60) == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
+def test_a_dry_run_onto_a_full_disk_is_one_line(collection):
+    with open("/dev/full", "w") as full:
+        process = dry_run(collection, full)
+        complaint = process.communicate(timeout=60)[1]
+    assert process.returncode == 2
+    assert complaint.startswith("turntable.py: stdout: the plan cannot be written (No space left on device)")
+    assert complaint.count("\n") == 1
+
+
 def test_captures_without_usable_cameras_are_found_before_anything_starts(collection):
     for name in ("chair", "sofa"):
         collection.add_capture(name)
