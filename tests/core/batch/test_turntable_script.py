@@ -334,6 +334,30 @@ def test_a_dry_run_tells_every_task_and_writes_nothing(collection):
     assert not collection.out.exists()
 
 
+def test_a_task_whose_log_cannot_be_written_says_so(collection):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    (collection.out / ".batch").mkdir(parents=True)
+    (collection.out / ".batch" / "logs").write_text("no folder")
+    code, events = collection.run()
+    assert code == 3
+    (failed,) = events[-1]["failed"]
+    assert failed["message"].startswith(f"{collection.out / '.batch' / 'logs'}")
+    assert "cannot be written (" in failed["message"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
+def test_a_task_whose_disk_is_full_says_so(collection):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    log = collection.out / ".batch" / "logs" / "chair.train.log"
+    log.parent.mkdir(parents=True)
+    log.symlink_to("/dev/full")
+    code, events = collection.run()
+    assert code == 3
+    assert "No space left on device" in events[-1]["failed"][0]["message"]
+
+
 def dry_run(collection, stdout) -> subprocess.Popen:
     """A plan for people, printed to `stdout`."""
     collection.add_capture("chair")
