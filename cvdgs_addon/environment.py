@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import sys
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,14 @@ import bpy
 
 from ..core.bootstrap import OLDEST_PYTHON
 from ..core.errors import InputError
-from ..core.runtime.environment import STAGE, can_make_environments, is_complete, python_in
+from ..core.runtime.environment import (
+    STAGE,
+    can_make_environments,
+    discard_environment,
+    is_complete,
+    is_outdated,
+    python_in,
+)
 from ..core.runtime.process import WORKER, Workers, find_python
 from ..core.runtime.supervisor import Listener, finish
 from .activity import ACTIVITY
@@ -54,7 +62,9 @@ def worker_python() -> str:
     try:
         return find_python()
     except InputError:
-        raise InputError("there is no worker yet", remedy=_SET_UP) from None
+        is_old = is_outdated(environment_folder())
+        what = "the worker is that of another version of the add-on" if is_old else "there is no worker yet"
+        raise InputError(what, remedy=_SET_UP) from None
 
 
 def why_no_worker() -> str:
@@ -62,7 +72,11 @@ def why_no_worker() -> str:
     try:
         worker_python()
     except InputError as error:
-        return f"{error.where} {error.what}" if error.where else "Choose Worker Python below, or Set Up Worker"
+        if error.where:
+            return f"{error.where} {error.what}"
+        if is_outdated(environment_folder()):
+            return "The worker is that of another version of the add-on: Set Up Worker replaces it"
+        return "Choose Worker Python below, or Set Up Worker"
     return ""
 
 
@@ -102,9 +116,18 @@ def start_making(base_python: str) -> None:
 
 
 def remove_environment() -> None:
-    """Delete the environment that was made."""
+    """Delete the environment that was made.
+
+    Raises:
+        InputError: another Blender is making it, or the system refuses.
+    """
     ACTIVITY.end(MAKE_JOB)
-    shutil.rmtree(environment_folder(), ignore_errors=True)
+    folder = environment_folder()
+    try:
+        discard_environment(folder)
+    except OSError as error:
+        what = f"cannot be removed ({error.strerror})"
+        raise InputError(what, where=folder, remedy="check its permissions") from None
     remember(machine="")
 
 
@@ -133,7 +156,8 @@ def _make(base_python: str, folder: Path, workers: Workers, listen: Listener) ->
     try:
         return finish(workers.start_command([base_python, str(WORKER)], request, _to_console), listen)["python"]
     except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
+        with suppress(InputError, OSError):  # what is there is another Blender's
+            discard_environment(folder)
         raise
 
 

@@ -29,6 +29,7 @@ from cvdgs.core.runtime.environment import (
     LISTED_PYTHONS,
     REQUIREMENTS,
     TORCH_REQUIREMENTS,
+    WORKER_EXTRAS,
 )
 
 DEVELOPMENT_REQUIREMENTS = bootstrap.ROOT / "requirements-dev.txt"
@@ -37,7 +38,6 @@ BPY52_REQUIREMENTS = bootstrap.ROOT / "requirements-bpy52.txt"
 FUZZ_REQUIREMENTS = bootstrap.ROOT / "requirements-fuzz.txt"
 DEVELOPMENT_EXTRAS = ("blender", "test", "lint")
 FUZZ_EXTRA = "fuzz"
-WORKER_EXTRAS = ("photographs", "video")  # so that what a telephone gives is read without a further step
 LISTS = (REQUIREMENTS, TORCH_REQUIREMENTS, CUDA_REQUIREMENTS, DEVELOPMENT_REQUIREMENTS, FUZZ_REQUIREMENTS)
 BUILD = ["setuptools>=77"]  # pyproject.toml's build-system, which is not fetched when the package itself is installed
 # What the add-on's tests need; their worker is another environment's.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..runtime.process import Event, Workers
 from ..runtime.progress import RunProgress, format_seconds
 from ..runtime.resources import Resources
-from ..runtime.supervisor import EXIT_DONE, BarDisplay, JsonDisplay, Listener, finish, in_console
+from ..runtime.supervisor import EXIT_DONE, BarDisplay, JsonDisplay, Listener, finish, in_console, lead_nowhere
 from ..settings import AUTO, ESTIMATE
 from .local_pool import alone, run_locally
 from .model import Batch
@@ -77,22 +77,36 @@ def export(plan: Plan, farm: str) -> int:
 
 
 def print_plan(plan: Plan, machine: Resources, *, json_events: bool) -> None:
-    """Print the tasks and how long they may take on `machine`."""
+    """Print the tasks and how long they may take on `machine`.
+
+    Raises:
+        InputError: the disk that stdout leads to is full.
+    """
+    try:
+        print("\n".join(_plan_lines(plan, machine, json_events=json_events)), flush=True)
+    except OSError as error:
+        lead_nowhere(sys.stdout)
+        if not isinstance(error, BrokenPipeError):  # whoever reads the beginning alone (``| head``) has had it
+            what = f"the plan cannot be written ({error.strerror})"
+            raise InputError(what, where="stdout", remedy="free space, or choose another file") from None
+
+
+def _plan_lines(plan: Plan, machine: Resources, *, json_events: bool) -> Iterator[str]:
     done = done_tasks(plan)
     pace = measured_pace(plan.tasks, plan.out)
     seconds = estimated_seconds(plan, machine, pace, done)
     if json_events:
         tasks = [{**task.to_dict(), "done": task.name in done} for task in plan.tasks]
-        print(json.dumps({"event": "result", "out": str(plan.out), "seconds": round(seconds, 1), "tasks": tasks}))
+        yield json.dumps({"event": "result", "out": str(plan.out), "seconds": round(seconds, 1), "tasks": tasks})
         return
     width = max((len(task.name) for task in plan.tasks), default=0)
     for task in plan.tasks:
         estimate = task.seconds * pace.get(task.kind, 1.0)
         state = "done" if task.name in done else format_seconds(estimate).rjust(7)
-        print(f"{task.name:<{width}}  {task.kind:<6}  {state:>7}  {_described_needs(task)}".rstrip())
+        yield f"{task.name:<{width}}  {task.kind:<6}  {state:>7}  {_described_needs(task)}".rstrip()
     to_do = len(plan.tasks) - len(done)
     has = f"{machine.cores} cores, {machine.memory_mb} MiB" + (f", {machine.gpus} GPUs" if machine.gpus else "")
-    print(f"{to_do} of {len(plan.tasks)} tasks to do, about {format_seconds(seconds)} on this machine ({has})")
+    yield f"{to_do} of {len(plan.tasks)} tasks to do, about {format_seconds(seconds)} on this machine ({has})"
 
 
 def done_tasks(plan: Plan) -> set[str]:

@@ -6,9 +6,9 @@
 
 A worker does as many tasks at once as it has threads, each in a process of its own. Tasks that need a graphics card go
 to workers that offer the resource GPU; where workers offer CORES, or MEMORY in bytes, tasks are counted against those
-too. All machines see DIR, and the captures, under the same paths. When a worker is lost, its tasks are done again on
-another one, and nothing else is. Whoever reaches a cluster can run anything on its machines: keep it to a network of
-your own, or use Dask's TLS.
+too, and one that needs more than any worker offers takes all that one has. All machines see DIR, and the captures,
+under the same paths. When a worker is lost, its tasks are done again on another one, and nothing else is. Whoever
+reaches a cluster can run anything on its machines: keep it to a network of your own, or use Dask's TLS.
 """
 
 from __future__ import annotations
@@ -114,8 +114,7 @@ class _Cluster:
     ) -> None:
         self._client, self._plan, self._plan_file = client, plan, plan_file
         self._batch = f"cvdgs-{uuid.uuid4().hex}"
-        # Dask lets a task wait for ever for a resource that no worker offers.
-        self._offered = {name for worker in workers for name in worker["resources"]}
+        self._offers = [worker["resources"] for worker in workers]
         self._scheduler = BatchScheduler(plan, _resources(workers), listen)
         self._running: dict[str, distributed.Future] = {}  # by task's name
         self._events: queue.Queue[tuple[str, Event | distributed.Future]] = queue.Queue()
@@ -143,9 +142,18 @@ class _Cluster:
             future.add_done_callback(lambda future, name=task.name: self._events.put((name, future)))
 
     def _needs(self, task: Task) -> dict[str, float]:
-        """What `task` takes of a worker, of the resources that are offered."""
+        """What `task` takes of a worker: what it needs, or all that the worker offers which has most of that.
+
+        Dask lets a task wait for ever for more than any worker offers.
+        """
         needs = {"GPU": task.gpu, "CORES": task.cores, "MEMORY": task.memory_mb * _MIB}
-        return {name: amount for name, amount in needs.items() if amount and name in self._offered}
+        shares = [
+            {name: min(amount, offer.get(name, 0)) for name, amount in needs.items()}
+            for offer in self._offers
+            if offer.get("GPU", 0) >= task.gpu
+        ]
+        largest = max(shares, key=lambda share: (share["MEMORY"], share["CORES"]))  # too few cores only take longer
+        return {name: amount for name, amount in largest.items() if amount}
 
     def _handle_next(self) -> None:
         """Handle the next event or end of a task, if there is one soon."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TextIO
@@ -40,21 +41,37 @@ def run_task_in_console(plan_file: Path, name: str, *, json_events: bool, parent
         os.environ.setdefault("OMP_NUM_THREADS", str(task.cores))
         if task.gpu == 0:  # what was planned without a card must not take one that is there
             os.environ[CARDS_VARIABLE] = ""
-        path = log_path(name, plan.out)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with open(path, "a", encoding="utf-8") as file:
+        with _opened_log(log_path(name, plan.out)) as file:
             file.write(f"--- {time.strftime('%Y-%m-%d %H:%M:%S')} {task.name}, process {os.getpid()}\n")
             log = Log(file, listen)
             try:
                 return {"task": name, "done_already": not run_task(plan, name, log.event)}
             except (InputError, WorkerDefect, Cancelled) as error:
-                log.line(f"{type(error).__name__}: {error}")
+                with contextlib.suppress(OSError):
+                    log.line(f"{type(error).__name__}: {error}")
                 raise
             except Exception as error:
-                log.line(traceback.format_exc())
+                with contextlib.suppress(OSError):  # that may be what has happened
+                    log.line(traceback.format_exc())
                 raise WorkerDefect(f"{type(error).__name__}: {error}".splitlines()[0]) from None
 
     return in_console(work, JsonDisplay(sys.stdout) if json_events else _bar(sys.stderr))
+
+
+@contextlib.contextmanager
+def _opened_log(path: Path) -> Iterator[TextIO]:
+    """The log of a task, to add to; raises `InputError` where that cannot be done."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = open(path, "a", encoding="utf-8")  # noqa: SIM115  # this is one
+    except OSError as error:
+        remedy = "free space, check the permissions, or choose another folder with --out"
+        raise InputError(f"cannot be written ({error.strerror})", where=path, remedy=remedy) from None
+    try:
+        yield file
+    finally:
+        with contextlib.suppress(OSError):  # of a full disk, which must not hide how the task has ended
+            file.close()
 
 
 def _bar(stream: TextIO) -> Listener:

@@ -2,7 +2,8 @@
 
 The environment is a folder of its own (venv), filled by pip: with the very files of requirements.txt, checked by their
 hashes, where these are for this Python, else with what pyproject.toml requires. Where the packages come from is pip's
-business (its own settings and environment variables hold). The environment is marked as complete at the very end.
+business (its own settings and environment variables hold). The environment is marked as complete at the very end, with
+what it was made for: it outlives updates of the extension, which may need other packages.
 """
 
 from __future__ import annotations
@@ -14,11 +15,16 @@ import subprocess
 import sys
 import tempfile
 import venv
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from ..bootstrap import OLDEST_PYTHON, ROOT
 from ..errors import InputError
+from ..files.untrusted import is_there, read_text
+from ..runs.folder import is_held, lock_exclusively, open_lock
 from .protocol import Reporter
 
 STAGE = "environment"
@@ -45,7 +51,12 @@ PACKAGES = {
 }
 """Module to distribution: what the worker imports (pyproject.toml), in the order in which a user would miss it."""
 
+WORKER_EXTRAS = ("photographs", "video")
+"""Of pyproject.toml, in requirements.txt too, so that what a telephone gives is read without a further step."""
+
 _COMPLETE = ".complete"
+_MOST_MARK_BYTES = 1 << 16
+_LOCK_SUFFIX = ".lock"  # of the file beside the folder; the lock on it vanishes with the process that holds it
 _PROBE_SECONDS = 10.0  # for a Python to say whether it can make environments
 _PACKAGES_EACH = 2.5  # that a required package brings along, itself included: the worker's 13 are 23, 42 with CUDA
 _LOG_LINES = 12  # of pip's last words, kept for the message when it fails
@@ -62,8 +73,25 @@ def python_in(folder: Path) -> Path:
 
 
 def is_complete(folder: Path) -> bool:
-    """Whether `make_environment` has finished there."""
-    return (folder / _COMPLETE).is_file() and python_in(folder).is_file()
+    """Whether `make_environment` has finished there, and for the packages that this version of cvdgs needs."""
+    try:
+        made_for = read_text(folder / _COMPLETE, most_bytes=_MOST_MARK_BYTES)
+    except InputError:
+        return False
+    return made_for == mark() and python_in(folder).is_file()
+
+
+def is_outdated(folder: Path) -> bool:
+    """Whether `make_environment` has finished there, but for another version of cvdgs, or its base Python has gone."""
+    return is_there(folder / _COMPLETE) and not is_complete(folder)
+
+
+@cache
+def mark() -> str:
+    """What says in a complete environment what it was made for: the ranges of the packages, and not their versions."""
+    project = _project()
+    extras = [package for name in WORKER_EXTRAS for package in project["optional-dependencies"][name]]
+    return "\n".join([*project["dependencies"], *extras]) + "\n"
 
 
 def can_make_environments(python: str) -> bool:
@@ -77,14 +105,54 @@ def can_make_environments(python: str) -> bool:
 
 def requirements() -> list[str]:
     """What the worker needs, as ranges."""
+    return list(_project()["dependencies"])
+
+
+def _project() -> dict[str, Any]:
     import tomllib  # Python 3.10, which shall be able to run the doctor, has none
 
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    return list(project["dependencies"])
+    return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
 def _to_stderr(line: str) -> None:
     print(line, file=sys.stderr)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Keep other processes from making or removing the environment in `folder`.
+
+    Raises:
+        InputError: one does.
+        OSError: files cannot be locked there.
+    """
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with open_lock(folder.with_name(folder.name + _LOCK_SUFFIX)) as lock:
+        try:
+            lock_exclusively(lock)
+        except OSError as error:
+            if not is_held(error):
+                raise
+            what = "another program, such as a second Blender, is setting up the worker"
+            raise InputError(what, where=folder, remedy="wait for it") from None
+        yield
+
+
+def discard_environment(folder: Path) -> None:
+    """Delete the environment in `folder`.
+
+    Raises:
+        InputError: another process is making it.
+        OSError: the folder cannot be written.
+    """
+    with _alone(folder):
+        _delete(folder)
+
+
+def _delete(folder: Path) -> None:
+    with suppress(OSError):  # first: what is left where this is cut short is not complete
+        (folder / _COMPLETE).unlink()
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | None = None) -> Path:
@@ -95,16 +163,23 @@ def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | N
         wanted: packages as pip takes them; None takes `REQUIREMENTS`, or `requirements` where these do not fit.
 
     Raises:
-        InputError: this Python cannot make environments, or a package cannot be had.
+        InputError: this Python cannot make environments, a package cannot be had, or another process makes it.
         OSError: the folder cannot be written.
     """
     if sys.version_info[:2] < OLDEST_PYTHON:
         version = f"Python {sys.version_info[0]}.{sys.version_info[1]}"
         remedy = f"use Python {'.'.join(map(str, OLDEST_PYTHON))} or later"
         raise InputError(f"{version} is too old", where=sys.executable, remedy=remedy)
-    reporter.status(STAGE, f"making an environment for Python {sys.version_info[0]}.{sys.version_info[1]}")
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    with _alone(folder):
+        reporter.status(STAGE, f"making an environment for Python {sys.version_info[0]}.{sys.version_info[1]}")
+        _make(folder, reporter, wanted)
+    reporter.progress(STAGE, 1.0, "done")
+    return python_in(folder)
+
+
+def _make(folder: Path, reporter: Reporter, wanted: Sequence[str] | None) -> None:
+    _delete(folder)
+    folder.mkdir()
     try:
         venv.create(folder, with_pip=True, symlinks=os.name != "nt")
     except (subprocess.CalledProcessError, ImportError):
@@ -117,9 +192,7 @@ def make_environment(folder: Path, reporter: Reporter, wanted: Sequence[str] | N
         packages = list(requirements() if wanted is None else wanted)
         progress = _PipProgress(round(len(packages) * _PACKAGES_EACH), reporter)
         _run_pip(python_in(folder), ["install", *packages], progress, _to_stderr)
-    (folder / _COMPLETE).touch()
-    reporter.progress(STAGE, 1.0, "done")
-    return python_in(folder)
+    (folder / _COMPLETE).write_text(mark(), encoding="utf-8", newline="\n")
 
 
 def install_locked(

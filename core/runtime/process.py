@@ -71,7 +71,7 @@ def blender_command(arguments: list[str], worker: Path = BLENDER_WORKER, threads
         threads: that a Blender starts, which it has to know before `worker` runs; 0: one for each processor.
 
     Raises:
-        InputError: there is neither.
+        InputError: there is neither, or the Python that was to tell cannot be run.
     """
     limit = ["-t", str(threads)] if threads else []
     in_blender = ["-b", "--factory-startup", *limit, "--python-exit-code", "1", "-P", str(worker), "--", *arguments]
@@ -98,7 +98,10 @@ def _has_modules(*names: str) -> bool:
 
 def _has_bpy(python: str) -> bool:
     program = "import importlib.util, sys; sys.exit(importlib.util.find_spec('bpy') is None)"
-    return subprocess.run([python, "-c", program], env=variables_of_interpreters()).returncode == 0
+    try:
+        return subprocess.run([python, "-c", program], env=variables_of_interpreters()).returncode == 0
+    except OSError as error:
+        raise InputError(f"cannot be run ({error.strerror})", where=python, remedy="check the installation") from None
 
 
 def variables_of_interpreters() -> dict[str, str]:

@@ -247,7 +247,7 @@ class JsonDisplay:
             self._stream.write(json.dumps(event) + "\n")
             self._stream.flush()
         except OSError:
-            _lead_nowhere(self._stream)
+            lead_nowhere(self._stream)
             raise Cancelled from None
 
 
@@ -309,10 +309,10 @@ def write_while_possible(stream: TextIO, text: str) -> None:
         stream.write(text)
         stream.flush()
     except OSError:
-        _lead_nowhere(stream)
+        lead_nowhere(stream)
 
 
-def _lead_nowhere(stream: TextIO) -> None:
+def lead_nowhere(stream: TextIO) -> None:
     """Let `stream` take what is still to be written, also what Python writes at its end, and show none of it."""
     with open(os.devnull, "w") as nowhere, contextlib.suppress(OSError):  # it may be no file
         os.dup2(nowhere.fileno(), stream.fileno())

@@ -8,6 +8,8 @@ import bpy
 import pytest
 
 from cvdgs.core.errors import InputError
+from cvdgs.core.runs.folder import lock_exclusively, open_lock
+from cvdgs.core.runtime.environment import mark
 from cvdgs.core.runtime.process import find_python
 from cvdgs.cvdgs_addon import environment
 from cvdgs.cvdgs_addon.activity import ACTIVITY
@@ -24,8 +26,8 @@ MAKING = """
     emit("status", stage="environment", message="making")
     emit("progress", stage="environment", fraction=0.4, message="downloading torch (190 MB)")
     """
-MADE = """
-    open(folder + "/.complete", "w").close()
+MADE = f"""
+    open(folder + "/.complete", "w").write({mark()!r})
     shutil.copy(__file__, folder + "/bin/python")
     emit("result", python=folder + "/bin/python")
     """
@@ -133,6 +135,21 @@ def test_removing_ends_the_setting_up(online, tmp_path):
     assert not (tmp_path / "user" / "environment").exists()
 
 
+def test_what_another_blender_is_setting_up_is_neither_removed_nor_replaced(online, tmp_path):
+    half_made = tmp_path / "user" / "environment" / "pyvenv.cfg"
+    half_made.parent.mkdir(parents=True)
+    half_made.touch()
+    with open_lock(tmp_path / "user" / "environment.lock") as lock:
+        lock_exclusively(lock)  # as the other one's worker does
+        environment.start_making(base(tmp_path, NOT_FOUND))
+        assert finished(environment.MAKE_JOB).problem
+        with pytest.raises(RuntimeError, match="a second Blender, is setting up the worker"):
+            bpy.ops.cvdgs.remove_environment()
+        assert half_made.exists()
+    assert bpy.ops.cvdgs.remove_environment() == {"FINISHED"}
+    assert not half_made.exists()
+
+
 def test_nothing_is_downloaded_without_online_access(online):
     bpy.context.preferences.system.use_online_access = False
     assert not bpy.ops.cvdgs.make_environment.poll()
@@ -155,6 +172,18 @@ def test_an_environment_that_was_left_half_made_is_not_used(online, tmp_path):
     (tmp_path / "user" / "environment" / ".complete").unlink()
     with pytest.raises(InputError, match="set up the worker"):
         environment.worker_python()
+
+
+def test_an_environment_with_the_packages_of_another_version_is_set_up_again(online, tmp_path):
+    """It lies outside of the extension, where updates leave it."""
+    environment.start_making(base(tmp_path, CHECKING, MAKING, MADE))
+    finished(environment.MAKE_JOB)
+    finished(environment.CHECK_JOB)
+    (tmp_path / "user" / "environment" / ".complete").write_text("numpy>=1.26,<2\n")
+    with pytest.raises(InputError, match=r"another version of the add-on - .* set up the worker"):
+        environment.worker_python()
+    assert "Set Up Worker replaces it" in environment.why_no_worker()
+    assert bpy.ops.cvdgs.make_environment.poll()
 
 
 def test_a_python_that_cannot_make_environments_is_refused(online, tmp_path):

@@ -144,6 +144,23 @@ def test_a_batch_that_needs_more_cards_than_any_worker_offers_is_refused(farm, t
         dask_cluster.run_on_cluster(plan, farm.address, lambda _: None)
 
 
+def test_a_task_that_needs_more_cores_and_memory_than_a_worker_offers_takes_all_of_it(tmp_path, collection):
+    farm = DaskFarm(tmp_path)
+    try:
+        farm.add_worker("small", "--resources", "CORES=2 MEMORY=1e9", **collection.variables)
+        farm.wait_for_workers(1)
+        collection.add_capture("chair")
+        collection.write_batch(ONE)
+        batch = collection.start("--cluster", farm.address)
+        try:
+            batch.communicate(timeout=120)
+        finally:
+            batch.kill()
+        assert batch.returncode == 0
+    finally:
+        farm.close()
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not can_unshare("--mount"), reason="the kernel allows no mount namespace here")
 def test_a_worker_that_does_not_see_the_folder_is_refused(farm, collection, cluster):

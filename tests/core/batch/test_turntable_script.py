@@ -334,6 +334,57 @@ def test_a_dry_run_tells_every_task_and_writes_nothing(collection):
     assert not collection.out.exists()
 
 
+def test_a_task_whose_log_cannot_be_written_says_so(collection):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    (collection.out / ".batch").mkdir(parents=True)
+    (collection.out / ".batch" / "logs").write_text("no folder")
+    code, events = collection.run()
+    assert code == 3
+    (failed,) = events[-1]["failed"]
+    assert failed["message"].startswith(f"{collection.out / '.batch' / 'logs'}")
+    assert "cannot be written (" in failed["message"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
+def test_a_task_whose_disk_is_full_says_so(collection):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    log = collection.out / ".batch" / "logs" / "chair.train.log"
+    log.parent.mkdir(parents=True)
+    log.symlink_to("/dev/full")
+    code, events = collection.run()
+    assert code == 3
+    assert "No space left on device" in events[-1]["failed"][0]["message"]
+
+
+def dry_run(collection, stdout) -> subprocess.Popen:
+    """A plan for people, printed to `stdout`."""
+    collection.add_capture("chair")
+    batch = collection.write_batch(ONE)
+    script = str(ROOT / "scripts" / "turntable.py")
+    command = [sys.executable, script, str(batch), "--out", str(collection.out), "--dry-run"]
+    environment = {**os.environ, **collection.variables}
+    return subprocess.Popen(command, env=environment, stdout=stdout, stderr=subprocess.PIPE, text=True)
+
+
+def test_a_dry_run_whose_reader_has_gone_ends_without_a_word(collection):
+    process = dry_run(collection, subprocess.PIPE)
+    process.stdout.close()
+    assert process.stderr.read() == ""
+    assert process.wait(timeout=60) == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
+def test_a_dry_run_onto_a_full_disk_is_one_line(collection):
+    with open("/dev/full", "w") as full:
+        process = dry_run(collection, full)
+        complaint = process.communicate(timeout=60)[1]
+    assert process.returncode == 2
+    assert complaint.startswith("turntable.py: stdout: the plan cannot be written (No space left on device)")
+    assert complaint.count("\n") == 1
+
+
 def test_captures_without_usable_cameras_are_found_before_anything_starts(collection):
     for name in ("chair", "sofa"):
         collection.add_capture(name)

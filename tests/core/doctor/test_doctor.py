@@ -237,3 +237,14 @@ def test_a_card_counts_where_both_libraries_can_use_it(devices, in_torch, state,
     found = cuda_finding({"cuda": devices, "cuda_in_torch": in_torch, "cuda_versions": [[13, 0], [13, 4]]})
     assert found.state == state
     assert words in found.found
+
+
+def test_a_program_that_the_system_cannot_run_is_a_finding_and_no_traceback(empty_python, tmp_path):
+    program = tmp_path / "python"
+    program.write_text("an interpreter for another machine")
+    program.chmod(0o755)
+    process = ask_doctor(python=empty_python, CVDGS_PYTHON=str(program), CVDGS_BLENDER="")
+    assert process.returncode == 2
+    assert not process.stderr
+    assert f"{program}: cannot be run (Exec format error)" in process.stdout
+    assert "Missing: worker" in process.stdout

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from cvdgs.core.bootstrap import ROOT
-from cvdgs.core.runtime.environment import is_complete, python_in, requirements
+from cvdgs.core.runs.folder import lock_exclusively, open_lock
+from cvdgs.core.runtime.environment import is_complete, is_outdated, python_in, requirements
 
 
 @pytest.fixture
@@ -53,6 +54,9 @@ def test_an_environment_has_what_was_asked_for(tmp_path, shelf):
     assert fractions[-1] == 1.0
     weight = subprocess.run([python_in(folder), "-c", "import pebble; print(pebble.WEIGHT)"], capture_output=True)
     assert weight.stdout.strip() == b"3"
+    (folder / ".complete").write_text("pebble>=1\n")
+    assert is_outdated(folder)
+    assert not is_complete(folder)
 
 
 def test_a_package_that_cannot_be_had_is_one_line_and_no_environment(tmp_path, shelf):
@@ -63,6 +67,18 @@ def test_a_package_that_cannot_be_had_is_one_line_and_no_environment(tmp_path, s
     assert events[-1]["event"] == "error"
     assert "granite" in events[-1]["message"]
     assert "try again" in events[-1]["message"]
+
+
+def test_an_environment_that_another_process_is_making_is_left_alone(tmp_path, shelf):
+    folder = tmp_path / "environment"
+    folder.mkdir()
+    (folder / "half-made").touch()
+    with open_lock(tmp_path / "environment.lock") as lock:
+        lock_exclusively(lock)
+        code, events = make(folder, shelf, "pebble")
+    assert code == 2
+    assert "is setting up the worker - wait for it" in events[-1]["message"]
+    assert (folder / "half-made").exists()
 
 
 def test_the_worker_requires_what_the_package_does():
