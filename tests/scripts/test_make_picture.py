@@ -42,7 +42,7 @@ def test_the_four_pictures_of_a_view_lie_beside_and_below_each_other(tmp_path: P
         ([], [], "report.json of the finished run is damaged"),
         ({**REPORT, "layers": {}}, [], "its report names no pictures"),
         ({**REPORT, "views_shown": []}, [], "its report names no pictures"),
-        ({**REPORT, "views_shown": None}, [], "its report names no pictures"),
+        ({**REPORT, "views_shown": None}, [], "report.json of the finished run is damaged"),
         (REPORT, ["--view", "c"], "no held-out view 'c' - use a, b"),
         (REPORT, ["--view", "b"], "b.png"),
         (REPORT, ["--views", "a"], "see --help"),
