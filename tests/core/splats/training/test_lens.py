@@ -114,8 +114,8 @@ def test_one_place_tells_the_lens_only_by_looking_around(scene, turns, least, mo
 @pytest.mark.parametrize(
     "error", [1.05, pytest.param(0.96, marks=pytest.mark.slow), pytest.param(1.2, marks=pytest.mark.slow)]
 )
-def test_a_focal_length_that_is_off_is_found(showroom, error):
-    found = find(showroom.zoomed(error))
+def test_a_focal_length_that_is_off_is_found(error):
+    found = find(read_capture(SHOWROOM, max_size=112).zoomed(error))
     assert found.factor * error == pytest.approx(1.0, abs=0.01)
     assert found.words.startswith("corrected: it was")
     assert ("too long" if error > 1.0 else "too short") in found.words
