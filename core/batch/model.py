@@ -9,7 +9,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from ..capture.files import capture_root
+from ..capture.files import capture_root, list_images
 from ..files.untrusted import is_file, is_folder
 from ..rendering.requests import CameraPath
 from ..runs.layout import MASKS_FOLDER, ORIGINAL
@@ -105,7 +105,7 @@ class Item:
         beside = self.source.parent / MASKS_FOLDER
         if not is_file(self.source) or not is_folder(beside):
             return []
-        return sorted(path for path in beside.iterdir() if path.name.startswith(self.source.stem) and is_file(path))
+        return [beside / name for name in list_images(beside) if name.startswith(self.source.stem)]
 
 
 @dataclass(frozen=True)

@@ -256,7 +256,8 @@ def _model_folders(folder: Path) -> Iterator[Path]:
     """The usual folders of models in `folder`, and the numbered ones in these."""
     for place in filter(is_folder, (folder / name for name in MODEL_FOLDERS)):
         yield place
-        yield from (path for path in place.iterdir() if path.name.isdecimal() and is_folder(path))
+        with suppress(OSError):  # a run says what is wrong with it
+            yield from [path for path in place.iterdir() if path.name.isdecimal() and is_folder(path)]
 
 
 def capture_root(model: Path) -> Path:

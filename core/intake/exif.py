@@ -34,6 +34,13 @@ DAMAGE: tuple[type[Exception], ...] = (
 """Whatever goes wrong in Pillow where data are damaged."""
 
 
+def _tags_of(exif: bytes) -> Image.Exif:
+    """Raises one of `DAMAGE`."""
+    tags = Image.Exif()
+    tags.load(exif)
+    return tags
+
+
 def exif_of_webp(path: Path) -> bytes:
     """The raw EXIF data of a WebP, which OpenImageIO does not read; nothing where there are none or it is damaged."""
     try:
@@ -46,9 +53,7 @@ def exif_of_webp(path: Path) -> bytes:
 def orientation_of(exif: bytes) -> int:
     """EXIF orientation as raw EXIF data have it; 1 (upright) where they say nothing that can be read."""
     try:
-        tags = Image.Exif()
-        tags.load(exif)
-        return int(tags.get(_ORIENTATION, 1))
+        return int(_tags_of(exif).get(_ORIENTATION, 1))
     except DAMAGE:
         return 1
 
@@ -56,9 +61,7 @@ def orientation_of(exif: bytes) -> int:
 def is_adobe_rgb(exif: bytes) -> bool:
     """Whether raw EXIF data say that colours are of Adobe RGB (1998), as cameras do."""
     try:
-        tags = Image.Exif()
-        tags.load(exif)
-        return _says_adobe_rgb(tags)
+        return _says_adobe_rgb(_tags_of(exif))
     except DAMAGE:
         return False
 
@@ -93,8 +96,7 @@ def exif_for_jpeg(exif: bytes) -> bytes:
     HEIC and AVIF may hold more than a JPEG can; then notes are left out, or else all but camera and lens.
     """
     try:
-        tags = Image.Exif()
-        tags.load(exif)
+        tags = _tags_of(exif)
         tags[_ORIENTATION] = 1
         _mark_srgb(tags)
         written = tags.tobytes()
@@ -137,8 +139,7 @@ def exif_of_lens(make: str, model: str, focal: float, equivalent: float, zoom: f
 def taken_with(exif: bytes) -> str:
     """What raw EXIF data say, as `name_lens` has it."""
     try:
-        tags = Image.Exif()
-        tags.load(exif)
+        tags = _tags_of(exif)
         make, model = (str(tags.get(number, "")).strip("\0 ") for number in (_MAKE, _MODEL))
         further = tags.get_ifd(_EXIF)
         focal, equivalent, zoom = (float(further.get(number) or 0.0) for number in _LENS)
