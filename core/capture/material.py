@@ -154,7 +154,7 @@ def find_material(path: Path) -> Material:
     pictures = [name for name in names if not _DEPTH_FOLDERS & set(PurePosixPath(name.lower()).parent.parts)]
     depths = len(names) - len(pictures) if pictures or videos else 0
     found = pictures if depths else names
-    masks = masks_among(found)
+    masks = masks_among([*found, *videos])
     found = [name for name in found if name not in masks]
     names = without_copies(path, found)
     filmed = without_live_photos(path, videos, found) if len(names) > 1 else videos

@@ -72,6 +72,16 @@ def test_masks_among_photographs_are_no_photographs_and_are_named(tmp_path: Path
     assert found.misplaced == names.split()[2:]
 
 
+@pytest.mark.parametrize("mask", ["walk.mp4.png", "walk_mask.png", "mask/walk.png"])
+def test_the_mask_of_a_video_beside_it_is_no_photograph_and_is_named(tmp_path: Path, mask: str) -> None:
+    make_files(tmp_path, f"walk.mp4 {mask}")
+    material = find_material(tmp_path)
+    assert (material.photographs, material.videos) == ((), ("walk.mp4",))
+    found = masks_of(material)
+    assert found.files == {}
+    assert [*found.misplaced, *(f"{folder.name}/walk.png" for folder in found.misnamed)] == [mask]
+
+
 @pytest.mark.parametrize(
     "names",
     [
