@@ -54,6 +54,9 @@ _LEFT_BEHIND = frozenset(("thumbs.db", "ehthumbs.db", "desktop.ini"))
 _WINDOWS_DEVICE = re.compile(r"^(con|prn|aux|nul|com[1-9¹²³]|lpt[1-9¹²³])(\.|$)", re.IGNORECASE)
 # In UTF-8. Output files add a suffix; file systems stop at 255 bytes.
 _KEY_BYTES = 120
+# Folders, in lower case, with what was deleted (Windows, Synology) and with small copies (Synology's network drives).
+_NOT_LOOKED_INTO = frozenset(("$recycle.bin", "#recycle", "@eadir"))
+
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
@@ -181,6 +184,8 @@ def visible_files(folder: Path, on_error: Callable[[OSError], object] | None = N
     that gives no further photographs. A `folder` that holds enhanced ones and no others is taken for what it is.
 
     Args:
+    Neither is there what somebody has deleted, nor the small copies that a network drive makes of its own accord.
+
         on_error: is given what the system says of a folder that cannot be read.
     """
     for directory, subfolders, files in os.walk(folder, onerror=on_error, followlinks=False):
@@ -194,7 +199,11 @@ def visible_files(folder: Path, on_error: Callable[[OSError], object] | None = N
             images = {name for name in files if Path(name).suffix.lower() in IMAGE_EXTENSIONS}
             if here != folder or not images <= enhanced:
                 made |= enhanced
-        subfolders[:] = [name for name in subfolders if not name.startswith(".") and name not in made]
+        subfolders[:] = [
+            name
+            for name in subfolders
+            if not (name.startswith(".") or name.lower() in _NOT_LOOKED_INTO or name in made)
+        ]
         yield from (here / name for name in files if name not in made)
 
 

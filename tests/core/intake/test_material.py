@@ -82,6 +82,15 @@ def test_the_mask_of_a_video_beside_it_is_no_photograph_and_is_named(tmp_path: P
     assert [*found.misplaced, *(f"{folder.name}/walk.png" for folder in found.misnamed)] == [mask]
 
 
+@pytest.mark.parametrize("folder", ["@eaDir/1.jpg", "a/@eaDir/1.jpg", "$RECYCLE.BIN/S-1-5-18", "#recycle"])
+def test_deleted_photographs_and_small_copies_of_a_network_drive_are_no_photographs(
+    tmp_path: Path, folder: str
+) -> None:
+    make_files(tmp_path, f"1.jpg 2.jpg {folder}/SYNOPHOTO_THUMB_XL.jpg {folder}/3.mp4")
+    material = find_material(tmp_path)
+    assert (material.photographs, material.videos) == (("1.jpg", "2.jpg"), ())
+
+
 @pytest.mark.parametrize(
     "names",
     [
