@@ -194,6 +194,12 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
         ("1.DNG 1.JPG 2.JPG 3.DNG", "1.DNG 2.JPG 3.DNG"),
         ("1.png 1.jpg a/1.png b/1.jpg", "1.jpg a/1.png b/1.jpg"),
         ("1.exr 1.png", "1.png"),
+        (
+            "P1.RAW-01.COVER.jpg P1.RAW-02.ORIGINAL.dng P2.RAW-01.MP.COVER.jpg P2.RAW-02.ORIGINAL.dng P3.jpg",
+            "P1.RAW-01.COVER.jpg P2.RAW-01.MP.COVER.jpg P3.jpg",
+        ),
+        ("IMG_0001.HEIC IMG_0002.HEIC IMG_E0002.HEIC IMG_E0003.JPG", "IMG_0001.HEIC IMG_0002.HEIC IMG_E0003.JPG"),
+        ("IMG_0001.JPG IMG_E0001.JPG a/IMG_E0001.JPG", "IMG_0001.JPG a/IMG_E0001.JPG"),
     ],
 )
 def test_a_photograph_in_several_formats_counts_once(tmp_path: Path, names: str, used: str) -> None:
