@@ -26,7 +26,7 @@ from ..intake.raw import Development, exif_of_raw
 from ..intake.selection import choose
 from ..intake.video import MAX_SECONDS, Look, extract, look_through
 from ..runtime.protocol import Reporter
-from .copies import without_copies, without_live_photos
+from .copies import in_other_formats, without_copies, without_live_photos
 from .files import (
     FOREIGN_EXTENSIONS,
     FRAMES_FILE,
@@ -213,12 +213,16 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter, si
 
 
 def masks_of(material: Material) -> FoundMasks:
-    """Masks of photographs, and of videos, all of whose frames have the video's; errors as for `find_masks`."""
-    names = (*material.photographs, *material.videos)
+    """Masks of photographs, and of videos, all of whose frames have the video's; errors as for `find_masks`.
+
+    A photograph also has the mask that is called after the same photograph in another format (1.JPG.png for 1.DNG).
+    """
+    again = in_other_formats(material.photographs, material.copies)
+    names = (*material.photographs, *material.videos, *again)
     found = find_masks(material.folder, {name: material.folder / name for name in names})
     named = tuple(f"{folder}{os.sep}" for folder in found.misnamed)
     misplaced = [name for name in material.masks if not os.path.abspath(material.folder / name).startswith(named)]
-    return replace(found, misplaced=misplaced)
+    return replace(found, files=files, misplaced=misplaced)
 
 
 def describe(material: Material) -> str:
@@ -226,6 +230,9 @@ def describe(material: Material) -> str:
     photographs, videos = len(material.photographs), len(material.videos)
     parts = [f"{photographs:,} photograph{'s' if photographs > 1 else ''}"] if photographs else []
     parts += [f"{videos} video{'s' if videos > 1 else ''}"] if videos else []
+    files: dict[str, Path] = {}
+    for name, mask in found.files.items():  # those called after what is kept come first
+        files.setdefault(again.get(name, name), mask)
     return " and ".join(parts)
 
 

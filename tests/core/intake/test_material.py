@@ -82,6 +82,15 @@ def test_the_mask_of_a_video_beside_it_is_no_photograph_and_is_named(tmp_path: P
     assert [*found.misplaced, *(f"{folder.name}/walk.png" for folder in found.misnamed)] == [mask]
 
 
+def test_a_mask_may_be_called_after_the_same_photograph_in_another_format(tmp_path: Path) -> None:
+    make_files(tmp_path, "1.DNG 1.JPG 2.DNG 2.JPG masks/1.JPG.png masks/2.DNG.png masks/2.JPG.png")
+    material = find_material(tmp_path)
+    assert material.photographs == ("1.DNG", "2.DNG")
+    found = masks_of(material)
+    assert {name: path.name for name, path in found.files.items()} == {"1.DNG": "1.JPG.png", "2.DNG": "2.DNG.png"}
+    assert found.unused == []
+
+
 @pytest.mark.parametrize("folder", ["@eaDir/1.jpg", "a/@eaDir/1.jpg", "$RECYCLE.BIN/S-1-5-18", "#recycle"])
 def test_deleted_photographs_and_small_copies_of_a_network_drive_are_no_photographs(
     tmp_path: Path, folder: str
