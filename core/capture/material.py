@@ -19,7 +19,14 @@ from ..files.untrusted import is_file
 from ..intake.archive import unpack
 from ..intake.exif import exif_for_jpeg
 from ..intake.heif import HeifHeader, read_heif_header
-from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file, video_as_photograph
+from ..intake.kinds import (
+    FOREIGN_VIDEO_EXTENSIONS,
+    VIDEO_EXTENSIONS,
+    is_archive,
+    is_video,
+    kind_of_file,
+    video_as_photograph,
+)
 from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 from ..intake.raw import Development, exif_of_raw
@@ -52,8 +59,10 @@ _LOOK_SHARE = 0.5  # of the time that a video takes
 _FEWEST_WITH_VIDEOS = 3  # photographs and frames: no camera was found of two frames of a video that hardly moved
 # Where scanners of telephones (Stray Scanner, Polycam, 3D Scanner App) and datasets put what is no photograph.
 _DEPTH_FOLDERS = frozenset(("depth", "depths", "depth_maps", "confidence", "normals"))
-_REMEDIES = dict.fromkeys(PANORAMA_EXTENSIONS, f"360° pictures are not supported: {PANORAMA_REMEDY}") | {
-    ".r3d": "Record3D's depth is not supported: export an MP4 video from the app, and give that"
+_REMEDIES = {
+    **dict.fromkeys(PANORAMA_EXTENSIONS, f"360° pictures are not supported: {PANORAMA_REMEDY}"),
+    **dict.fromkeys(FOREIGN_VIDEO_EXTENSIONS, "videos of this format are not read: convert it to MP4 (H.264)"),
+    ".r3d": "Record3D's depth is not supported: export an MP4 video from the app, and give that",
 }
 
 
@@ -145,7 +154,8 @@ def find_material(path: Path) -> Material:
     if is_file(path):
         if is_video(path) or kind_of_file(path) == "video":
             return Material(path.parent, (), (path.name,))
-        raise InputError("is one file, and no video or zip", where=path, remedy="give the folder with the photographs")
+        remedy = way_round(path) or "give the folder with the photographs"
+        raise InputError("is one file, and no video or zip", where=path, remedy=remedy)
     videos = list_images(path, VIDEO_EXTENSIONS)
     folders = [f"{name}/" for name in IMAGE_FOLDERS if (path / name).is_dir()]
     listings = ([f"{folder}{name}" for name in list_images(path / folder)] for folder in (*folders, ""))
@@ -220,6 +230,9 @@ def masks_of(material: Material) -> FoundMasks:
     again = in_other_formats(material.photographs, material.copies)
     names = (*material.photographs, *material.videos, *again)
     found = find_masks(material.folder, {name: material.folder / name for name in names})
+    files: dict[str, Path] = {}
+    for name, mask in found.files.items():  # those called after what is kept come first
+        files.setdefault(again.get(name, name), mask)
     named = tuple(f"{folder}{os.sep}" for folder in found.misnamed)
     misplaced = [name for name in material.masks if not os.path.abspath(material.folder / name).startswith(named)]
     return replace(found, files=files, misplaced=misplaced)
@@ -230,9 +243,6 @@ def describe(material: Material) -> str:
     photographs, videos = len(material.photographs), len(material.videos)
     parts = [f"{photographs:,} photograph{'s' if photographs > 1 else ''}"] if photographs else []
     parts += [f"{videos} video{'s' if videos > 1 else ''}"] if videos else []
-    files: dict[str, Path] = {}
-    for name, mask in found.files.items():  # those called after what is kept come first
-        files.setdefault(again.get(name, name), mask)
     return " and ".join(parts)
 
 

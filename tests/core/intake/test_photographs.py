@@ -295,11 +295,22 @@ def test_360_degree_photographs_are_named_with_the_way_round(tmp_path: Path) -> 
         inspect_capture(tmp_path)
 
 
-@pytest.mark.parametrize(("name", "way_round"), [("a.insp", "reframed, 90° wide"), ("scan.r3d", "export an MP4 video")])
-def test_files_of_scanners_and_360_degree_cameras_are_named(tmp_path: Path, name: str, way_round: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "way_round"),
+    [
+        ("a.insp", "reframed, 90° wide"),
+        ("scan.r3d", "export an MP4 video"),
+        ("walk.wmv", "convert it to MP4"),
+        ("walk.TS", "convert it to MP4"),
+    ],
+)
+def test_files_of_formats_that_are_not_read_are_named_with_the_way_round(
+    tmp_path: Path, name: str, way_round: str
+) -> None:
     (tmp_path / name).write_bytes(b"x" * 100)
-    with pytest.raises(InputError, match=f"{name}.*{way_round}"):
-        find_material(tmp_path)
+    for path in (tmp_path, tmp_path / name):
+        with pytest.raises(InputError, match=f"{name}.*{way_round}"):
+            inspect_capture(path)
 
 
 def test_a_photograph_whose_exif_block_is_cut_is_used_without_it(tmp_path: Path) -> None:
