@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..files.untrusted import is_file, opened
 
 _SEARCHED_DEPTH = 3  # folders: MeshroomCache/StructureFromMotion/<a number>/cameras.sfm
-_START_BYTES = 1024  # that are looked at; Metashape's chunk stands in the second or third line
+_START_BYTES = 4096  # that are looked at; RealityScan's rotation follows up to 30 attributes
 _MOST_BYTES = 64 << 30  # of a file of which no more is read
 
 
