@@ -13,7 +13,7 @@ from pathlib import Path, PurePath, PurePosixPath
 
 from ..errors import InputError
 from ..files.untrusted import is_encodable, is_file, is_folder, is_there, read_json
-from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS, VIDEO_EXTENSIONS
+from ..intake.kinds import FOREIGN_VIDEO_EXTENSIONS, HEIF_EXTENSIONS, RAW_EXTENSIONS, VIDEO_EXTENSIONS
 from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..runs.enhanced import METRICS_NAME, enhanced_files
 from ..runs.folder import files_of_a_run
@@ -45,10 +45,17 @@ from the beginning of the video of that name. Photographs are not in it.
 
 # What cameras and editors leave beside them and is not read.
 SPLAT_EXTENSION = ".ply"
-FOREIGN_EXTENSIONS = (".jxl", ".gif", ".psd", ".raf", ".rw2", ".orf", ".pef", ".r3d", *PANORAMA_EXTENSIONS)
+FOREIGN_EXTENSIONS = (
+    *(".jxl", ".gif", ".psd", ".raf", ".rw2", ".orf", ".pef", ".r3d"),
+    *PANORAMA_EXTENSIONS,
+    *FOREIGN_VIDEO_EXTENSIONS,
+)
 
 # What Windows leaves where somebody has looked at a folder, in lower case; what other systems leave is hidden.
 _LEFT_BEHIND = frozenset(("thumbs.db", "ehthumbs.db", "desktop.ini"))
+
+# Folders, in lower case, with what was deleted (Windows, Synology) and with small copies (Synology's network drives).
+_NOT_LOOKED_INTO = frozenset(("$recycle.bin", "#recycle", "@eadir"))
 
 # Names that Windows keeps for devices, with or without an extension.
 _WINDOWS_DEVICE = re.compile(r"^(con|prn|aux|nul|com[1-9¹²³]|lpt[1-9¹²³])(\.|$)", re.IGNORECASE)
@@ -177,6 +184,8 @@ def shared_root(capture: Path, files: Iterable[Path]) -> Path:
 def visible_files(folder: Path, on_error: Callable[[OSError], object] | None = None) -> Iterator[Path]:
     """What lies in `folder` and below it, without hidden files and folders, and without what our scripts have made.
 
+    Neither is there what somebody has deleted, nor the small copies that a network drive makes of its own accord.
+
     A run may have been made into the folder of its photographs, and its photographs enhanced into a folder beside them:
     that gives no further photographs. A `folder` that holds enhanced ones and no others is taken for what it is.
 
@@ -194,7 +203,11 @@ def visible_files(folder: Path, on_error: Callable[[OSError], object] | None = N
             images = {name for name in files if Path(name).suffix.lower() in IMAGE_EXTENSIONS}
             if here != folder or not images <= enhanced:
                 made |= enhanced
-        subfolders[:] = [name for name in subfolders if not name.startswith(".") and name not in made]
+        subfolders[:] = [
+            name
+            for name in subfolders
+            if not (name.startswith(".") or name.lower() in _NOT_LOOKED_INTO or name in made)
+        ]
         yield from (here / name for name in files if name not in made)
 
 
