@@ -20,7 +20,7 @@ from .scene.origin import keep_appended_run, keep_open_runs, keep_runs
 from .scene.preview import end_looking_around
 from .scene.splats import is_splats
 from .scene.turntable import restore_interrupted
-from .shown import forget_deleted, show_source_of_missing_layer
+from .shown import forget_deleted, show_layer_again, show_source_of_missing_layer
 from .watching import WATCHER
 
 _FILE_EVENTS = ("load_post", "undo_post", "redo_post")
@@ -120,6 +120,13 @@ def _put_right(*_: object) -> None:
 
 
 @bpy.app.handlers.persistent
+def _show_layers_again(*_: object) -> None:
+    for splats in filter(is_splats, bpy.data.objects):
+        if splats.library is None:
+            show_layer_again(splats)
+
+
+@bpy.app.handlers.persistent
 def _show_colors(*_: object) -> None:
     """A file that opens shows its Gaussians in colour at once, on whatever machine."""
     if has_graphics_card():  # it draws all of them, also of a file that was saved while somebody looked around without
@@ -166,6 +173,7 @@ PARTS: tuple[_Part, ...] = (
     _Handler("blend_import_post", _keep_appended_runs),
     _Handler("depsgraph_update_post", match_after_change),
     _Handler("render_init", match_before_render),
+    _Handler("redo_post", _show_layers_again),
     CopiedScenes(),
     Followers(),
     WATCHER,

@@ -9,7 +9,7 @@ from .scene.origin import run_of
 from .scene.recolor import source_layer
 from .scene.splat_attributes import color_attribute
 from .scene.splat_nodes import Input
-from .scene.splats import get_input, is_splats, layer_names, show_layer
+from .scene.splats import LAYER_BEFORE_UNDO, get_input, is_splats, layer_names, show_layer
 
 NOTHING_TO_SHOW = "Start a run or load a finished one first"
 RUN_UNKNOWN = "The run that these Gaussians came from is unknown - load the run again"
@@ -47,6 +47,14 @@ def show_source_of_missing_layer(splats: bpy.types.Object) -> None:
     names = layer_names(splats)
     if layer not in names and source_layer(layer) in names:
         show_layer(splats, source_layer(layer), enhanced)
+        splats[LAYER_BEFORE_UNDO] = layer
+
+
+def show_layer_again(splats: bpy.types.Object) -> None:
+    """Show an edited layer that redo has brought back, after `show_source_of_missing_layer`, as before undo."""
+    edited = splats.get(LAYER_BEFORE_UNDO, "")
+    if edited in layer_names(splats):
+        show_layer(splats, edited, shown_layer(splats)[1])
 
 
 def shown_run(context: bpy.types.Context) -> str:
