@@ -16,6 +16,7 @@ from .pictures import PICTURES
 from .scene.apart import Followers, remove_left_over
 from .scene.camera_view import has_graphics_card, leave_slow_views
 from .scene.display import Form, form_of, match_after_change, match_before_render
+from .scene.masks import hide_again
 from .scene.origin import keep_appended_run, keep_open_runs, keep_runs
 from .scene.preview import end_looking_around
 from .scene.splats import is_splats
@@ -173,6 +174,7 @@ PARTS: tuple[_Part, ...] = (
     _Handler("blend_import_post", _keep_appended_runs),
     _Handler("depsgraph_update_post", match_after_change),
     _Handler("render_init", match_before_render),
+    _Handler("depsgraph_update_post", hide_again),
     _Handler("redo_post", _show_layers_again),
     CopiedScenes(),
     Followers(),
