@@ -15,7 +15,7 @@ from .inspection import catch_up
 from .pictures import PICTURES
 from .scene.apart import Followers, remove_left_over
 from .scene.camera_view import has_graphics_card, leave_slow_views
-from .scene.display import Form, form_of, match_after_change, match_before_render
+from .scene.display import Form, form_of, match_after_change, match_before_render, match_brought, match_linked
 from .scene.masks import hide_again
 from .scene.origin import keep_appended_run, keep_open_runs, keep_runs
 from .scene.preview import end_looking_around
@@ -155,10 +155,12 @@ def _end_saving(path: str, *_: object) -> None:
 
 
 @bpy.app.handlers.persistent
-def _keep_appended_runs(context: bpy.types.BlendImportContext, *_: object) -> None:
-    for item in context.import_items:
-        if isinstance(item.id, bpy.types.Object):
-            keep_appended_run(item.id, item.source_library)
+def _take_in(context: bpy.types.BlendImportContext, *_: object) -> None:
+    """What was linked or appended keeps its run, and suits the scene that it is in."""
+    brought = [item for item in context.import_items if isinstance(item.id, bpy.types.Object)]
+    for item in brought:
+        keep_appended_run(item.id, item.source_library)
+    match_brought(item.id for item in brought)
 
 
 PARTS: tuple[_Part, ...] = (
@@ -171,7 +173,8 @@ PARTS: tuple[_Part, ...] = (
     _Handler("save_pre", _prepare_saving),
     _Handler("save_post", _end_saving),
     _Handler("save_post_fail", _end_saving),
-    _Handler("blend_import_post", _keep_appended_runs),
+    _Handler("blend_import_post", _take_in),
+    _Handler("load_post", match_linked),
     _Handler("depsgraph_update_post", match_after_change),
     _Handler("render_init", match_before_render),
     _Handler("depsgraph_update_post", hide_again),
