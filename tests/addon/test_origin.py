@@ -183,3 +183,15 @@ def test_gaussians_from_another_file_have_the_right_colours_among_lamps(showroom
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "showroom.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "showroom.blend"))
     assert shown_as_light() == {"showroom Gaussians": True, "shop Gaussians": True}
+
+
+def test_the_panel_says_how_gaussians_that_are_linked_as_an_instance_can_be_used(showroom):
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert "Start a run" in " ".join(drawn(CVDGS_PT_display).texts)
+    bpy.ops.wm.link(directory=f"{showroom}/Collection/", filename="shop", instance_collections=True)
+    assert "Object > Library Override > Make" in " ".join(drawn(CVDGS_PT_display).texts)
+    (instance,) = bpy.context.scene.objects
+    bpy.context.view_layer.objects.active = instance
+    instance.select_set(True)
+    bpy.ops.object.make_override_library()
+    assert bpy.ops.cvdgs.show_layer(layer="tritan-0.5") == {"FINISHED"}
