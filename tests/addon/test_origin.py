@@ -18,7 +18,7 @@ from cvdgs.cvdgs_addon.scene.finished_run import RUN_PROPERTY, read_run
 from cvdgs.cvdgs_addon.scene.origin import run_of
 from cvdgs.cvdgs_addon.scene.ruler import add_ruler, measure
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
-from cvdgs.cvdgs_addon.scene.splats import get_input, is_splats
+from cvdgs.cvdgs_addon.scene.splats import get_input, is_splats, layer_names
 from cvdgs.ui.display import CVDGS_PT_display
 
 from .layouts import drawn
@@ -195,3 +195,17 @@ def test_the_panel_says_how_gaussians_that_are_linked_as_an_instance_can_be_used
     instance.select_set(True)
     bpy.ops.object.make_override_library()
     assert bpy.ops.cvdgs.show_layer(layer="tritan-0.5") == {"FINISHED"}
+
+
+def test_a_run_that_was_moved_is_loaded_into_the_gaussians_that_are_there(addon, tmp_path):
+    before, after = synthetic_run(tmp_path / "shop", 20), tmp_path / "archive"
+    scene = bpy.context.scene
+    splats = show_run(str(before), scene)
+    (before / "splats.tritan-0.5.ply").rename(before / "splats.protan-1.0.ply")
+    shutil.move(before, after)
+    assert show_run(str(after), scene) == splats
+    assert run_of(splats) == str(after)
+    assert layer_names(splats) == ["original", "deutan-1.0", "tritan-0.5", "protan-1.0"]
+    copy = shutil.copytree(after, tmp_path / "copy")
+    assert show_run(str(copy), scene) != splats, "both runs are there"
+    assert run_of(splats) == str(after)
