@@ -33,6 +33,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ..capture.files import is_windows_device
 from ..errors import InputError
 from ..files.untrusted import is_file, is_there, read_text
 from ..rendering.requests import CameraPath
@@ -124,6 +125,8 @@ def _read_item(table: TableReader, defaults: _Defaults) -> Item:
     name = table.text("name", _NOT_IN_A_NAME.sub("-", (capture or run or Path("item")).name).strip("-_") or "item")
     if not _NAME.fullmatch(name):
         table.add("name", f"'{name}' is not usable as a folder name", "use letters, digits, - and _")
+    elif is_windows_device(name):
+        table.add("name", f"'{name}' is a device on Windows, no folder", "give another name")
     layers = _read_layers(table, defaults.layers)
     names = table.choices("cameras", tuple(defaults.cameras), tuple(defaults.cameras))
     turntable = _read_turntable(table.table("turntable"), defaults.turntable)

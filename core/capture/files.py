@@ -333,7 +333,12 @@ def _shared_length(folders: list[list[str]]) -> int:
 def _safe(text: str) -> str:
     text = "".join(c if _is_safe(c) else " " for c in unicodedata.normalize("NFC", text))
     text = re.sub(" +", "_", text).strip(".").encode()[:_KEY_BYTES].decode(errors="ignore") or "view"
-    return f"_{text}" if _WINDOWS_DEVICE.match(text) else text
+    return f"_{text}" if is_windows_device(text) else text
+
+
+def is_windows_device(name: str) -> bool:
+    """Whether Windows takes a file or folder of this name for a device."""
+    return _WINDOWS_DEVICE.match(name) is not None
 
 
 def _is_safe(character: str) -> bool:

@@ -141,6 +141,7 @@ def test_everything_wrong_is_said_in_one_go_with_its_place(batch):
         ("items = 3\n", "items", "[[items]]"),
         (ITEM + ITEM, "items[2].name", "both called 'chair'"),
         (ITEM + 'name = "Chair"\n' + ITEM, "items[2].name", "both called"),
+        (ITEM + 'name = "aux"\n', "items[1].name", "is a device on Windows, no folder"),
         ('layers = ["original"]\n' + ITEM, "items[1].capture", "needs a layer"),
         (ITEM + 'cameras = ["side"]\n', "items[1].cameras[1]", "'side'"),
         (ITEM + 'train = { mode = "joint", refine_poses = true }\n', "items[1].train", "refine-poses"),
