@@ -77,5 +77,6 @@ weights: venv
 licences: venv
 	$(BIN)/python scripts/licences.py
 
+# Of out/ what is made again in minutes: weights take hours to train, and the other runs there are the user's.
 clean:
-	rm -rf $(VENV) $(VENV_BPY45) $(VENV_BPY52) .build out
+	rm -rf $(VENV) $(VENV_BPY45) $(VENV_BPY52) .build out/demo out/bench
