@@ -232,6 +232,7 @@ function pairs() {
     if (event.key === "Backspace" && place) { event.preventDefault(); back.click(); }
   };
   Promise.all(images.map((image) => image.decode().catch(() => {}))).then(() => setTimeout(() => {
+    if (!stage.isConnected) return; // the answer before was undone in the meantime
     stage.classList.remove("away");
     since = performance.now();
     main.dataset.ready = place;

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -208,6 +209,9 @@ def shown_after(place: Path, folder: Path, *steps: str) -> list[dict[str, Any]]:
     return json.loads(done.stdout)[len(before) :]
 
 
+A_PAIR = ("tick", "ArrowLeft")
+
+
 @in_node
 def test_a_session_that_is_broken_off_between_the_questions_goes_on(place, key, tmp_path) -> None:
     first_block = ["Start"] + ["tick", "ArrowLeft"] * (TRIALS // 2)
@@ -216,3 +220,13 @@ def test_a_session_that_is_broken_off_between_the_questions_goes_on(place, key, 
     assert before["stage"] == between["stage"] == again["stage"] == "begin"
     assert again["headline"] == between["headline"] != before["headline"]
     assert second == {**again, "stage": "pairs"}
+
+
+@in_node
+def test_an_answer_that_is_undone_at_once_leaves_no_turntable_turning(tmp_path) -> None:
+    turning = [replace(one, versions=tuple(replace(v, frames=v.frames * 3) for v in one.versions)) for one in stimuli()]
+    key, coded = with_codes(turning, "command", 0)
+    write_study_page(tmp_path, key, coded)
+    second_thoughts = (*A_PAIR, "Undo the last answer", *A_PAIR)
+    pair, last = shown_after(tmp_path, tmp_path, "Start", *second_thoughts, "tick")[-2:]
+    assert (pair["turning"], last["turning"]) == (0, 1)
