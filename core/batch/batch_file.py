@@ -197,10 +197,15 @@ def _read_layers(table: TableReader, default: tuple[str, ...]) -> tuple[str, ...
 
 def _read_cameras(table: TableReader) -> dict[str, CameraPath]:
     cameras = {}
+    first: dict[str, str] = {}
     for name in table.values:
         camera = table.table(name)
         if not _NAME.fullmatch(name):
             table.add(name, "is not usable in a file name", "use letters, digits, - and _")
+        # Some file systems do not tell capitals from small letters.
+        other = first.setdefault(name.casefold(), name)
+        if other != name:
+            table.add(name, f"differs from '{other}' in capitals alone", "give one of them another name")
         usual = CameraPath()
         cameras[name] = CameraPath(
             camera.number("radius", usual.radius, 0.0, _FAR),
@@ -247,8 +252,7 @@ def _read_needs(table: TableReader) -> Needs:
 def _refuse_equal_names(items: Iterable[Item], tables: Sequence[TableReader]) -> None:
     first: dict[str, int] = {}
     for index, (item, table) in enumerate(zip(items, tables, strict=True)):
-        # Some file systems do not tell capitals from small letters.
-        other = first.setdefault(item.name.casefold(), index)
+        other = first.setdefault(item.name.casefold(), index)  # as for cameras
         if other != index:
             table.add(
                 "name",

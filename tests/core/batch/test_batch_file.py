@@ -153,6 +153,7 @@ def test_everything_wrong_is_said_in_one_go_with_its_place(batch):
         ('[[items]]\ncapture = "walk.mp4"\n', "items[1].capture", "no such file or folder"),
         (ITEM + "train.iterations = 1" + "0" * 400 + "\n", "items[1].train.iterations", "too many digits"),
         (ITEM + "train.strength = 1" + "0" * 400 + "\n", "items[1].train.strength", "unusable"),
+        ("[cameras.low]\n[cameras.Low]\n" + ITEM, "cameras.Low", "differs from 'low' in capitals alone"),
         ("cameras.low.height = 1" + "0" * 400 + "\n" + ITEM, "cameras.low.height", "give a number"),
         ("cameras.low.height = 0x" + "f" * 5000 + "\n" + ITEM, "cameras.low.height", "thousands of digits"),
         (ITEM + "turntable.frames = true\n", "items[1].turntable.frames", "whole number"),
