@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ...files.states import SavedState, State
 from ..raster import Frame
-from .adam import AdamMoments, decayed, restore, snapshot
+from .adam import AdamMoments, decayed, restore_moments, snapshot_moments
 from .tried import Tried
 
 _BLOCK = 16  # pixels; gains are estimated from the means of square blocks, which blur and noise hardly change
@@ -106,14 +106,14 @@ class ExposureCorrection:
 
     def snapshot(self) -> State:
         """What `restore` continues from, between two steps."""
-        return {"active": self.active, "log_gains": self.log_gains, "moments": snapshot(self._moments, 3)}
+        return {"active": self.active, "log_gains": self.log_gains, "moments": snapshot_moments(self._moments, 3)}
 
     def restore(self, saved: SavedState) -> None:
         """Continue from a `snapshot`; raises `InputError` where it is of other views."""
         self.active = saved.value("active", bool)
         gains = saved.array("log_gains", np.float32, len(self._moments), 3)
         self._log_gains = torch.from_numpy(gains).to(self._device)
-        restore(self._moments, 3, saved.part("moments"), self._on_device)
+        restore_moments(self._moments, 3, saved.part("moments"), self._on_device)
 
     def _on_device(self, row: NDArray[np.float64]) -> torch.Tensor:
         return torch.from_numpy(row.astype(np.float32)).to(self._device)

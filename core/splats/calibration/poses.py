@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from ...files.states import SavedState, State
 from ..raster import Gradients, ParameterSet, RasterCamera, Rasterizer
 from ..targets import Background, TrainingView
-from .adam import AdamMoments, decayed, restore, snapshot
+from .adam import AdamMoments, decayed, restore_moments, snapshot_moments
 from .tried import Tried
 
 # Of `PosePlan.align_steps`, in a trial: with 20 or 60 of them, what a correction gained differed by 0.13 dB at most
@@ -177,12 +177,12 @@ class PoseRefinement:
 
     def snapshot(self) -> State:
         """What `restore` continues from."""
-        return {"poses": self.poses, "moments": snapshot(self._moments, 6)}
+        return {"poses": self.poses, "moments": snapshot_moments(self._moments, 6)}
 
     def restore(self, saved: SavedState) -> None:
         """Continue from a `snapshot`; raises `InputError` where it is of other views."""
         self._poses = saved.array("poses", np.float64, *self._given.shape)
-        restore(self._moments, 6, saved.part("moments"), np.copy)
+        restore_moments(self._moments, 6, saved.part("moments"), np.copy)
 
     def put(self, view: int, pose: NDArray[np.float64]) -> None:
         """Replace the (4, 4) pose of a view."""
