@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...files.states import SavedState, State
 from ..raster import Frame
 from .adam import AdamMoments, decayed, restore_moments, snapshot_moments
-from .tried import Tried
+from .trial_plan import TrialPlan
 
 _BLOCK = 16  # pixels; gains are estimated from the means of square blocks, which blur and noise hardly change
 _DARKEST = 0.05  # mean of a block whose ratio is usable
@@ -28,7 +28,7 @@ _EPSILON = 1e-15  # of Adam
 
 
 @dataclass(frozen=True)
-class ExposurePlan(Tried):
+class ExposurePlan(TrialPlan):
     """When and how gains are fitted.
 
     Attributes:

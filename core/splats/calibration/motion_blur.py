@@ -21,7 +21,7 @@ from torch.nn import functional
 from ...files.states import SavedState, State
 from ..raster import Frame
 from .adam import AdamMoments, decayed, restore_moments, snapshot_moments
-from .tried import Tried
+from .trial_plan import TrialPlan
 
 _SAMPLES_PER_PIXEL = 2
 _EPSILON = 1e-12  # of Adam
@@ -34,7 +34,7 @@ _SHARPENING = 3.0  # of gradients: detail that a line averages away altogether c
 
 
 @dataclass(frozen=True)
-class MotionBlurPlan(Tried):
+class MotionBlurPlan(TrialPlan):
     """When and how lines are fitted.
 
     Attributes:

@@ -27,7 +27,7 @@ from ...files.states import SavedState, State
 from ..raster import Gradients, ParameterSet, RasterCamera, Rasterizer
 from ..targets import Background, TrainingView
 from .adam import AdamMoments, decayed, restore_moments, snapshot_moments
-from .tried import Tried
+from .trial_plan import TrialPlan
 
 # Of `PosePlan.align_steps`, in a trial: with 20 or 60 of them, what a correction gained differed by 0.13 dB at most
 # (docs/rooms.md), and 60 on six views took three quarters of the trial's time.
@@ -36,7 +36,7 @@ _DEPTH = 1.0  # frame units from a camera to what it looks at, as around an obje
 
 
 @dataclass(frozen=True)
-class PosePlan(Tried):
+class PosePlan(TrialPlan):
     """When and how fast poses are refined.
 
     Learning rates are angles of view in radians.
