@@ -61,6 +61,7 @@ _NOT_LOOKED_INTO = frozenset(("$recycle.bin", "#recycle", "@eadir"))
 _WINDOWS_DEVICE = re.compile(r"^(con|prn|aux|nul|com[1-9¹²³]|lpt[1-9¹²³])(\.|$)", re.IGNORECASE)
 # In UTF-8. Output files add a suffix; file systems stop at 255 bytes.
 _KEY_BYTES = 120
+_QUOTED = 3  # names in a message
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
@@ -346,8 +347,8 @@ def _is_safe(character: str) -> bool:
     return character.isalnum() or character in "._-" or unicodedata.category(character).startswith("M")
 
 
-def quote_first(names: Iterable[str], limit: int = 3) -> str:
-    """The first `limit` names and how many more there are, for a message."""
+def quote_first(names: Iterable[str]) -> str:
+    """The first few names and how many more there are, for a message."""
     names = list(names)
-    more = f" and {len(names) - limit} more" if len(names) > limit else ""
-    return ", ".join(names[:limit]) + more
+    more = f" and {len(names) - _QUOTED} more" if len(names) > _QUOTED else ""
+    return ", ".join(names[:_QUOTED]) + more
