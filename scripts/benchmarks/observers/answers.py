@@ -110,8 +110,10 @@ def _checked(values: dict[str, Any], key: Key) -> Participant:
 
 def _type_of(caps: Sequence[int], key: Key) -> str:
     cvd = suggest(score_arrangement(caps)).cvd
+    if not cvd:
+        return NO_TYPE
     has_pictures = any(item.cvd == cvd for item in key.shown.values())
-    return cvd if has_pictures else f"{cvd}, others' pictures" if cvd else NO_TYPE
+    return cvd if has_pictures else f"{cvd}, others' pictures"
 
 
 def _answer(number: int, item: Any, key: Key) -> Answer:
