@@ -11,7 +11,8 @@ VENV := .venv
 VENV_BPY45 := .venv-bpy45
 VENV_BPY52 := .venv-bpy52
 # Where the environment itself is for 3.13, it has 5.2.
-OTHER_BLENDERS := $(and $(PYTHON311),$(VENV_BPY45)) $(and $(filter-out $(PYTHON),$(PYTHON313)),$(VENV_BPY52))
+VERSION := $(shell $(PYTHON) -c "import sys; print('%d.%d' % sys.version_info[:2])" 2>/dev/null)
+OTHER_BLENDERS := $(and $(PYTHON311),$(VENV_BPY45)) $(and $(filter-out 3.13,$(VERSION)),$(PYTHON313),$(VENV_BPY52))
 BIN := $(VENV)/bin
 # "no" goes on where libraries of Blender's module are missing and nobody may install them (run.py --no-blend).
 BLENDER ?= yes
@@ -77,5 +78,6 @@ weights: venv
 licences: venv
 	$(BIN)/python scripts/licences.py
 
+# Of out/ what is made again in minutes: weights take hours to train, and the other runs there are the user's.
 clean:
-	rm -rf $(VENV) $(VENV_BPY45) $(VENV_BPY52) .build out
+	rm -rf $(VENV) $(VENV_BPY45) $(VENV_BPY52) .build out/demo out/bench

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from .splats.training.plan import TrainingPlan as TrainingPlan
     from .splats.training.trainer import Trainer as Trainer
 
-_ROOMS = {
+_NAMES_BY_MODULE = {
     ".capture.reader": ("read_capture",),
     ".color.metrics": ("contrast_scores",),
     ".color.simulation": ("simulate",),
@@ -40,7 +40,7 @@ _ROOMS = {
     ".splats.training.plan": ("TrainingPlan",),
     ".splats.training.trainer": ("Trainer",),
 }
-_MODULE_OF = {name: module for module, names in _ROOMS.items() for name in names}
+_MODULE_OF = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names}
 __all__ = sorted(_MODULE_OF)
 
 

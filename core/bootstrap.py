@@ -11,6 +11,7 @@ For files that are started by their path, before there is a package:
 from __future__ import annotations
 
 import importlib.util
+import io
 import sys
 from collections.abc import Collection
 from pathlib import Path
@@ -38,10 +39,19 @@ def require_modules(names: Collection[str]) -> None:
         sys.exit(2)
 
 
+def _show_any_name() -> None:
+    """Write as an escape sequence what the encoding of stdout lacks, as Python does on stderr, instead of failing.
+
+    Where stdout is a file or a pipe, Windows' encoding has some 200 characters; names of files have any.
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
 def load(oldest: tuple[int, int] = OLDEST_PYTHON, *, script: str = "", modules: Collection[str] = ()) -> None:
     """Put the package that this file belongs to into ``sys.modules`` as ``cvdgs``, and take ``core/`` off the path.
 
-    On the path, the modules of ``core/`` would hide others of the same names.
+    On the path, the modules of ``core/`` would hide others of the same names. From then on, any text can be printed.
 
     Args:
         oldest: Python for what the script imports; ends the process where this one is older.
@@ -50,6 +60,7 @@ def load(oldest: tuple[int, int] = OLDEST_PYTHON, *, script: str = "", modules: 
     """
     require_python(oldest)
     require_modules(modules)
+    _show_any_name()
     hiding = {ROOT / "core", *([Path(script).resolve().parent] if script else [])}
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() not in hiding]
     loaded = sys.modules.get("cvdgs")

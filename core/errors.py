@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 MOST_CHARACTERS = 1200  # of a message; enough for three paths of 255 characters and what is said of them
+MOST_VALUE_CHARACTERS = 40  # of a value that is quoted in one
 
 
 class InputError(Exception):
@@ -40,13 +41,13 @@ def one_line(text: str) -> str:
     return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
-def abbreviated(value: object, most: int = 40) -> str:
-    """`value` as Python writes it, in at most so many characters."""
+def abbreviated(value: object) -> str:
+    """`value` as Python writes it, in at most `MOST_VALUE_CHARACTERS`."""
     try:
         text = repr(value)
     except ValueError:  # Python writes no integer of thousands of digits
         return "a number of thousands of digits"
-    return text if len(text) <= most else text[: most - 3] + "..."
+    return text if len(text) <= MOST_VALUE_CHARACTERS else text[: MOST_VALUE_CHARACTERS - 3] + "..."
 
 
 class Cancelled(BaseException):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
+from ..core.files.untrusted import read_bytes, writing_whole
 from ..core.runs.layout import ORIGINAL, layer_cube_file
 from ..core.splats.gaussians import SH_C0, Gaussians
 from ..core.splats.harmonics import turned
@@ -31,6 +31,7 @@ from .shown import shown_layer
 # A logit beyond this is as good as 0 or 1, and finite.
 _LARGEST_LOGIT = 15.0
 _SMALLEST_SCALE = 1e-12
+_MOST_CUBE_BYTES = 64 << 20  # one of 128 nodes a side; those of a run have 33, and 1 MB
 _SCENES_UP = "z"  # in Blender
 # A linear map that differs from a uniform scale by less than this turns nothing that could be seen.
 _TURN_TOLERANCE = 1e-5
@@ -197,13 +198,11 @@ def export_cube(folder: str, layer: str, path: str) -> None:
     """Copy the LUT of a layer of the run in `folder`.
 
     Raises:
-        InputError: the run has none for this layer, or the file cannot be written.
+        InputError: the run has none for this layer, or the file cannot be written; an earlier one then stays.
     """
-    source = find_cube(folder, layer)
-    try:
-        shutil.copyfile(source, path)
-    except OSError as error:
-        raise _cannot_write(path, error) from error
+    content = read_bytes(find_cube(folder, layer), most_bytes=_MOST_CUBE_BYTES)
+    with writing_whole(Path(path)) as file:
+        file.write(content)
 
 
 def _title(splats: bpy.types.Object) -> str:

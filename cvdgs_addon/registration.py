@@ -15,12 +15,13 @@ from .inspection import catch_up
 from .pictures import PICTURES
 from .scene.apart import Followers, remove_left_over
 from .scene.camera_view import has_graphics_card, leave_slow_views
-from .scene.display import Form, form_of, match_after_change, match_before_render
+from .scene.display import Form, form_of, match_after_change, match_before_render, match_brought, match_linked
+from .scene.masks import hide_again
 from .scene.origin import keep_appended_run, keep_open_runs, keep_runs
 from .scene.preview import end_looking_around
 from .scene.splats import is_splats
 from .scene.turntable import restore_interrupted
-from .shown import forget_deleted, show_source_of_missing_layer
+from .shown import forget_deleted, show_layer_again, show_source_of_missing_layer
 from .watching import WATCHER
 
 _FILE_EVENTS = ("load_post", "undo_post", "redo_post")
@@ -120,6 +121,13 @@ def _put_right(*_: object) -> None:
 
 
 @bpy.app.handlers.persistent
+def _show_layers_again(*_: object) -> None:
+    for splats in filter(is_splats, bpy.data.objects):
+        if splats.library is None:
+            show_layer_again(splats)
+
+
+@bpy.app.handlers.persistent
 def _show_colors(*_: object) -> None:
     """A file that opens shows its Gaussians in colour at once, on whatever machine."""
     if has_graphics_card():  # it draws all of them, also of a file that was saved while somebody looked around without
@@ -147,10 +155,12 @@ def _end_saving(path: str, *_: object) -> None:
 
 
 @bpy.app.handlers.persistent
-def _keep_appended_runs(context: bpy.types.BlendImportContext, *_: object) -> None:
-    for item in context.import_items:
-        if isinstance(item.id, bpy.types.Object):
-            keep_appended_run(item.id, item.source_library)
+def _take_in(context: bpy.types.BlendImportContext, *_: object) -> None:
+    """What was linked or appended keeps its run, and suits the scene that it is in."""
+    brought = [item for item in context.import_items if isinstance(item.id, bpy.types.Object)]
+    for item in brought:
+        keep_appended_run(item.id, item.source_library)
+    match_brought(item.id for item in brought)
 
 
 PARTS: tuple[_Part, ...] = (
@@ -163,9 +173,12 @@ PARTS: tuple[_Part, ...] = (
     _Handler("save_pre", _prepare_saving),
     _Handler("save_post", _end_saving),
     _Handler("save_post_fail", _end_saving),
-    _Handler("blend_import_post", _keep_appended_runs),
+    _Handler("blend_import_post", _take_in),
+    _Handler("load_post", match_linked),
     _Handler("depsgraph_update_post", match_after_change),
     _Handler("render_init", match_before_render),
+    _Handler("depsgraph_update_post", hide_again),
+    _Handler("redo_post", _show_layers_again),
     CopiedScenes(),
     Followers(),
     WATCHER,

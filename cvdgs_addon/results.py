@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.files.untrusted import is_file, read_json
-from ..core.runs.layout import REPORT_FILE
+from ..core.runs.layout import GAUSSIANS_FILE, REPORT_FILE
 from ..core.runtime.progress import format_seconds
 from .comparison import follow_comparison
 from .scene.bystanders import hide_start_cube
@@ -41,7 +41,8 @@ def show_run(folder: str, scene: bpy.types.Scene, *, anew: bool = False) -> bpy.
     which stands in their middle, is hidden.
 
     Where `scene` has the run already, only the layers that it lacks are added, so that whatever was done to the object
-    stays. Where that is not possible because Gaussians were deleted, the run is added as a further object.
+    stays; also where the run has been moved to `folder` since. Where that is not possible because Gaussians were
+    deleted, the run is added as a further object.
 
     Args:
         folder: of the run.
@@ -56,6 +57,7 @@ def show_run(folder: str, scene: bpy.types.Scene, *, anew: bool = False) -> bpy.
     if anew:
         _renew(scene, folder, run)
     splats = next((found for found in splats_of(scene, folder) if _can_take_layers(found, run)), None)
+    splats = splats or _of_moved_run(scene, folder, run)
     if splats is None:
         splats = load_run(run, scene).splats
         splats[RUN_PROPERTY] = folder
@@ -148,6 +150,22 @@ def _duration(value: Any) -> str:
 def _can_take_layers(splats: bpy.types.Object, run: FinishedRun) -> bool:
     require_object_mode(splats)
     return int(is_gaussian(splats.data).sum()) == len(run.gaussians)
+
+
+def _of_moved_run(scene: bpy.types.Scene, folder: str, run: FinishedRun) -> bpy.types.Object | None:
+    """The Gaussians of `run` from when it was in another folder, where it is no longer; they name the new one then."""
+    for candidate in filter(is_splats, scene.objects):
+        before = run_of(candidate)
+        if candidate.library is not None or candidate.data.is_editmode or (before and _has_gaussians(before)):
+            continue
+        if np.array_equal(point_positions(candidate.data), run.gaussians.means):
+            candidate[RUN_PROPERTY] = folder
+            return candidate
+    return None
+
+
+def _has_gaussians(folder: str) -> bool:
+    return is_file(Path(folder, GAUSSIANS_FILE))
 
 
 def _renew(scene: bpy.types.Scene, folder: str, run: FinishedRun) -> None:

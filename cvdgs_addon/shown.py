@@ -9,9 +9,10 @@ from .scene.origin import run_of
 from .scene.recolor import source_layer
 from .scene.splat_attributes import color_attribute
 from .scene.splat_nodes import Input
-from .scene.splats import get_input, is_splats, layer_names, show_layer
+from .scene.splats import LAYER_BEFORE_UNDO, get_input, is_splats, layer_names, show_layer
 
 NOTHING_TO_SHOW = "Start a run or load a finished one first"
+INSTANCE = "{name} shows Gaussians that are linked as an instance: Object > Library Override > Make first"
 RUN_UNKNOWN = "The run that these Gaussians came from is unknown - load the run again"
 
 
@@ -22,6 +23,15 @@ def shown_splats(context: bpy.types.Context) -> bpy.types.Object | None:
     # What is chosen stays chosen when it is deleted from the scene, until the file is saved.
     present = (candidate for candidate in candidates if candidate is not None and candidate.name in scene.objects)
     return next((candidate for candidate in present if is_splats(candidate)), None)
+
+
+def why_nothing_is_shown(scene: bpy.types.Scene) -> str:
+    """What to do where `scene` has no Gaussians of its own; *Link* makes an Empty that shows a collection of them."""
+    instances = {found.instance_collection: found.name for found in scene.objects if found.instance_collection}
+    for collection, name in instances.items():
+        if any(map(is_splats, collection.all_objects)):
+            return INSTANCE.format(name=name)
+    return NOTHING_TO_SHOW
 
 
 def forget_deleted() -> None:
@@ -47,6 +57,14 @@ def show_source_of_missing_layer(splats: bpy.types.Object) -> None:
     names = layer_names(splats)
     if layer not in names and source_layer(layer) in names:
         show_layer(splats, source_layer(layer), enhanced)
+        splats[LAYER_BEFORE_UNDO] = layer
+
+
+def show_layer_again(splats: bpy.types.Object) -> None:
+    """Show an edited layer that redo has brought back, after `show_source_of_missing_layer`, as before undo."""
+    edited = splats.get(LAYER_BEFORE_UNDO, "")
+    if edited in layer_names(splats):
+        show_layer(splats, edited, shown_layer(splats)[1])
 
 
 def shown_run(context: bpy.types.Context) -> str:

@@ -22,6 +22,7 @@ from .scene.preview import end_looking_around, follow_shading, shade_flat, show_
 from .scene.render_settings import Display, Engine
 from .scene.splat_attributes import point_positions
 from .scene.splats import is_splats
+from .scene.world_matrix import world_of
 
 _INTERVAL = 0.1  # seconds between looks at the views
 _QUIET = 2.5  # seconds in which nothing happened, after which the scene is rendered
@@ -146,7 +147,7 @@ def _stand_in(scene: bpy.types.Scene) -> None:
     camera, positions = middle_camera(splats.parent.children), point_positions(splats.data)
     if camera is None or not len(positions):
         return
-    target = splats.matrix_world @ mathutils.Vector(core_bounds(positions)[0].tolist())
+    target = world_of(splats) @ mathutils.Vector(core_bounds(positions)[0].tolist())
     for window, _, space in _views():
         if window.scene == scene and space.region_3d.view_perspective == "PERSP":
             stand_at(space, camera, target)

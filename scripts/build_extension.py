@@ -28,6 +28,8 @@ from cvdgs.core.runtime.cli import OneLineParser, exit_code
 
 MANIFEST = bootstrap.ROOT / "blender_manifest.toml"
 _TOOL_IN_WHEEL = "*/scripts/addons_core/bl_pkg/cli/blender_ext.py"
+# What Python, editors, merges and file managers leave beside sources: .swp, .DS_Store, ._name and #name# among it.
+_LEFT_OVERS = ("__pycache__", "*.py[cod]", ".*", "*~", "#*#", "*.orig", "*.rej", "*.bak", "*.tmp")
 
 
 def build(out: Path, tool: Path) -> Path:
@@ -58,7 +60,7 @@ def build(out: Path, tool: Path) -> Path:
 
 
 def _copy(patterns: Sequence[str], folder: Path) -> None:
-    """Copy what the manifest names (``!/NAME``) without compiled files and the folders it excludes (``/PATH/``).
+    """Copy what the manifest names (``!/NAME``) without left-overs and the folders it excludes (``/PATH/``).
 
     Blender's tool takes everything in a folder that is taken, whatever else the patterns leave out.
     """
@@ -66,7 +68,7 @@ def _copy(patterns: Sequence[str], folder: Path) -> None:
 
     def ignored(place: str, names: list[str]) -> set[str]:
         left_out = {name for name in names if Path(place, name) in excluded}
-        return left_out | shutil.ignore_patterns("__pycache__", "*.pyc")(place, names)
+        return left_out | shutil.ignore_patterns(*_LEFT_OVERS)(place, names)
 
     folder.mkdir()
     for name in (pattern.removeprefix("!/").rstrip("/") for pattern in patterns if pattern.startswith("!/")):

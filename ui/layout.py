@@ -6,7 +6,7 @@ import bpy
 
 from ..cvdgs_addon.background import BackgroundJob, State
 from ..cvdgs_addon.messages import lines_of
-from ..cvdgs_addon.shown import NOTHING_TO_SHOW, shown_splats
+from ..cvdgs_addon.shown import shown_splats, why_nothing_is_shown
 
 _CHARACTER_WIDTH = 6.2  # pixels of a character of the interface font on average, at a scale of 1
 _MARGIN = 68.0  # pixels beside the text: tabs, borders (of a box as well), icon, scroll bar
@@ -27,7 +27,7 @@ class GaussiansPanel(SidePanel):
     def draw(self, context: bpy.types.Context) -> None:
         splats = shown_splats(context)
         if splats is None:
-            say(self.layout, context, NOTHING_TO_SHOW, "INFO")  # type: ignore[attr-defined]
+            say(self.layout, context, why_nothing_is_shown(context.scene), "INFO")  # type: ignore[attr-defined]
         else:
             self.draw_for(context, splats)
 

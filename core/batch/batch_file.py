@@ -33,6 +33,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from ..capture.files import is_windows_device
 from ..errors import InputError
 from ..files.untrusted import is_file, is_there, read_text
 from ..rendering.requests import CameraPath
@@ -124,6 +125,8 @@ def _read_item(table: TableReader, defaults: _Defaults) -> Item:
     name = table.text("name", _NOT_IN_A_NAME.sub("-", (capture or run or Path("item")).name).strip("-_") or "item")
     if not _NAME.fullmatch(name):
         table.add("name", f"'{name}' is not usable as a folder name", "use letters, digits, - and _")
+    elif is_windows_device(name):
+        table.add("name", f"'{name}' is a device on Windows, no folder", "give another name")
     layers = _read_layers(table, defaults.layers)
     names = table.choices("cameras", tuple(defaults.cameras), tuple(defaults.cameras))
     turntable = _read_turntable(table.table("turntable"), defaults.turntable)
@@ -194,10 +197,15 @@ def _read_layers(table: TableReader, default: tuple[str, ...]) -> tuple[str, ...
 
 def _read_cameras(table: TableReader) -> dict[str, CameraPath]:
     cameras = {}
+    first: dict[str, str] = {}
     for name in table.values:
         camera = table.table(name)
         if not _NAME.fullmatch(name):
             table.add(name, "is not usable in a file name", "use letters, digits, - and _")
+        # Some file systems do not tell capitals from small letters.
+        other = first.setdefault(name.casefold(), name)
+        if other != name:
+            table.add(name, f"differs from '{other}' in capitals alone", "give one of them another name")
         usual = CameraPath()
         cameras[name] = CameraPath(
             camera.number("radius", usual.radius, 0.0, _FAR),
@@ -244,8 +252,7 @@ def _read_needs(table: TableReader) -> Needs:
 def _refuse_equal_names(items: Iterable[Item], tables: Sequence[TableReader]) -> None:
     first: dict[str, int] = {}
     for index, (item, table) in enumerate(zip(items, tables, strict=True)):
-        # Some file systems do not tell capitals from small letters.
-        other = first.setdefault(item.name.casefold(), index)
+        other = first.setdefault(item.name.casefold(), index)  # as for cameras
         if other != index:
             table.add(
                 "name",

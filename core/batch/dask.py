@@ -5,10 +5,11 @@
     python scripts/turntable.py BATCH.toml --out DIR --cluster tcp://SCHEDULER:8786
 
 A worker does as many tasks at once as it has threads, each in a process of its own. Tasks that need a graphics card go
-to workers that offer the resource GPU; where workers offer CORES, or MEMORY in bytes, tasks are counted against those
-too, and one that needs more than any worker offers takes all that one has. All machines see DIR, and the captures,
-under the same paths. When a worker is lost, its tasks are done again on another one, and nothing else is. Whoever
-reaches a cluster can run anything on its machines: keep it to a network of your own, or use Dask's TLS.
+to workers that offer the resource GPU, and get one of their own where a worker offers several (GPU=2); where workers
+offer CORES, or MEMORY in bytes, tasks are counted against those too, and one that needs more than any worker offers
+takes all that one has. All machines see DIR, and the captures, under the same paths. When a worker is lost, its tasks
+are done again on another one, and nothing else is. Whoever reaches a cluster can run anything on its machines: keep it
+to a network of your own, or use Dask's TLS.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from typing import Any
 from ... import __version__
 from ..errors import Cancelled, InputError
 from ..runtime.process import Event, Job
-from ..runtime.resources import Resources
+from ..runtime.resources import CARDS_VARIABLE, Resources, card_names
 from ..runtime.supervisor import Listener, WorkerDefect, finish
 from .scheduler import PROGRESS_SECONDS, BatchOutcome, BatchScheduler
 from .task import Plan, Task, plan_path
@@ -136,7 +137,7 @@ class _Cluster:
         for task in self._scheduler.ready():
             self._scheduler.hand_out(task)
             future = self._client.submit(
-                do_task, self._batch, self._plan_file, task.name, resources=self._needs(task), pure=False
+                do_task, self._batch, self._plan_file, task.name, task.gpu, resources=self._needs(task), pure=False
             )
             self._running[task.name] = future
             future.add_done_callback(lambda future, name=task.name: self._events.put((name, future)))
@@ -241,6 +242,7 @@ class TaskRunner(WorkerPlugin):
         self._worker = worker
         self._lock = threading.Lock()
         self._jobs: set[Job] = set()
+        self._cards = card_names(int(worker.state.total_resources.get("GPU", 0)))  # that are free
         self._cancelled = False
 
     async def teardown(self, worker: Worker) -> None:  # type: ignore[override]  # Dask awaits it
@@ -250,12 +252,12 @@ class TaskRunner(WorkerPlugin):
             jobs = list(self._jobs)
         await asyncio.gather(*(asyncio.to_thread(job.cancel) for job in jobs))
 
-    def do(self, plan_file: str, task: str) -> Attempt:
-        """Do a task, and publish its events under the batch's name."""
+    def do(self, plan_file: str, task: str, cards: int) -> Attempt:
+        """Do a task with so many graphics cards, and publish its events under the batch's name."""
         started = time.monotonic()
         complaint, is_input, was_done = "", False, False
         try:
-            result = self._follow(plan_file, task)
+            result = self._follow(plan_file, task, cards)
             was_done = bool(result.get("done_already"))
         except (InputError, WorkerDefect) as error:
             complaint, is_input = str(error), isinstance(error, InputError)
@@ -263,18 +265,22 @@ class TaskRunner(WorkerPlugin):
             complaint = "cancelled"
         return Attempt(time.monotonic() - started, complaint, is_input, was_done)
 
-    def _follow(self, plan_file: str, task: str) -> Event:
+    def _follow(self, plan_file: str, task: str, count: int) -> Event:
         with self._lock:
             if self._cancelled:
                 raise Cancelled
-            job = start_task(Path(plan_file), task, note=f"for the Dask worker {self._worker.address}")
+            cards = self._cards[:count]
+            variables = {CARDS_VARIABLE: ",".join(cards)} if cards else {}
+            job = start_task(Path(plan_file), task, variables, note=f"for the Dask worker {self._worker.address}")
             self._jobs.add(job)
+            self._cards = self._cards[count:]
         try:
             listen = _Throttled(lambda event: self._worker.log_event(self.name, {"task": task, **event}))
             return finish(job, listen, patience_seconds=None)  # it may wait for another process that does the same
         finally:
             with self._lock:
                 self._jobs.discard(job)
+                self._cards += cards
 
 
 class _Throttled:
@@ -293,11 +299,11 @@ class _Throttled:
         self._listen(event)
 
 
-def do_task(batch: str, plan_file: str, task: str) -> Attempt:
-    """Do a task of a batch on the worker that this runs on."""
+def do_task(batch: str, plan_file: str, task: str, cards: int) -> Attempt:
+    """Do a task of a batch, which needs so many graphics cards, on the worker that this runs on."""
     runner = get_worker().plugins[batch]
     assert isinstance(runner, TaskRunner)
-    return runner.do(plan_file, task)
+    return runner.do(plan_file, task, cards)
 
 
 def look_at_plan(plan_file: str) -> tuple[str, bytes | None]:

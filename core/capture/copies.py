@@ -14,6 +14,10 @@ from ..intake.video import read_video_header
 from .files import IMAGE_EXTENSIONS, resolve_inside
 
 _REDUCED = re.compile(r"images_[0-9]+")
+# Google's Pixels: PXL_1.RAW-01.COVER.jpg and PXL_1.RAW-02.ORIGINAL.dng are one photograph.
+_PIXEL = re.compile(r"\.RAW-[0-9]+(\.MP)?\.(COVER|ORIGINAL)$")
+# An iPhone's IMG_E1234.JPG is IMG_1234.HEIC as somebody has edited it: cropped, or in other colours.
+_EDITED = re.compile(r"IMG_E([0-9]{4})")
 _LIVE_SECONDS = 5.0  # an iPhone films 1.5 s before a photograph and 1.5 s behind it
 
 
@@ -21,16 +25,29 @@ def without_copies(folder: Path, names: Sequence[str]) -> list[str]:
     """The photographs `names` in `folder`, each once.
 
     Left out are smaller copies (``images_2`` beside ``images``, in datasets), what ``corrected_images`` beside
-    ``images`` has undistorted (Polycam), and what differs from another one in the extension alone.
+    ``images`` has undistorted (Polycam), what an iPhone has edited, and further formats of one photograph.
     """
     folders = {parent for name in names for parent in PurePosixPath(name).parents}
-    whole = [name for name in names if not _is_reduced(PurePosixPath(name), folders)]
+    shots = set(map(_shot, names))
+    whole = [name for name in names if not (_is_reduced(PurePosixPath(name), folders) or _is_edited(name, shots))]
     return _in_one_format(dict.fromkeys(_corrected(folder, name) for name in whole))
 
 
 def _is_reduced(path: PurePosixPath, folders: Collection[PurePosixPath]) -> bool:
     above = [folder for folder in path.parents if _REDUCED.fullmatch(folder.name)]
     return any(folder.with_name("images") in folders for folder in above)
+
+
+def _is_edited(name: str, shots: Collection[PurePosixPath]) -> bool:
+    path = PurePosixPath(name)
+    edited = _EDITED.fullmatch(path.stem)
+    return edited is not None and path.with_name(f"IMG_{edited[1]}") in shots
+
+
+def _shot(name: str) -> PurePosixPath:
+    """What the files of one photograph in several formats are all called: its name without what tells these apart."""
+    path = PurePosixPath(name)
+    return path.with_name(_PIXEL.sub("", path.stem))
 
 
 def _corrected(folder: Path, name: str) -> str:
@@ -43,7 +60,7 @@ def _corrected(folder: Path, name: str) -> str:
 
 
 def _in_one_format(names: Iterable[str]) -> list[str]:
-    """`names` without those that differ from another one in the extension alone: IMG_1.DNG, IMG_1.JPG.
+    """`names` without those that are another one in another format: IMG_1.DNG, IMG_1.JPG.
 
     Kept is the kind that most photographs have, so that all are of one kind where that can be; else what the camera
     wrote first, which a JPEG is made of.
@@ -51,10 +68,20 @@ def _in_one_format(names: Iterable[str]) -> list[str]:
     paths = {name: PurePosixPath(name) for name in names}
     counts = Counter(_kind(path) for path in paths.values())
     kept: dict[PurePosixPath, str] = {}
-    for path in paths.values():
-        place, kind = path.with_suffix(""), _kind(path)
-        kept[place] = max(kind, kept.get(place, kind), key=lambda kind: (counts[kind], *_rank(kind)))
-    return [name for name, path in paths.items() if _kind(path) == kept[path.with_suffix("")]]
+    for name, path in paths.items():
+        shot, kind = _shot(name), _kind(path)
+        kept[shot] = max(kind, kept.get(shot, kind), key=lambda kind: (counts[kind], *_rank(kind)))
+    return [name for name, path in paths.items() if _kind(path) == kept[_shot(name)]]
+
+
+def in_other_formats(photographs: Iterable[str], copies: Iterable[str]) -> dict[str, str]:
+    """Those of `copies` that are one of `photographs` in another format, and which one."""
+    kept = {_shot(name): name for name in photographs}
+    return {
+        copy: kept[_shot(copy)]
+        for copy in copies
+        if _shot(copy) in kept and _kind(PurePosixPath(copy)) in IMAGE_EXTENSIONS
+    }
 
 
 def _kind(path: PurePosixPath) -> str:

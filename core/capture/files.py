@@ -13,7 +13,7 @@ from pathlib import Path, PurePath, PurePosixPath
 
 from ..errors import InputError
 from ..files.untrusted import is_encodable, is_file, is_folder, is_there, read_json
-from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS, VIDEO_EXTENSIONS
+from ..intake.kinds import FOREIGN_VIDEO_EXTENSIONS, HEIF_EXTENSIONS, RAW_EXTENSIONS, VIDEO_EXTENSIONS
 from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..runs.enhanced import METRICS_NAME, enhanced_files
 from ..runs.folder import files_of_a_run
@@ -45,15 +45,23 @@ from the beginning of the video of that name. Photographs are not in it.
 
 # What cameras and editors leave beside them and is not read.
 SPLAT_EXTENSION = ".ply"
-FOREIGN_EXTENSIONS = (".jxl", ".gif", ".psd", ".raf", ".rw2", ".orf", ".pef", ".r3d", *PANORAMA_EXTENSIONS)
+FOREIGN_EXTENSIONS = (
+    *(".jxl", ".gif", ".psd", ".raf", ".rw2", ".orf", ".pef", ".r3d"),
+    *PANORAMA_EXTENSIONS,
+    *FOREIGN_VIDEO_EXTENSIONS,
+)
 
 # What Windows leaves where somebody has looked at a folder, in lower case; what other systems leave is hidden.
 _LEFT_BEHIND = frozenset(("thumbs.db", "ehthumbs.db", "desktop.ini"))
+
+# Folders, in lower case, with what was deleted (Windows, Synology) and with small copies (Synology's network drives).
+_NOT_LOOKED_INTO = frozenset(("$recycle.bin", "#recycle", "@eadir"))
 
 # Names that Windows keeps for devices, with or without an extension.
 _WINDOWS_DEVICE = re.compile(r"^(con|prn|aux|nul|com[1-9¹²³]|lpt[1-9¹²³])(\.|$)", re.IGNORECASE)
 # In UTF-8. Output files add a suffix; file systems stop at 255 bytes.
 _KEY_BYTES = 120
+_QUOTED = 3  # names in a message
 
 
 def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
@@ -177,6 +185,8 @@ def shared_root(capture: Path, files: Iterable[Path]) -> Path:
 def visible_files(folder: Path, on_error: Callable[[OSError], object] | None = None) -> Iterator[Path]:
     """What lies in `folder` and below it, without hidden files and folders, and without what our scripts have made.
 
+    Neither is there what somebody has deleted, nor the small copies that a network drive makes of its own accord.
+
     A run may have been made into the folder of its photographs, and its photographs enhanced into a folder beside them:
     that gives no further photographs. A `folder` that holds enhanced ones and no others is taken for what it is.
 
@@ -194,7 +204,11 @@ def visible_files(folder: Path, on_error: Callable[[OSError], object] | None = N
             images = {name for name in files if Path(name).suffix.lower() in IMAGE_EXTENSIONS}
             if here != folder or not images <= enhanced:
                 made |= enhanced
-        subfolders[:] = [name for name in subfolders if not name.startswith(".") and name not in made]
+        subfolders[:] = [
+            name
+            for name in subfolders
+            if not (name.startswith(".") or name.lower() in _NOT_LOOKED_INTO or name in made)
+        ]
         yield from (here / name for name in files if name not in made)
 
 
@@ -320,7 +334,12 @@ def _shared_length(folders: list[list[str]]) -> int:
 def _safe(text: str) -> str:
     text = "".join(c if _is_safe(c) else " " for c in unicodedata.normalize("NFC", text))
     text = re.sub(" +", "_", text).strip(".").encode()[:_KEY_BYTES].decode(errors="ignore") or "view"
-    return f"_{text}" if _WINDOWS_DEVICE.match(text) else text
+    return f"_{text}" if is_windows_device(text) else text
+
+
+def is_windows_device(name: str) -> bool:
+    """Whether Windows takes a file or folder of this name for a device."""
+    return _WINDOWS_DEVICE.match(name) is not None
 
 
 def _is_safe(character: str) -> bool:
@@ -328,8 +347,8 @@ def _is_safe(character: str) -> bool:
     return character.isalnum() or character in "._-" or unicodedata.category(character).startswith("M")
 
 
-def quote_first(names: Iterable[str], limit: int = 3) -> str:
-    """The first `limit` names and how many more there are, for a message."""
+def quote_first(names: Iterable[str]) -> str:
+    """The first few names and how many more there are, for a message."""
     names = list(names)
-    more = f" and {len(names) - limit} more" if len(names) > limit else ""
-    return ", ".join(names[:limit]) + more
+    more = f" and {len(names) - _QUOTED} more" if len(names) > _QUOTED else ""
+    return ", ".join(names[:_QUOTED]) + more

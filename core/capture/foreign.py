@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..files.untrusted import is_file, opened
 
 _SEARCHED_DEPTH = 3  # folders: MeshroomCache/StructureFromMotion/<a number>/cameras.sfm
-_START_BYTES = 1024  # that are looked at; Metashape's chunk stands in the second or third line
+_START_BYTES = 4096  # that are looked at; RealityScan's rotation follows up to 30 attributes
 _MOST_BYTES = 64 << 30  # of a file of which no more is read
 
 
@@ -39,6 +39,8 @@ _KINDS = (
     ("Meshroom", ("*.sfm",), (), f"{_MODEL} (node ExportColmap, or aliceVision_exportColmap)"),
     ("OpenMVG", ("sfm_data.json", "sfm_data.bin"), (), f"{_MODEL} (openMVG_main_openMVG2Colmap)"),
     ("Metashape", ("*.xml",), (b"<document", b"<chunk"), f"{_MODEL} (Export Cameras, type Colmap)"),
+    ("RealityScan", ("*.csv",), (b"#name,x,y,alt",), f"{_MODEL} (Export Registration, COLMAP)"),
+    ("RealityScan", ("*.xmp",), (b"xcr:Rotation",), f"{_MODEL} (Export Registration, COLMAP)"),
     ("Bundler", ("*.out",), (b"# Bundle file",), "export a COLMAP model from the program that wrote them"),
     # Made from a COLMAP model by LLFF's script; numpy's files are never loaded here.
     ("LLFF", ("poses_bounds.npy",), (), "give the COLMAP model that they were made from (sparse/0)"),

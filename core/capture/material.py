@@ -19,14 +19,21 @@ from ..files.untrusted import is_file
 from ..intake.archive import unpack
 from ..intake.exif import exif_for_jpeg
 from ..intake.heif import HeifHeader, read_heif_header
-from ..intake.kinds import VIDEO_EXTENSIONS, is_archive, is_video, kind_of_file, video_as_photograph
+from ..intake.kinds import (
+    FOREIGN_VIDEO_EXTENSIONS,
+    VIDEO_EXTENSIONS,
+    is_archive,
+    is_video,
+    kind_of_file,
+    video_as_photograph,
+)
 from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 from ..intake.raw import Development, exif_of_raw
 from ..intake.selection import choose
 from ..intake.video import MAX_SECONDS, Look, extract, look_through
 from ..runtime.protocol import Reporter
-from .copies import without_copies, without_live_photos
+from .copies import in_other_formats, without_copies, without_live_photos
 from .files import (
     FOREIGN_EXTENSIONS,
     FRAMES_FILE,
@@ -52,8 +59,10 @@ _LOOK_SHARE = 0.5  # of the time that a video takes
 _FEWEST_WITH_VIDEOS = 3  # photographs and frames: no camera was found of two frames of a video that hardly moved
 # Where scanners of telephones (Stray Scanner, Polycam, 3D Scanner App) and datasets put what is no photograph.
 _DEPTH_FOLDERS = frozenset(("depth", "depths", "depth_maps", "confidence", "normals"))
-_REMEDIES = dict.fromkeys(PANORAMA_EXTENSIONS, f"360° pictures are not supported: {PANORAMA_REMEDY}") | {
-    ".r3d": "Record3D's depth is not supported: export an MP4 video from the app, and give that"
+_REMEDIES = {
+    **dict.fromkeys(PANORAMA_EXTENSIONS, f"360° pictures are not supported: {PANORAMA_REMEDY}"),
+    **dict.fromkeys(FOREIGN_VIDEO_EXTENSIONS, "videos of this format are not read: convert it to MP4 (H.264)"),
+    ".r3d": "Record3D's depth is not supported: export an MP4 video from the app, and give that",
 }
 
 
@@ -145,7 +154,8 @@ def find_material(path: Path) -> Material:
     if is_file(path):
         if is_video(path) or kind_of_file(path) == "video":
             return Material(path.parent, (), (path.name,))
-        raise InputError("is one file, and no video or zip", where=path, remedy="give the folder with the photographs")
+        remedy = way_round(path) or "give the folder with the photographs"
+        raise InputError("is one file, and no video or zip", where=path, remedy=remedy)
     videos = list_images(path, VIDEO_EXTENSIONS)
     folders = [f"{name}/" for name in IMAGE_FOLDERS if (path / name).is_dir()]
     listings = ([f"{folder}{name}" for name in list_images(path / folder)] for folder in (*folders, ""))
@@ -154,7 +164,7 @@ def find_material(path: Path) -> Material:
     pictures = [name for name in names if not _DEPTH_FOLDERS & set(PurePosixPath(name.lower()).parent.parts)]
     depths = len(names) - len(pictures) if pictures or videos else 0
     found = pictures if depths else names
-    masks = masks_among(found)
+    masks = masks_among([*found, *videos])
     found = [name for name in found if name not in masks]
     names = without_copies(path, found)
     filmed = without_live_photos(path, videos, found) if len(names) > 1 else videos
@@ -213,12 +223,19 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter, si
 
 
 def masks_of(material: Material) -> FoundMasks:
-    """Masks of photographs, and of videos, all of whose frames have the video's; errors as for `find_masks`."""
-    names = (*material.photographs, *material.videos)
+    """Masks of photographs, and of videos, all of whose frames have the video's; errors as for `find_masks`.
+
+    A photograph also has the mask that is called after the same photograph in another format (1.JPG.png for 1.DNG).
+    """
+    again = in_other_formats(material.photographs, material.copies)
+    names = (*material.photographs, *material.videos, *again)
     found = find_masks(material.folder, {name: material.folder / name for name in names})
+    files: dict[str, Path] = {}
+    for name, mask in found.files.items():  # those called after what is kept come first
+        files.setdefault(again.get(name, name), mask)
     named = tuple(f"{folder}{os.sep}" for folder in found.misnamed)
     misplaced = [name for name in material.masks if not os.path.abspath(material.folder / name).startswith(named)]
-    return replace(found, misplaced=misplaced)
+    return replace(found, files=files, misplaced=misplaced)
 
 
 def describe(material: Material) -> str:

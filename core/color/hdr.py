@@ -86,14 +86,14 @@ def to_light(encoded: Tensor, transfer: str) -> Tensor:
 
 
 def brightness_of(light: Tensor) -> float:
-    """cd/m² from which a picture of `to_light` has highlights alone."""
+    """The luminance in cd/m² that 95 % of the pixels of a (3, H, W) `to_light` stay below; above it are highlights."""
     return float(torch.quantile(light.amax(0).flatten(), _BRIGHT))
 
 
 def white_of(bright: Sequence[float]) -> float:
-    """What becomes white, in cd/m², for pictures of such a `brightness_of` that are to be treated alike.
+    """The luminance in cd/m² that is mapped to white in all pictures of one capture, from the `brightness_of` of each.
 
-    It is the reference white unless more than highlights is brighter: telephones expose a white wall up to twice that.
+    It is the reference white unless more than highlights exceed it: telephones expose a white wall up to twice that.
     """
     return min(max(statistics.median(bright), REFERENCE_WHITE), _MOST_WHITE) if bright else REFERENCE_WHITE
 

@@ -91,7 +91,7 @@ class SceneAgreement:
         correspondences: of the scene.
         photographs: (H, W, 3) uint8 unenhanced images of the views to compare, by index.
         settings: how they are compared.
-        reporter, stage: for the progress of matching.
+        reporter: receives the progress of matching, as the stage "agreement".
 
     Attributes:
         weights: (H, W) uint8, 255 = 1, by index of the view: 1 where the photographs agree or nothing is known, down

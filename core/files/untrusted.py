@@ -198,6 +198,7 @@ def replacing(path: Path, *, contested: bool = False) -> Iterator[Path]:
         OSError: the system refuses.
     """
     temporary = partial_file(path, contested=contested)
+    temporary.unlink(missing_ok=True)  # somebody may have put a link there, through which another file would be written
     try:
         yield temporary
         os.replace(temporary, path)

@@ -10,6 +10,8 @@ from ..files.untrusted import opened
 HEIF_EXTENSIONS = (".heic", ".heif", ".hif", ".avif")
 RAW_EXTENSIONS = (".dng", ".cr2", ".cr3", ".nef", ".arw")
 VIDEO_EXTENSIONS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".mts", ".m2ts")
+FOREIGN_VIDEO_EXTENSIONS = (".wmv", ".mpg", ".mpeg", ".ts", ".flv", ".vob", ".ogv")
+"""Of videos that are not read; those of camcorders and DVDs among them are interlaced, as a rule."""
 ARCHIVE_EXTENSION = ".zip"
 MAX_VIDEO_BYTES = 64 << 30  # an hour of 4K at 100 Mbit/s has 45 GB
 

@@ -93,10 +93,14 @@ def read_raw_header(path: Path) -> RawHeader:
 
 
 def exif_of_raw(path: Path) -> bytes:
-    """Raw EXIF data that say what it was taken with; nothing where that cannot be read, as of CR3."""
+    """Raw EXIF data that say what it was taken with, of CR3 the focal length alone; nothing where it is unreadable."""
     import OpenImageIO as oiio  # reads the TIFF tags of all but CR3
 
-    file = oiio.ImageInput.open(str(path)) if path.suffix.lower() != ".cr3" else None
+    if path.suffix.lower() == ".cr3":
+        with suppress(InputError), _opened(path) as raw:
+            return exif_of_lens("", "", float(raw.other.focal_length), 0.0, 0.0)
+        return b""
+    file = oiio.ImageInput.open(str(path))
     if file is None:
         oiio.geterror()
         return b""

@@ -75,13 +75,7 @@ def run(
                 remove_layer(folder, layer.name)
             capture = earlier.capture
         else:
-            size = settings.max_size or AUTO_MAX_SIZE
-            recorder.forecast(_forecast(settings, _USUAL_VIEWS, size, size * 3 // 4))
-            capture = _capture_of(settings, size, checkpoints, recorder)
-            capture = replace(capture, metres_per_unit=settings.metres_per_unit or capture.metres_per_unit)
-            write_capture(capture, folder / CAPTURE_FOLDER)
-            if capture.estimate and capture.estimate.sheet is not None:
-                write_png(folder / CAPTURE_FOLDER / PLACED_FILE, capture.estimate.sheet)
+            capture = _take_capture(settings, folder, checkpoints, recorder)
     sides = [(view.camera.width, view.camera.height) for view in capture.views]
     largest = map(max, zip(*sides, strict=True))
     recorder.forecast(_forecast(settings, len(sides), *largest, adds_layer=earlier is not None))
@@ -118,9 +112,10 @@ def run(
         pictures = stages.fit_layers(made, enhancers)
     with clock.measure("evaluate"):
         figures = stages.evaluate(made, pictures)
-    for found in advise(stages.capture, split, folder, trained.curve if trained else (), figures):
+    curve = trained.curve if trained else ()
+    for found in advise(stages.capture, split, folder, curve, figures):
         recorder.warning(found.name, found.message)
-    figures["notes"] |= note_exposure(trained.curve if trained else ())
+    figures["notes"] |= note_exposure(curve)
     stages.end_previews()
     for layer in figures["layers"].values():
         layer.update(enhancer=settings.enhancer, strength=settings.strength)
@@ -173,6 +168,18 @@ def _split(capture: Capture, holdout: int, reporter: Reporter) -> Split:
         reporter.warning("no-holdout", f"only {count} views, so none is held out: all figures are on training views")
         return Split.every(count, 0)
     return split
+
+
+def _take_capture(settings: Settings, folder: Path, checkpoints: Checkpoints | None, recorder: _Recorder) -> Capture:
+    """Read the capture of a new run, and write what is used of it into the run's folder."""
+    size = settings.max_size or AUTO_MAX_SIZE
+    recorder.forecast(_forecast(settings, _USUAL_VIEWS, size, size * 3 // 4))
+    capture = _capture_of(settings, size, checkpoints, recorder)
+    capture = replace(capture, metres_per_unit=settings.metres_per_unit or capture.metres_per_unit)
+    write_capture(capture, folder / CAPTURE_FOLDER)
+    if capture.estimate and capture.estimate.sheet is not None:
+        write_png(folder / CAPTURE_FOLDER / PLACED_FILE, capture.estimate.sheet)
+    return capture
 
 
 def _capture_of(settings: Settings, size: int, checkpoints: Checkpoints | None, recorder: _Recorder) -> Capture:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
+from ..runs.folder import remove_folder
 from ..runs.layout import ORIGINAL, TURNTABLE_FOLDER
 from ..runtime.process import Event, Workers
 from ..runtime.supervisor import Listener, Log
@@ -41,7 +41,7 @@ def render_turntables(
     there = [layer for layer in layers if kept and _is_there(folder / TURNTABLE_FOLDER / layer, settings.turntable)]
     missing = [layer for layer in layers if layer not in there]
     for done, layer in enumerate(missing):
-        shutil.rmtree(folder / TURNTABLE_FOLDER / layer, ignore_errors=True)
+        remove_folder(folder / TURNTABLE_FOLDER / layer)
         arguments = FramesArguments.on(
             Orbit(),
             run=".",

@@ -52,9 +52,17 @@ def remove_layer(folder: Path, layer: str) -> None:
     It may be made with other options, by which not every file is written anew: turntables, another enhancer's files.
     """
     for name in (layout.ENHANCED_FOLDER, layout.RENDERS_FOLDER, layout.TURNTABLE_FOLDER):
-        shutil.rmtree(folder / name / layer, ignore_errors=True)
+        remove_folder(folder / name / layer)
     for name in (layout.layer_cube_file(layer), layout.layer_network_file(layer), layout.layer_still_file(layer)):
         (folder / name).unlink(missing_ok=True)
+
+
+def remove_folder(folder: Path) -> None:
+    """Delete `folder`, or the link in its place, through which what is written there would land elsewhere."""
+    if folder.is_symlink():
+        folder.unlink()
+    else:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def refuse_foreign_files(files: Iterable[Path]) -> None:

@@ -79,6 +79,8 @@ def _curve(curve: list[dict[str, float]]) -> dict[str, Any]:
         "height": _HEIGHT,
         "left": _MARGIN,
         "seconds": last,
+        "summary": f"Held-out PSNR over training time, from {measured[0][1]:.1f} dB to {measured[-1][1]:.1f} dB after "
+        f"{measured[-1][0]:.0f} s",
         "points": [(_MARGIN + (_WIDTH - _MARGIN - 8) * seconds / last, height_of(psnr)) for seconds, psnr in measured],
         "labels": [(psnr, height_of(psnr)) for psnr in (low, high)],
     }

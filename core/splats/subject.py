@@ -18,13 +18,12 @@ from ..errors import InputError
 from .gaussians import Gaussians
 from .scene_frame import nearest_to_axes
 
-_MOST_ASIDE = (
-    12.0  # degrees between a view's axis and the subject, root mean square: otherwise it is a place, not a thing
-)
+# Degrees between a view's axis and the subject, root mean square: with more it is a place, not a thing.
+_MOST_OFF_AXIS = 12.0
 _LEAST_SPREAD = 15.0  # degrees between the directions from which it is seen (RMS from their mean)
-_OF_THE_PICTURE = 0.9  # of the narrower half field of view that the subject reaches to
-_NOT_BEYOND = 0.8  # of the nearest camera's distance
-_SHARES = (0.02, 0.95)  # of the Gaussians, between which a crop is worth proposing
+_SHARE_OF_VIEW = 0.9  # of the narrower half field of view that the subject reaches to
+_MOST_RADIUS = 0.8  # of the nearest camera's distance
+_LEAST_KEPT, _MOST_KEPT = 0.02, 0.95  # of the Gaussians, between which a crop is worth proposing
 
 
 @dataclass(frozen=True)
@@ -75,20 +74,20 @@ def find_subject(views: Sequence[View], gaussians: Gaussians) -> Subject | None:
     focus = nearest_to_axes(centers, axes)
     if focus is None:
         return None
-    way = focus - centers
-    distances = np.linalg.norm(way, axis=1)
+    directions = focus - centers
+    distances = np.linalg.norm(directions, axis=1)
     if not (distances > 0.0).all():
         return None
-    way /= distances[:, None]
-    mean = way.mean(axis=0)
-    spread = _rms_degrees(way @ (mean / max(float(np.linalg.norm(mean)), 1e-12)))
-    if _rms_degrees((way * axes).sum(axis=1)) > _MOST_ASIDE or spread < _LEAST_SPREAD:
+    directions /= distances[:, None]
+    mean = directions.mean(axis=0)
+    spread = _rms_degrees(directions @ (mean / max(float(np.linalg.norm(mean)), 1e-12)))
+    if _rms_degrees((directions * axes).sum(axis=1)) > _MOST_OFF_AXIS or spread < _LEAST_SPREAD:
         return None
     half = [math.atan(min(v.camera.width / v.camera.fx, v.camera.height / v.camera.fy) / 2.0) for v in views]
-    reach = float(np.median(distances)) * math.sin(_OF_THE_PICTURE * float(np.median(half)))
-    subject = Subject(focus, min(reach, _NOT_BEYOND * float(distances.min())))
+    reach = float(np.median(distances)) * math.sin(_SHARE_OF_VIEW * float(np.median(half)))
+    subject = Subject(focus, min(reach, _MOST_RADIUS * float(distances.min())))
     share = float(subject.holds(gaussians).mean()) if len(gaussians) else 0.0
-    return subject if _SHARES[0] <= share <= _SHARES[1] else None
+    return subject if _LEAST_KEPT <= share <= _MOST_KEPT else None
 
 
 def _rms_degrees(cosines: NDArray[np.float64]) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...core.color import srgb
 from ...core.errors import InputError
+from .apart import follows_another
 from .native_splats import add_native_splats, has_native_splats, native_splats_of, why_not_native
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import (
@@ -137,6 +138,20 @@ def match_display(scene: bpy.types.Scene) -> None:
             if other.get(_SHOWN) != shown.value:
                 other[_SHOWN] = ""
     scene[_SHOWN] = shown.value
+
+
+def match_brought(brought: Iterable[bpy.types.Object]) -> None:
+    """Let what came from other files, whose view transforms may be others, suit the scenes that have it now."""
+    scenes = {scene for found in brought if is_splats(found) or is_sparse_points(found) for scene in found.users_scene}
+    for scene in scenes:
+        if scene.library is None and not follows_another(scene):
+            match_display(scene)
+
+
+@bpy.app.handlers.persistent
+def match_linked(*_: object) -> None:
+    """Do the same where a file opens: it does not keep what was set for linked objects."""
+    match_brought(found for found in bpy.data.objects if found.library is not None)
 
 
 @bpy.app.handlers.persistent

@@ -6,10 +6,12 @@ Blender's own, that of Edit Mode, where box, circle and lasso choose points too.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import Enum
 
+import bmesh
 import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +23,7 @@ from .crop import in_box
 from .recolor import edited_layers, remove_edited_layers, restore
 from .splat_attributes import (
     Attribute,
+    Frame,
     color_attribute,
     hide_frame,
     is_gaussian,
@@ -28,6 +31,7 @@ from .splat_attributes import (
     vertex_positions,
     write_attribute,
 )
+from .splats import is_splats
 
 Mask = NDArray[np.bool_]
 
@@ -174,6 +178,31 @@ def edit_points(splats: bpy.types.Object) -> None:
     hide_frame(splats.data)  # files of earlier releases have it in sight
     bpy.ops.object.mode_set(mode="EDIT")
     context.tool_settings.mesh_select_mode = (True, False, False)
+
+
+@bpy.app.handlers.persistent
+def hide_again(*_: object) -> None:
+    """Hide in Edit Mode what Blender's *Reveal* (Alt+H) has brought into sight beside what the artist had hidden."""
+    # Renders that a window starts come here on a thread of theirs.
+    if threading.current_thread() is not threading.main_thread() or bpy.context.mode != "EDIT_MESH":
+        return
+    for edited in bpy.context.view_layer.objects:
+        if edited.mode == "EDIT" and is_splats(edited):
+            _hide_again(edited.data)
+
+
+def _hide_again(mesh: bpy.types.Mesh) -> None:
+    """Hide the frame and what was removed, if the frame, whose points are the last ones, is in sight."""
+    points = bmesh.from_edit_mesh(mesh)
+    numbers, removed = points.verts.layers.int.get(Attribute.FRAME), points.verts.layers.bool.get(Attribute.REMOVED)
+    points.verts.ensure_lookup_table()
+    if numbers is None or all(point.hide or not point[numbers] for point in points.verts[-len(Frame) :]):
+        return
+    for point in points.verts:
+        if point[numbers] or (removed is not None and point[removed]):
+            point.select_set(False)
+            point.hide_set(True)
+    bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
 
 
 def _floater_scores(splats: bpy.types.Object) -> NDArray[np.float32]:

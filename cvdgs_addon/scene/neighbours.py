@@ -12,6 +12,7 @@ from .bystanders import hide
 from .native_splats import native_splats_of
 from .splat_attributes import Attribute, Frame
 from .splats import is_splats
+from .world_matrix import world_of
 
 _GAP = 0.1  # between two sets, in radii of the one that is moved
 
@@ -57,6 +58,7 @@ def hide_gaussians(scene: bpy.types.Scene, hidden: Sequence[bpy.types.Object]) -
 
 def place_beside(scene: bpy.types.Scene, splats: bpy.types.Object) -> None:
     """Move `splats`, with the capture that they belong to, along +X until they are clear of all others."""
+    bpy.context.view_layer.update()
     own = _sphere(splats)
     spheres = list(filter(None, map(_sphere, _others(scene, splats))))
     if own is None or not spheres:
@@ -64,7 +66,7 @@ def place_beside(scene: bpy.types.Scene, splats: bpy.types.Object) -> None:
     end = max(sphere.center.x + sphere.radius for sphere in spheres)
     shift = mathutils.Vector((end + (1.0 + _GAP) * own.radius - own.center.x, 0.0, 0.0))
     root = splats.parent or splats
-    root.matrix_world = mathutils.Matrix.Translation(shift) @ root.matrix_world
+    root.matrix_world = mathutils.Matrix.Translation(shift) @ world_of(root)
 
 
 def _others(scene: bpy.types.Scene, splats: bpy.types.Object) -> list[bpy.types.Object]:
@@ -92,6 +94,7 @@ def _sphere(splats: bpy.types.Object) -> _Sphere | None:
     places = {numbers.data[index].value: vertices[index].co for index in range(first, len(vertices))}
     if set(places) != set(Frame):
         return None
-    center = splats.matrix_world @ places[Frame.ORIGIN]
-    ends = [splats.matrix_world @ places[axis] for axis in (Frame.X, Frame.Y, Frame.Z)]
+    matrix = world_of(splats)
+    center = matrix @ places[Frame.ORIGIN]
+    ends = [matrix @ places[axis] for axis in (Frame.X, Frame.Y, Frame.Z)]
     return _Sphere(center, max((end - center).length for end in ends))

@@ -31,6 +31,8 @@ from .splat_material import (
 from .splat_nodes import GROUP_NAME, Hulls, Input, Materials, build_group, group_name
 
 MODIFIER_NAME = "Gaussians"
+LAYER_BEFORE_UNDO = "cvdgs_layer_before_undo"
+"""Custom property of Gaussians: the layer that they showed until undo took it away; any other choice ends that."""
 
 # Blender's own engines, numbers 0 and 1, need no bounces.
 _BOUNCES = f"transparent_max_bounces if engine > 1 else {TRANSPARENT_BOUNCES}"
@@ -124,6 +126,7 @@ def show_layer(splats: bpy.types.Object, layer: str, enhanced: float = 1.0) -> N
         raise InputError(f"no colour layer '{layer}'", where=splats.name, remedy="choose " + ", ".join(layers))
     set_input(splats, Input.LAYER, color_attribute(layer))
     set_input(splats, Input.ENHANCED, float(enhanced))
+    splats.pop(LAYER_BEFORE_UNDO, None)
 
 
 def set_input(splats: bpy.types.Object, name: str, value: InputValue) -> None:

@@ -17,7 +17,7 @@ from ...core.errors import InputError
 from ..activity import scene_by_uid
 from .apart import follow
 from .bystanders import bystanders
-from .cameras import SENSOR_WIDTH, is_capture_camera
+from .cameras import SENSOR_WIDTH, Clip, is_capture_camera
 from .display import match_display
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import Display, Engine, display_of, engine_settings, literal_path, png_settings
@@ -28,10 +28,12 @@ _RENDER = "cvdgs_turntable_render"
 _IS_RIG = "cvdgs_turntable"  # custom property of the Empty
 # Custom properties of the Empty: pictures of a turn, the angle of the first one, and how far the camera swings from it.
 _FRAMES, _START, _SWING = "frames", "start", "swing"
+_ASKED = "asked_{what}"  # of the Empty, too: what settings and Gaussians asked for when the camera was set last
 _FULL_TURN = 2.0 * math.pi
 _SURROUNDED = math.radians(100.0)  # a gap between photographs up to this is a part of a full turn
 _LEAST_ARC = math.radians(20.0)  # less shows no shape
 _NAME = "Turntable"
+_LENS = 50.0  # mm, where there are no photographs: Blender's own
 _RADII_AWAY = 2.5  # of a camera from a subject without photographs, in radii of its core
 _POLL_SECONDS = 0.5  # between looks at whether a render still goes on
 _NUMBER = "####"  # of a picture in its file name
@@ -62,18 +64,16 @@ class Turntable:
 
 
 def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: Turntable) -> bpy.types.Object:
-    """Add the camera and the Empty that turns it, in place of an earlier turntable; returns the camera.
+    """Add the camera and the Empty that turns it, or bring those of `scene` up to date; returns the camera.
 
     The axis is vertical, through the centre of the Gaussians. The first picture of a full turn is taken from the side
     of the first photograph, that of a swing from the middle. The angle is driven by the frame, so it is exact in every
-    frame and goes on after the last one. Scenes that look through the earlier turntable's camera then look through the
-    new one.
+    frame and goes on after the last one. Of a turntable that is there, only what `turntable` or the Gaussians ask for
+    anew is changed: what an artist has set by hand stays.
 
     Raises:
-        InputError: the Gaussians are being edited, or none are left; the earlier turntable stays.
+        InputError: the Gaussians are being edited, or none are left; the earlier turntable stays as it was.
     """
-    earlier = turntable_of(scene)
-    looking = [found for found in bpy.data.scenes if earlier is not None and found.camera == earlier]
     bpy.context.view_layer.update()
     center, core_radius = _subject(splats)
     photographs = [camera for camera in _related(splats) if is_capture_camera(camera)]
@@ -81,23 +81,23 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
     places = np.array([world_of(camera).translation for camera in photographs], np.float64).reshape(-1, 3) - center
     radius = turntable.radius or _usual_radius(places) or _RADII_AWAY * core_radius
     start, swing = _way_around(places, math.radians(turntable.arc))
-    remove_turntable(scene)  # not before all is known of the new one
-
-    rig = bpy.data.objects.new(_NAME, None)
-    rig[_IS_RIG], rig[_FRAMES], rig[_START], rig[_SWING] = True, turntable.frames, start, swing
-    rig.empty_display_type, rig.empty_display_size = "CIRCLE", radius
-    rig.location = center.tolist()
-    scene.collection.objects.link(rig)
+    camera = turntable_of(scene) or _new_turntable(scene)  # not before all is known of it
+    rig = camera.parent
+    rig[_FRAMES], rig[_START], rig[_SWING] = turntable.frames, start, swing
     _drive_by_frame(rig, swing)
-    camera = bpy.data.objects.new(f"{_NAME} Camera", bpy.data.cameras.new(f"{_NAME} Camera"))
-    _set_lens(camera.data, photographs, turntable.focal_length, radius, core_radius)
-    camera.parent = rig
-    camera.location = (radius, 0.0, turntable.height * radius)
-    camera.rotation_mode = "QUATERNION"
-    camera.rotation_quaternion = (-camera.location).to_track_quat("-Z", "Y")
-    scene.collection.objects.link(camera)
-    for found in looking:
-        found.camera = camera
+    rig.empty_display_size = radius
+    if _is_new(rig, "center", center.tolist()):
+        rig.location = center.tolist()
+    if _is_new(rig, "place", [radius, turntable.height]):
+        camera.location = (radius, 0.0, turntable.height * radius)
+        camera.rotation_mode = "QUATERNION"
+        camera.rotation_quaternion = (-camera.location).to_track_quat("-Z", "Y")
+    lens = turntable.focal_length or _usual_lens(photographs)
+    if _is_new(rig, "lens", [lens]):
+        camera.data.sensor_fit, camera.data.sensor_width, camera.data.lens = "HORIZONTAL", SENSOR_WIDTH, lens
+    clip = _clip_of(photographs, radius, core_radius)
+    if _is_new(rig, "clip", [clip.start, clip.end]):
+        camera.data.clip_start, camera.data.clip_end = clip.start, clip.end
     return camera
 
 
@@ -285,20 +285,40 @@ def _way_around(places: NDArray[np.float64], arc: float) -> tuple[float, float]:
     return float(opposite - math.pi), float(arc) / 2.0
 
 
-def _set_lens(
-    camera: bpy.types.Camera, photographs: list[bpy.types.Object], focal_length: float, radius: float, core: float
-) -> None:
-    camera.sensor_fit, camera.sensor_width = "HORIZONTAL", SENSOR_WIDTH
-    lenses = [photograph.data.lens for photograph in photographs]
-    camera.lens = focal_length or (float(np.median(lenses)) if lenses else camera.lens)
+def _new_turntable(scene: bpy.types.Scene) -> bpy.types.Object:
+    """A camera below an Empty, in place of Empties that lost theirs; nothing is placed yet."""
+    remove_turntable(scene)
+    rig = bpy.data.objects.new(_NAME, None)
+    rig[_IS_RIG] = True
+    rig.empty_display_type = "CIRCLE"
+    camera = bpy.data.objects.new(f"{_NAME} Camera", bpy.data.cameras.new(f"{_NAME} Camera"))
+    camera.parent = rig
+    for added in (rig, camera):
+        scene.collection.objects.link(added)
+    return camera
+
+
+def _is_new(rig: bpy.types.Object, what: str, values: list[float]) -> bool:
+    """Whether `values` are others than at the last call, which `rig` remembers."""
+    key = _ASKED.format(what=what)
+    before = list(rig.get(key, ()))
+    rig[key] = values
+    return len(before) != len(values) or not np.allclose(before, values)
+
+
+def _usual_lens(photographs: list[bpy.types.Object]) -> float:
+    """Median focal length of the photographs' cameras in millimetres; a usual one where there are none."""
+    return float(np.median([photograph.data.lens for photograph in photographs])) if photographs else _LENS
+
+
+def _clip_of(photographs: list[bpy.types.Object], radius: float, core: float) -> Clip:
     if photographs:
-        data = photographs[0].data
-        camera.clip_start, camera.clip_end = data.clip_start, data.clip_end
-    else:
-        camera.clip_start, camera.clip_end = 0.01 * radius, 10.0 * (radius + core)
+        return Clip(photographs[0].data.clip_start, photographs[0].data.clip_end)
+    return Clip(0.01 * radius, 10.0 * (radius + core))
 
 
 def _drive_by_frame(rig: bpy.types.Object, swing: float) -> None:
+    rig.driver_remove("rotation_euler", 2)
     driver = rig.driver_add("rotation_euler", 2).driver
     driver.type = "SCRIPTED"
     for name in (_FRAMES, _START, _SWING):

@@ -60,9 +60,7 @@ class Claim:
         return self.ours < self.limit if self.strictly else self.ours <= self.limit
 
 
-def measure_claims(
-    source: CaptureFolder, iterations: int, folder: Path, reporter: Reporter, *, processes: int = 1, again: bool = False
-) -> list[Claim]:
+def measure_claims(source: CaptureFolder, iterations: int, folder: Path, reporter: Reporter) -> list[Claim]:
     """Try the recipes that the claims are about on a capture."""
     subject = source.load()
     cameras = [subject.given.views[i].camera for i in subject.split.train]
@@ -71,7 +69,7 @@ def measure_claims(
     post = replace(layers, label="claims post", mode="post")
     fixed = replace(layers, label="claims fixed", gaussians=most)
     normal = Recipe("claims severity 0", layer=Layer(DEUTAN.cvd, 0.0), iterations=iterations)
-    trials = run_jobs([Job(source, (layers, post, fixed, normal))], folder, reporter, processes=processes, again=again)
+    trials = run_jobs([Job(source, (layers, post, fixed, normal))], folder, reporter)
     return claims_of(*trials)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import signal
+import sys
 
 import addon_utils
 import bpy
@@ -247,6 +249,24 @@ def test_the_lut_of_the_shown_layer_is_copied(addon, run_folder, tmp_path):
     splat_objects.show_layer(bpy.context.scene.objects["run Gaussians"], "deutan-1.0")
     with pytest.raises(RuntimeError, match="there is no such LUT"):
         bpy.ops.cvdgs.export_cube(filepath=str(tmp_path / "mine.cube"))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such limit there")
+def test_a_lut_for_which_there_is_no_room_leaves_the_earlier_file(addon, run_folder, tmp_path):
+    import resource
+
+    (run_folder / "layer.tritan-0.5.cube").write_text("LUT_3D_SIZE 2\n" * 1000)
+    splat_objects.show_layer(show_run(str(run_folder), bpy.context.scene), "tritan-0.5")
+    (tmp_path / "mine.cube").write_text("earlier")
+    before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with pytest.raises(RuntimeError, match=r"cannot be written \(File too large\)"):
+            bpy.ops.cvdgs.export_cube(filepath=str(tmp_path / "mine.cube"))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert (tmp_path / "mine.cube").read_text() == "earlier"
 
 
 def test_the_original_colours_have_no_lut(addon, run_folder):

@@ -58,13 +58,17 @@ os._exit(0)
 @pytest.fixture(scope="module")
 def extension(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("dist")
-    compiled = ROOT / "ui" / "__pycache__" / f"left_over_{os.getpid()}.pyc"
-    compiled.parent.mkdir(exist_ok=True)
-    compiled.touch()
+    name = f"left_over_{os.getpid()}.py"
+    names = (f"__pycache__/{name}c", f".{name}.swp", f"._{name}", f"#{name}#", f"{name}~", f"{name}.orig")
+    left_overs = [ROOT / "ui" / name for name in names]
+    left_overs[0].parent.mkdir(exist_ok=True)
     try:
+        for path in left_overs:
+            path.touch()
         result = subprocess.run([sys.executable, BUILDER, "--out", folder], capture_output=True, text=True)
     finally:
-        compiled.unlink()
+        for path in left_overs:
+            path.unlink(missing_ok=True)
     assert result.returncode == 0, result.stderr
     (built,) = folder.iterdir()
     return built
@@ -94,7 +98,7 @@ def test_the_zip_holds_the_package_and_only_that(extension):
         "ui",
     }
     assert {"core/__main__.py", "core/splats/io/ply.py", "cvdgs_addon/scene/worker.py"} <= set(names)
-    assert not [name for name in names if "__pycache__" in name or name.endswith(".pyc")]
+    assert not [name for name in names if "__pycache__" in name or "left_over" in name]
 
 
 worker = pytest.mark.skipif(find_spec("torch") is None, reason="needs what the worker needs")

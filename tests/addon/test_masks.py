@@ -16,7 +16,7 @@ from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene import crop, masks, splats
 from cvdgs.cvdgs_addon.scene.finished_run import read_run
 from cvdgs.cvdgs_addon.scene.masks import Treatment
-from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute
+from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute, Frame
 from cvdgs.ui.display import CVDGS_PT_display
 
 from . import ewa
@@ -226,6 +226,26 @@ def test_gaussians_that_are_left_keep_the_scale_that_was_applied_to_them(shown):
     bpy.ops.object.mode_set(mode="OBJECT")
     after = read_gaussians(shown, "original", 1.0).gaussians
     np.testing.assert_allclose(after.log_scales, before.log_scales[left], atol=1e-5)
+
+
+def test_revealing_in_edit_mode_brings_neither_the_frame_nor_what_was_removed_into_sight(shown):
+    choose(shown, np.arange(5))
+    bpy.ops.cvdgs.treat_selected(treatment="REMOVE")
+    before = read_gaussians(shown, "original", 1.0).gaussians
+    choose(shown, np.arange(5, 15))
+    bpy.ops.cvdgs.edit_points()
+    bpy.ops.mesh.hide()
+    bpy.ops.mesh.reveal()
+    assert np.flatnonzero([point.select for point in bmesh.from_edit_mesh(shown.data).verts]).tolist() == [
+        *range(5, 15)
+    ]
+    assert sum(point.hide for point in bmesh.from_edit_mesh(shown.data).verts) == 5 + len(Frame)
+    bpy.ops.transform.translate(value=(0.0, 0.0, 1.0))
+    bpy.ops.object.mode_set(mode="OBJECT")
+    after = read_gaussians(shown, "original", 1.0).gaussians
+    np.testing.assert_allclose(after.log_scales, before.log_scales, atol=1e-5)
+    np.testing.assert_allclose((after.means - before.means)[:10, 2], 1.0, atol=1e-6)
+    np.testing.assert_array_equal(after.means[10:], before.means[10:])
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.camera_view import views_3d
 from cvdgs.cvdgs_addon.scene.cameras import is_capture_camera
 from cvdgs.cvdgs_addon.scene.display import Form, form_of
-from cvdgs.cvdgs_addon.scene.neighbours import overlapping, partner_of
+from cvdgs.cvdgs_addon.scene.neighbours import overlapping, partner_of, place_beside
 from cvdgs.cvdgs_addon.scene.splat_attributes import point_positions
 from cvdgs.cvdgs_addon.scene.splat_nodes import Input
 from cvdgs.cvdgs_addon.scene.splats import get_input
@@ -78,6 +78,16 @@ def test_what_was_placed_beside_shares_no_place_and_keeps_its_cameras(two):
     assert after[:, 0].min() > in_scene(first)[:, 0].max()
     np.testing.assert_allclose(np.array(camera.matrix_world.inverted() @ second.matrix_world), seen, atol=1e-5)
     assert overlapping(bpy.context.scene, second) == []
+
+
+def test_a_script_that_has_just_moved_gaussians_can_place_them_beside(two):
+    first, second = two
+    second.parent.location = (0.0, 5.0, 0.0)
+    bpy.ops.cvdgs.place_beside()
+    assert second.parent.location.y == pytest.approx(5.0)
+    first.parent.location.x += 100.0
+    place_beside(bpy.context.scene, second)
+    assert in_scene(second)[:, 0].min() > in_scene(first)[:, 0].max()
 
 
 def test_gaussians_without_their_frame_overlap_nothing(two):

@@ -9,6 +9,7 @@ from pathlib import Path
 import bpy
 import pytest
 
+from cvdgs.core.runs.layout import BLEND_FILE
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.alignment import add_marks
@@ -16,7 +17,8 @@ from cvdgs.cvdgs_addon.scene.convert import ConversionOptions, convert
 from cvdgs.cvdgs_addon.scene.finished_run import RUN_PROPERTY, read_run
 from cvdgs.cvdgs_addon.scene.origin import run_of
 from cvdgs.cvdgs_addon.scene.ruler import add_ruler, measure
-from cvdgs.cvdgs_addon.scene.splats import is_splats
+from cvdgs.cvdgs_addon.scene.splat_nodes import Input
+from cvdgs.cvdgs_addon.scene.splats import get_input, is_splats, layer_names
 from cvdgs.ui.display import CVDGS_PT_display
 
 from .layouts import drawn
@@ -153,3 +155,57 @@ def test_nothing_is_beside_a_file_that_was_never_saved(addon):
     splats = bpy.data.objects.new("Gaussians", None)
     splats[RUN_PROPERTY] = "//"
     assert run_of(splats) == ""
+
+
+@pytest.fixture
+def showroom(addon, tmp_path: Path) -> Path:
+    """A scene with lamps among its Gaussians is open; the file of another run, whose view transform is Raw."""
+    library = synthetic_run(tmp_path / "shop", 20)
+    convert(library, reporter=Reporter(), options=ConversionOptions(stills=False))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    show_run(str(synthetic_run(tmp_path / "showroom", 20)), bpy.context.scene)
+    bpy.context.scene.cvdgs.display.colors = "SCENE_LINEAR"
+    bpy.ops.cvdgs.set_up_render()
+    return library / BLEND_FILE
+
+
+def shown_as_light() -> dict[str, bool]:
+    """By name of the scene's Gaussians."""
+    found = filter(is_splats, bpy.context.scene.objects)
+    return {splats.name: bool(get_input(splats, Input.SCENE_LINEAR)) for splats in found}
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_gaussians_from_another_file_have_the_right_colours_among_lamps(showroom, tmp_path, link):
+    bring_in = bpy.ops.wm.link if link else bpy.ops.wm.append
+    bring_in(directory=f"{showroom}/Collection/", filename="shop", instance_collections=False)
+    assert shown_as_light() == {"showroom Gaussians": True, "shop Gaussians": True}
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "showroom.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "showroom.blend"))
+    assert shown_as_light() == {"showroom Gaussians": True, "shop Gaussians": True}
+
+
+def test_the_panel_says_how_gaussians_that_are_linked_as_an_instance_can_be_used(showroom):
+    bpy.ops.wm.read_homefile(use_empty=True)
+    assert "Start a run" in " ".join(drawn(CVDGS_PT_display).texts)
+    bpy.ops.wm.link(directory=f"{showroom}/Collection/", filename="shop", instance_collections=True)
+    assert "Object > Library Override > Make" in " ".join(drawn(CVDGS_PT_display).texts)
+    (instance,) = bpy.context.scene.objects
+    bpy.context.view_layer.objects.active = instance
+    instance.select_set(True)
+    bpy.ops.object.make_override_library()
+    assert bpy.ops.cvdgs.show_layer(layer="tritan-0.5") == {"FINISHED"}
+
+
+def test_a_run_that_was_moved_is_loaded_into_the_gaussians_that_are_there(addon, tmp_path):
+    before, after = synthetic_run(tmp_path / "shop", 20), tmp_path / "archive"
+    scene = bpy.context.scene
+    splats = show_run(str(before), scene)
+    (before / "splats.tritan-0.5.ply").rename(before / "splats.protan-1.0.ply")
+    shutil.move(before, after)
+    assert show_run(str(after), scene) == splats
+    assert run_of(splats) == str(after)
+    assert layer_names(splats) == ["original", "deutan-1.0", "tritan-0.5", "protan-1.0"]
+    copy = shutil.copytree(after, tmp_path / "copy")
+    assert show_run(str(copy), scene) != splats, "both runs are there"
+    assert run_of(splats) == str(after)

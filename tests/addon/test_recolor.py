@@ -118,6 +118,42 @@ def test_every_change_of_a_slider_takes_effect_in_edit_mode(shown):
 
 
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_redo_shows_the_edited_layer_again(shown, mode):
+    layer, name = shown_layer(shown)[0], shown.name
+    bpy.ops.ed.undo_push(message="loaded")
+    bpy.ops.cvdgs.edit_points()
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.object.mode_set(mode=mode)
+    bpy.ops.ed.undo_push(message="selected")
+    bpy.ops.cvdgs.recolor_selected(hue=1.0)
+    bpy.ops.ed.undo_push(message="recoloured")
+    for _ in range(2):
+        bpy.ops.ed.undo()
+        assert shown_layer(bpy.data.objects[name]) == (layer, 1.0)
+        bpy.ops.ed.redo()
+        assert shown_layer(bpy.data.objects[name]) == (f"{layer}-edited", 1.0)
+
+
+def test_redo_leaves_a_layer_that_was_chosen_since(shown):
+    layer, name = shown_layer(shown)[0], shown.name
+    bpy.ops.ed.undo_push(message="loaded")
+    bpy.ops.cvdgs.edit_points()
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.ed.undo_push(message="selected")
+    bpy.ops.cvdgs.recolor_selected(hue=1.0)
+    bpy.ops.ed.undo_push(message="recoloured")
+    bpy.ops.ed.undo()
+    bpy.ops.cvdgs.recolor_selected(hue=2.0)
+    bpy.ops.ed.undo_push(message="recoloured otherwise")
+    bpy.ops.cvdgs.show_layer(layer=layer)
+    bpy.ops.mesh.select_all(action="DESELECT")
+    bpy.ops.ed.undo_push(message="deselected")
+    bpy.ops.ed.undo()
+    bpy.ops.ed.redo()
+    assert shown_layer(bpy.data.objects[name]) == (layer, 1.0)
+
+
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
 def test_the_operator_shows_what_it_made_and_take_all_back_removes_it(shown, mode):
     masks.select(shown, first(shown, 50), extend=False)
     bpy.context.view_layer.objects.active = shown

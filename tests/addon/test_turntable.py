@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -132,7 +133,7 @@ def test_the_way_around_is_told_in_numbers_that_blender_stores(kind):
     assert (start, swing) == pytest.approx((0.0, math.radians(50.0)), abs=1e-5)
 
 
-def test_adding_again_replaces_the_turntable(scene, splats):
+def test_adding_again_makes_no_second_turntable(scene, splats):
     add_turntable(scene, splats, Turntable(frames=4))
     add_turntable(scene, splats, Turntable(frames=8))
     assert sum("cvdgs_turntable" in candidate for candidate in scene.objects) == 1
@@ -167,11 +168,49 @@ def test_a_turntable_is_found_beside_an_empty_that_lost_its_camera(scene, splats
     assert not [found for found in scene.objects if "cvdgs_turntable" in found]
 
 
-def test_a_scene_looks_through_the_camera_of_the_new_turntable(scene, splats):
-    scene.camera = add_turntable(scene, splats, Turntable(frames=4))
-    assert add_turntable(scene, splats, Turntable(frames=8)) == scene.camera
+def test_what_an_artist_set_by_hand_stays_when_the_turntable_is_brought_up_to_date(scene, splats):
+    settings = Turntable(frames=4, radius=4.0, height=0.5)
+    camera = scene.camera = add_turntable(scene, splats, settings)
+    scene.timeline_markers.new("turn", frame=1).camera = camera
+    camera.name, camera.data.dof.use_dof, camera.data.lens = "Hero", True, 85.0
+    camera.location.z, camera.parent.location.x = 1.0, 0.25
+    again = add_turntable(scene, splats, replace(settings, frames=8, arc=60.0))
+    assert again == camera == scene.camera == scene.timeline_markers["turn"].camera
+    assert (camera.name, camera.data.dof.use_dof, camera.data.lens) == ("Hero", True, 85.0)
+    assert (camera.location.z, camera.parent.location.x) == (1.0, 0.25)
+    assert len(camera.parent.animation_data.drivers) == 1
+    angles = angles_around(scene, camera, 8)
+    assert np.ptp(angles) == pytest.approx(60.0, abs=CENTER_DEGREES), "what was asked for anew"
+
+
+def test_what_the_settings_or_the_gaussians_ask_for_anew_is_changed(scene, splats):
+    settings = Turntable(frames=4, radius=4.0, height=0.5, focal_length=35.0)
+    camera = add_turntable(scene, splats, settings)
+    camera.location.z = 1.0
+    add_turntable(scene, splats, replace(settings, radius=5.0))
+    assert tuple(camera.location) == (5.0, 0.0, 2.5)
+    assert camera.data.lens == 35.0
+    add_turntable(scene, splats, replace(settings, radius=5.0, focal_length=50.0))
+    assert camera.data.lens == 50.0
+    before = camera.parent.location.x
+    splats.location.x = 3.0
+    add_turntable(scene, splats, replace(settings, radius=5.0, focal_length=50.0))
+    assert camera.parent.location.x == pytest.approx(before + 3.0, abs=1e-5)
+
+
+def test_a_turntable_of_an_earlier_release_is_placed_as_the_settings_say(scene, splats):
+    camera = add_turntable(scene, splats, Turntable(frames=4, radius=4.0))
+    for what in ("center", "place", "lens", "clip"):
+        del camera.parent[f"asked_{what}"]
+    camera.location.z = 3.0
+    assert add_turntable(scene, splats, Turntable(frames=4, radius=4.0, height=0.5)) == camera
+    assert tuple(camera.location) == (4.0, 0.0, 2.0)
+
+
+def test_a_scene_keeps_looking_through_the_camera_that_it_has(scene, splats):
     scene.camera = artists = add_camera("artist's", CAMERA, ring_view(0.0), CLIP, scene.collection)
     add_turntable(scene, splats, Turntable(frames=4))
+    add_turntable(scene, splats, Turntable(frames=8))
     assert scene.camera == artists
 
 

@@ -12,6 +12,7 @@ from cvdgs.core.splats.io.ply import read_ply
 from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.alignment import add_marks, align_by_photographs, places_of_marks
 from cvdgs.cvdgs_addon.scene.crop import crop_box_of
+from cvdgs.cvdgs_addon.scene.neighbours import overlapping
 from cvdgs.cvdgs_addon.scene.turntable import turntable_of
 from cvdgs.cvdgs_addon.scene.world_matrix import world_of
 
@@ -106,6 +107,34 @@ def test_a_turntable_goes_around_where_hidden_gaussians_and_cameras_stand(placed
     layer_collection("run Cameras").exclude = how == "in an excluded collection"
     reopened(tmp_path / "scene.blend")
     np.testing.assert_allclose(rig_of_new_turntable(), expected, atol=1e-5)
+
+
+def test_hidden_gaussians_overlap_others_only_where_they_stand(placed, tmp_path, how):
+    other = show_run(str(synthetic_run(tmp_path / "other")), bpy.context.scene)
+    bpy.context.scene.cvdgs.display.target = placed
+    name = other.name
+    hide(placed, how)
+    placed = reopened(tmp_path / "scene.blend")
+    assert overlapping(bpy.context.scene, placed) == []
+    placed.parent.location = (0.0, 0.0, 0.0)
+    bpy.context.view_layer.update()
+    assert [found.name for found in overlapping(bpy.context.scene, placed)] == [name]
+
+
+def test_hidden_gaussians_are_placed_beside_others_from_where_they_stand(placed, tmp_path, how):
+    show_run(str(synthetic_run(tmp_path / "other")), bpy.context.scene)
+    bpy.context.scene.cvdgs.display.target = placed
+    placed.parent.location = (0.0, 2.0, 0.0)
+    bpy.context.view_layer.update()
+    turned, scale = placed.parent.rotation_euler.copy(), placed.parent.scale.copy()
+    hide(placed, how)
+    placed = reopened(tmp_path / "scene.blend")
+    bpy.ops.cvdgs.place_beside()
+    root = placed.parent
+    np.testing.assert_allclose(
+        (*root.location.yz, *root.rotation_euler, *root.scale), (2.0, 0.0, *turned, *scale), atol=1e-5
+    )
+    assert overlapping(bpy.context.scene, placed) == []
 
 
 def test_hidden_runs_are_aligned_where_they_stand(placed, tmp_path, how):

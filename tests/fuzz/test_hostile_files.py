@@ -22,9 +22,10 @@ from cvdgs.core.capture.points import read_point_cloud
 from cvdgs.core.capture.reader import inspect_capture
 from cvdgs.core.enhance.gan.weights import load_generator
 from cvdgs.core.errors import InputError
-from cvdgs.core.files.untrusted import MAX_JSON_BYTES, opened, parse_json, read_json
+from cvdgs.core.files.images import write_png
+from cvdgs.core.files.untrusted import MAX_JSON_BYTES, opened, parse_json, read_json, writing_whole
 from cvdgs.core.runs.enhanced import enhanced_files
-from cvdgs.core.runs.folder import RunFolder
+from cvdgs.core.runs.folder import RunFolder, remove_layer
 from cvdgs.core.runs.report import read_report
 from cvdgs.core.splats.io.files import read_gaussians
 from cvdgs.core.splats.io.gltf import write_glb
@@ -236,6 +237,32 @@ def test_a_folder_of_a_run_that_is_a_link_is_not_followed(tmp_path: Path, name: 
     assert not (tmp_path / "out" / name).is_symlink()
     assert [path.name for path in (tmp_path / "precious").iterdir()] == ["file"]
     assert (tmp_path / "out" / "report.json").read_text() == "{}"
+
+
+@pytest.mark.parametrize("name", ["enhanced", "renders", "turntable"])
+def test_a_layer_is_not_added_through_a_link_in_a_run_from_elsewhere(tmp_path: Path, name: str) -> None:
+    (tmp_path / "photographs").mkdir()
+    (tmp_path / "photographs" / "0001.png").write_text("mine")
+    (tmp_path / "out" / name).mkdir(parents=True)
+    (tmp_path / "out" / name / "protan-1.0").symlink_to(tmp_path / "photographs")
+    (tmp_path / "out" / "report.json").write_text(json.dumps(examples.report()))
+    folder = RunFolder(tmp_path / "out")
+    folder.carry_over()
+    remove_layer(folder.staging, "protan-1.0")
+    write_png(folder.staging / name / "protan-1.0" / "0001.png", np.zeros((2, 2, 3), np.uint8))
+    folder.commit()
+    assert (tmp_path / "photographs" / "0001.png").read_text() == "mine"
+    assert (tmp_path / "out" / name / "protan-1.0" / "0001.png").is_file()
+
+
+def test_a_file_is_not_written_through_a_link_that_waits_in_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "precious").write_text("mine")
+    (tmp_path / ".scene.partial.ply").symlink_to(tmp_path / "precious")
+    with writing_whole(tmp_path / "scene.ply") as file:
+        file.write(b"new")
+    assert (tmp_path / "precious").read_text() == "mine"
+    assert not (tmp_path / "scene.ply").is_symlink()
+    assert (tmp_path / "scene.ply").read_text() == "new"
 
 
 @pytest.mark.timeout(60)

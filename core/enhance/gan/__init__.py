@@ -1,1 +1,4 @@
-"""The conditional GAN: a U-Net that recolours, a PatchGAN that judges, their losses, training and weights."""
+"""The conditional GAN that predicts scene networks: a U-Net generator, its conditioning, its weights.
+
+The discriminator, the losses and the training are in `scripts.training.gan`.
+"""

@@ -14,7 +14,7 @@ from ...color.simulation import Observer
 from ...color.spaces import srgb_to_lab
 from ...settings import CVD_TYPES, SIMULATIONS
 from ..lut import as_float
-from .nodes import shared_out
+from .nodes import scatter_trilinear
 
 OBSERVER_FEATURES = len(CVD_TYPES) + len(SIMULATIONS)
 """Length of an observer's vector."""
@@ -95,4 +95,4 @@ def _statistics(moments: NDArray[np.float64]) -> NDArray[np.float64]:
 def _histogram(colors: NDArray[np.float32]) -> NDArray[np.float64]:
     """(PALETTE_BINS^3,) of (P, 3) colours."""
     ones = torch.ones(1, 1, len(colors), dtype=torch.float64)
-    return shared_out(ones, torch.from_numpy(colors.T)[None], PALETTE_BINS)[0, 0].numpy()
+    return scatter_trilinear(ones, torch.from_numpy(colors.T)[None], PALETTE_BINS)[0, 0].numpy()

@@ -95,10 +95,11 @@ class Generator(nn.Module):
         self.steer = nn.Sequential(nn.Linear(CONDITION_FEATURES, 64), nn.SiLU(), nn.Linear(64, embedding), nn.SiLU())
         entering = (_SEEN, *widths[:-1])
         self.down = nn.ModuleList(
-            _Steered(before, after, embedding, stride=2) for before, after in zip(entering, widths, strict=True)
+            _ModulatedConvolution(before, after, embedding, stride=2)
+            for before, after in zip(entering, widths, strict=True)
         )
         rising = list(zip(widths[:0:-1], widths[-2::-1], strict=True))
-        self.up = nn.ModuleList(_Steered(below + beside, beside, embedding) for below, beside in rising)
+        self.up = nn.ModuleList(_ModulatedConvolution(below + beside, beside, embedding) for below, beside in rising)
         self.attention = nn.Conv2d(widths[0], config.attentions, 1, bias=False)  # softmax would not see it
         summary = config.attentions * (widths[0] + _SEEN)
         self.hidden = nn.Sequential(nn.Linear(summary + embedding + 1, _HIDDEN), nn.SiLU())
@@ -168,8 +169,8 @@ class Generator(nn.Module):
         return state
 
 
-class _Steered(nn.Module):
-    """A convolution whose result is scaled and shifted by the vector that steers."""
+class _ModulatedConvolution(nn.Module):
+    """A convolution with feature-wise linear modulation: the steering vector scales and shifts its result."""
 
     def __init__(self, before: int, after: int, embedding: int, stride: int = 1) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Shares what belongs to a colour out to the nodes of a table about it: the transpose of reading the table there."""
+"""Scatters values at colours to the nodes of a three-dimensional table: the transpose of trilinear interpolation."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import itertools
 from torch import Tensor
 
 
-def shared_out(values: Tensor, colors: Tensor, nodes: int) -> Tensor:
-    """(B, C, nodes^3) sums of (B, C, P) values at the eight nodes around each one's colour, red first.
+def scatter_trilinear(values: Tensor, colors: Tensor, nodes: int) -> Tensor:
+    """(B, C, nodes^3) sums at the nodes, red first: each value goes to the eight around its colour.
 
-    The weights are those of trilinear interpolation.
+    The weights are those of trilinear interpolation, and each value's add up to 1.
 
     Args:
-        values: what is shared out.
+        values: (B, C, P).
         colors: (B, 3, P) in sRGB; clipped to [0, 1].
         nodes: of the table, along an edge.
     """

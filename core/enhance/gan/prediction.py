@@ -42,10 +42,12 @@ def predict_networks(
     """
     with torch.no_grad():
         views = [reduced(image, alpha, SIDE) for image, alpha in chosen_views(images, alphas, _VIEWS)]
-        told = scene_condition(views, observer, budget)[None]
-        summaries = [generator.summary(*_resized(pixels, observer, told, coverage)) for pixels, coverage in views]
+        conditioning = scene_condition(views, observer, budget)[None]
+        summaries = [
+            generator.summary(*_resized(pixels, observer, conditioning, coverage)) for pixels, coverage in views
+        ]
         summary, start = torch.stack(summaries).mean(0), start_table(observer)[None]
-        states = [generator(summary, told, start, direction) for direction in DIRECTIONS]
+        states = [generator(summary, conditioning, start, direction) for direction in DIRECTIONS]
     networks = []
     for state in states:
         network = SceneNetwork(observer)
@@ -68,7 +70,7 @@ def start_table(observer: Observer) -> Tensor:
 
 
 def _resized(
-    pixels: Tensor, observer: Observer, told: Tensor, coverage: Tensor | None
+    pixels: Tensor, observer: Observer, conditioning: Tensor, coverage: Tensor | None
 ) -> tuple[Tensor, Tensor, Tensor | None]:
     """The arguments of `Generator.summary` for one view, with sides that are multiples of `STRIDE`."""
     shape = [max(round(side / STRIDE), 1) * STRIDE for side in pixels.shape[-2:]]
@@ -76,4 +78,4 @@ def _resized(
     def resize(maps: Tensor) -> Tensor:
         return functional.interpolate(maps[None], shape, mode="bilinear", antialias=True)
 
-    return resize(seen_features(pixels, observer)), told, None if coverage is None else resize(coverage[None])
+    return resize(seen_features(pixels, observer)), conditioning, None if coverage is None else resize(coverage[None])

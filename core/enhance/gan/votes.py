@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from .nodes import shared_out
+from .nodes import scatter_trilinear
 
 SLOPE = 0.2
 """Of the generator's leaky ReLUs, as in pix2pix."""
@@ -52,7 +52,7 @@ class Votes(nn.Module):
         votes = self.layers(known).unflatten(1, (self._directions, 4)).flatten(3)
         trust = torch.sigmoid(votes[:, :, 3:]) * share.flatten(2)[:, None]
         trusted = torch.cat([trust * votes[:, :, :3], trust], 2).flatten(1, 2)
-        return shared_out(trusted, colors.flatten(2), self._nodes).flatten(1)
+        return scatter_trilinear(trusted, colors.flatten(2), self._nodes).flatten(1)
 
     def table(self, sums: Tensor, direction: int) -> Tensor:
         """(B, N, N, N, 3) shifts in sRGB.

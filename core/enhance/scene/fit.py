@@ -79,7 +79,7 @@ contrast of neighbours, which CCPR counts.
 """
 
 _BETAS = (0.9, 0.99)  # of Adam; short, because a fit is
-_SLOWNESS = 0.8  # of the mean change that the weight of naturalness follows
+_CHANGE_DECAY = 0.8  # of the exponential moving average of the change, which the weight of naturalness follows
 _GAIN, _MOST_EXCESS = 0.1, 0.5  # how fast that weight follows, and the relative excess beyond which no faster
 _LEAST_WEIGHT, _MOST_WEIGHT = 0.003, 5.0
 _LAX_WEIGHT = 0.02  # of naturalness; where it sinks below, the budget is not spent, and structure is eased too
@@ -284,7 +284,7 @@ class _Fit:
 
     def _follow_budget(self, change: float) -> None:
         mean = self._mean_change
-        self._mean_change = change if mean is None else _SLOWNESS * mean + (1.0 - _SLOWNESS) * change
+        self._mean_change = change if mean is None else _CHANGE_DECAY * mean + (1.0 - _CHANGE_DECAY) * change
         excess = min(max(self._mean_change / self._budget - 1.0, -_MOST_EXCESS), _MOST_EXCESS)
         self._weight = min(max(self._weight * math.exp(_GAIN * excess), _LEAST_WEIGHT), _MOST_WEIGHT)
 

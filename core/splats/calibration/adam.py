@@ -47,8 +47,8 @@ class AdamMoments:
         return mean, root(self._second / (1.0 - _BETA_2**self._steps)) + self._epsilon
 
 
-def snapshot(moments: Sequence[AdamMoments], size: int) -> State:
-    """What `restore` continues from; `size` is the number of components of a gradient."""
+def snapshot_moments(moments: Sequence[AdamMoments], size: int) -> State:
+    """What `restore_moments` continues from; `size` is the number of components of a gradient."""
     first, second = np.zeros((len(moments), size)), np.zeros((len(moments), size))
     for row, one in enumerate(moments):
         if one._steps:
@@ -56,10 +56,10 @@ def snapshot(moments: Sequence[AdamMoments], size: int) -> State:
     return {"steps": np.array([int(one._steps) for one in moments], np.int64), "first": first, "second": second}
 
 
-def restore(
+def restore_moments(
     moments: Sequence[AdamMoments], size: int, saved: SavedState, component: Callable[[NDArray[np.float64]], Any]
 ) -> None:
-    """Continue from a `snapshot`; `component` makes a row of its doubles what `AdamMoments.update` is given.
+    """Continue from a `snapshot_moments`; `component` makes a row of its doubles what `AdamMoments.update` is given.
 
     Raises:
         InputError: it is of other moments.

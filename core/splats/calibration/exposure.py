@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from ...files.states import SavedState, State
 from ..raster import Frame
-from .adam import AdamMoments, decayed, restore, snapshot
-from .tried import Tried
+from .adam import AdamMoments, decayed, restore_moments, snapshot_moments
+from .trial_plan import TrialPlan
 
 _BLOCK = 16  # pixels; gains are estimated from the means of square blocks, which blur and noise hardly change
 _DARKEST = 0.05  # mean of a block whose ratio is usable
@@ -28,7 +28,7 @@ _EPSILON = 1e-15  # of Adam
 
 
 @dataclass(frozen=True)
-class ExposurePlan(Tried):
+class ExposurePlan(TrialPlan):
     """When and how gains are fitted.
 
     Attributes:
@@ -106,14 +106,14 @@ class ExposureCorrection:
 
     def snapshot(self) -> State:
         """What `restore` continues from, between two steps."""
-        return {"active": self.active, "log_gains": self.log_gains, "moments": snapshot(self._moments, 3)}
+        return {"active": self.active, "log_gains": self.log_gains, "moments": snapshot_moments(self._moments, 3)}
 
     def restore(self, saved: SavedState) -> None:
         """Continue from a `snapshot`; raises `InputError` where it is of other views."""
         self.active = saved.value("active", bool)
         gains = saved.array("log_gains", np.float32, len(self._moments), 3)
         self._log_gains = torch.from_numpy(gains).to(self._device)
-        restore(self._moments, 3, saved.part("moments"), self._on_device)
+        restore_moments(self._moments, 3, saved.part("moments"), self._on_device)
 
     def _on_device(self, row: NDArray[np.float64]) -> torch.Tensor:
         return torch.from_numpy(row.astype(np.float32)).to(self._device)

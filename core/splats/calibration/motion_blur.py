@@ -20,8 +20,8 @@ from torch.nn import functional
 
 from ...files.states import SavedState, State
 from ..raster import Frame
-from .adam import AdamMoments, decayed, restore, snapshot
-from .tried import Tried
+from .adam import AdamMoments, decayed, restore_moments, snapshot_moments
+from .trial_plan import TrialPlan
 
 _SAMPLES_PER_PIXEL = 2
 _EPSILON = 1e-12  # of Adam
@@ -34,7 +34,7 @@ _SHARPENING = 3.0  # of gradients: detail that a line averages away altogether c
 
 
 @dataclass(frozen=True)
-class MotionBlurPlan(Tried):
+class MotionBlurPlan(TrialPlan):
     """When and how lines are fitted.
 
     Attributes:
@@ -295,13 +295,13 @@ class MotionBlur:
 
     def snapshot(self) -> State:
         """What `restore` continues from, between two steps."""
-        return {"active": self.active, "lines": self.lines, "moments": snapshot(self._moments, 2)}
+        return {"active": self.active, "lines": self.lines, "moments": snapshot_moments(self._moments, 2)}
 
     def restore(self, saved: SavedState) -> None:
         """Continue from a `snapshot`; raises `InputError` where it is of other views."""
         self.active = saved.value("active", bool)
         self.lines = saved.array("lines", np.float64, len(self._moments), 2)
-        restore(self._moments, 2, saved.part("moments"), np.copy)
+        restore_moments(self._moments, 2, saved.part("moments"), np.copy)
 
 
 def typical_length(lines: Sequence[NDArray[np.float64]] | NDArray[np.float64]) -> float:

@@ -23,13 +23,13 @@ from ...capture.view_matches import Pair, ViewMatches, on_plane, poses_of
 from ...errors import InputError
 from ..similarity import fit_similarity
 
-_REACHES = (16.0, 4.0, 1.0)  # pixels beyond which an observation pulls less, in one adjustment after the other
+_LOSS_SCALES = (16.0, 4.0, 1.0)  # pixels of the robust loss, in one adjustment after the other
 _LEAST_POINTS = 15  # that hold a view in its place
-_EXPLAINED = 0.8  # of what a view has in common with others, that its pose has to fit
-_MOST = 2 / 3  # of the views, that have to be held
-_PARALLEL = 1e4  # condition from which rays are parallel and a point is nowhere
-_DEVIATION = 0.05  # of the cameras' spread, that given places may be off
-_FARTHER = 3.0  # times the median turn, from which a view was turned wrongly
+_LEAST_INLIERS = 0.8  # share of the matches of a view that its pose has to fit
+_LEAST_HELD = 2 / 3  # share of the views whose poses have to be held by matches
+_MOST_CONDITION = 1e4  # of the equations for a point; beyond it the rays are all but parallel
+_DEVIATION = 0.05  # prior of the camera centres: standard deviation relative to their spread
+_MOST_TURN = 3.0  # times the median rotation; a view that is turned farther is wrong
 _MOST_POINTS = 30_000  # more make an adjustment slower, not better
 _STEPS = 50  # of an adjustment
 _POINT_ERROR = 2.0  # pixels, up to which a point is believed
@@ -65,11 +65,11 @@ def adjust_poses(matches: ViewMatches, pairs: Sequence[Pair]) -> AdjustedPoses |
         return None
     model, tracks, before = _model(matches, pairs)
     deviation = _DEVIATION * float(np.sqrt(given.var(axis=0).sum()))
-    for reach in _REACHES:
+    for reach in _LOSS_SCALES:
         adjust_near(model, dict(enumerate(given, 1)), deviation, reach=reach, steps=_STEPS)
     adjusted = [_pose(model.image(view + 1)) for view in range(len(matches.views))]
     held = _held(matches, pairs, adjusted, tracks)
-    if len(held) < _MOST * len(adjusted):
+    if len(held) < _LEAST_HELD * len(adjusted):
         return None
     try:
         back = fit_similarity([_center(adjusted[view]) for view in held], given[held])
@@ -159,7 +159,7 @@ def _closest(
         # A view shows a point once, so no index comes twice.
         sums[tracks.of[rows]] += across
         sides[tracks.of[rows]] += across @ _center(pose)
-    usable = np.linalg.cond(sums) < _PARALLEL if count else np.zeros(0, bool)
+    usable = np.linalg.cond(sums) < _MOST_CONDITION if count else np.zeros(0, bool)
     points = np.zeros((count, 3))
     points[usable] = np.linalg.solve(sums[usable], sides[usable][..., None])[..., 0]
     for view, pose in enumerate(poses):
@@ -175,7 +175,7 @@ def _held(
     count = len(poses)
     strong = [pair for pair in pairs if len(matches.common(pair)) >= _LEAST_POINTS]
     fitting = {pair: matches.share_that_fits(pair, poses) for pair in strong}
-    rows, columns = np.array([pair for pair in strong if fitting[pair] >= _EXPLAINED], int).reshape(-1, 2).T
+    rows, columns = np.array([pair for pair in strong if fitting[pair] >= _LEAST_INLIERS], int).reshape(-1, 2).T
     graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), shape=(count, count))
     _, labels = connected_components(graph, directed=False)
     largest = np.bincount(labels).argmax()
@@ -187,7 +187,7 @@ def _held(
     return [
         view
         for view in np.flatnonzero(labels == largest).tolist()
-        if points[view] >= _LEAST_POINTS and shares[view] and np.mean(shares[view]) >= _EXPLAINED
+        if points[view] >= _LEAST_POINTS and shares[view] and np.mean(shares[view]) >= _LEAST_INLIERS
     ]
 
 
@@ -198,7 +198,7 @@ def _alike(poses: dict[int, NDArray[np.float64]], matches: ViewMatches) -> dict[
         view: Rotation.from_matrix(pose[:3, :3] @ given[view].world_to_camera[:3, :3].T).magnitude()
         for view, pose in poses.items()
     }
-    most = _FARTHER * float(np.median(list(turns.values())))
+    most = _MOST_TURN * float(np.median(list(turns.values())))
     return {view: pose for view, pose in poses.items() if turns[view] <= most}
 
 

@@ -26,8 +26,8 @@ from scipy.spatial.transform import Rotation
 from ...files.states import SavedState, State
 from ..raster import Gradients, ParameterSet, RasterCamera, Rasterizer
 from ..targets import Background, TrainingView
-from .adam import AdamMoments, decayed, restore, snapshot
-from .tried import Tried
+from .adam import AdamMoments, decayed, restore_moments, snapshot_moments
+from .trial_plan import TrialPlan
 
 # Of `PosePlan.align_steps`, in a trial: with 20 or 60 of them, what a correction gained differed by 0.13 dB at most
 # (docs/rooms.md), and 60 on six views took three quarters of the trial's time.
@@ -36,7 +36,7 @@ _DEPTH = 1.0  # frame units from a camera to what it looks at, as around an obje
 
 
 @dataclass(frozen=True)
-class PosePlan(Tried):
+class PosePlan(TrialPlan):
     """When and how fast poses are refined.
 
     Learning rates are angles of view in radians.
@@ -177,12 +177,12 @@ class PoseRefinement:
 
     def snapshot(self) -> State:
         """What `restore` continues from."""
-        return {"poses": self.poses, "moments": snapshot(self._moments, 6)}
+        return {"poses": self.poses, "moments": snapshot_moments(self._moments, 6)}
 
     def restore(self, saved: SavedState) -> None:
         """Continue from a `snapshot`; raises `InputError` where it is of other views."""
         self._poses = saved.array("poses", np.float64, *self._given.shape)
-        restore(self._moments, 6, saved.part("moments"), np.copy)
+        restore_moments(self._moments, 6, saved.part("moments"), np.copy)
 
     def put(self, view: int, pose: NDArray[np.float64]) -> None:
         """Replace the (4, 4) pose of a view."""

@@ -24,7 +24,7 @@ from ...files.states import SavedState, State, read_state, write_state
 from ...files.untrusted import explained, replacing
 from ...runs.layout import CHECKPOINT_CAPTURE_FILE, CHECKPOINT_RUN_FILE, CHECKPOINT_STATE_FILE
 
-_WORTH_SECONDS = 30.0  # of training, from which a cancelled or finished one leaves a checkpoint
+_LEAST_SECONDS = 30.0  # of training since the last checkpoint, from which a cancelled or finished one leaves another
 _FORMAT = "cvdgs-checkpoint-4"  # another one whenever the trainer's state or its steps change
 _MOST_BYTES = 16 << 30  # 23 million Gaussians of degree 3 with their moments
 _WHAT, _REMEDY = "the checkpoint", "run again without --resume"
@@ -137,10 +137,10 @@ class Checkpoints:
         Meanwhile a cancelled run ends between two steps. It leaves a checkpoint if that is worth it, and so does the
         end, since what follows takes its time, too.
         """
-        with _held_back() as cancelled:
+        with _deferred_signals() as cancelled:
 
             def between_steps(make: Callable[[], State], last: bool) -> None:
-                wait = min(_WORTH_SECONDS, self._every) if last or cancelled() else self._every
+                wait = min(_LEAST_SECONDS, self._every) if last or cancelled() else self._every
                 if time.monotonic() - self._latest >= wait:
                     self.save(make())
                 if cancelled():
@@ -164,8 +164,12 @@ def watched(checkpoints: Checkpoints | None) -> contextlib.AbstractContextManage
 
 
 @contextlib.contextmanager
-def _held_back() -> Iterator[Callable[[], bool]]:
-    """Signals that end a program are noted instead; gives whether there was one. Only the main thread gets any."""
+def _deferred_signals() -> Iterator[Callable[[], bool]]:
+    """Defer SIGINT and SIGTERM to the end of the block; gives whether one came. Only the main thread gets any.
+
+    Raises:
+        Cancelled: one came, at the end of the block.
+    """
     received: list[int] = []
 
     def note(number: int, _: FrameType | None) -> None:

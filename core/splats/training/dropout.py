@@ -24,7 +24,7 @@ def dropout_share(steps: int, views: int) -> float:
     return _SHARE if views <= _FEW_VIEWS and steps >= _OFTEN * views else 0.0
 
 
-def thinned(parameters: ParameterSet, share: float, seed: int) -> ParameterSet:
+def with_dropout(parameters: ParameterSet, share: float, seed: int) -> ParameterSet:
     """The Gaussians, a random share of them invisible and the others more opaque, so that the mean stays as it is.
 
     All arrays but that of the opacities are shared with `parameters`.

@@ -22,7 +22,7 @@ from ..raster import Adam, Frame, LearningRates, Loss, Mask, ParameterSet, Raste
 from ..scene_frame import SceneFrame
 from ..strategy import Refinement
 from ..targets import Background, TrainingView, ViewOrder, prepare_targets
-from .dropout import thinned
+from .dropout import with_dropout
 from .losses import GuidedLoss
 
 # A larger parameter, in frame units, is the result of a bad step: scenes are about one unit large.
@@ -145,7 +145,7 @@ class Fit:
         self._steps += 1
         image, camera = view.at(reduction)
         camera = correction.camera(camera)
-        drawn = thinned(self.parameters, self.dropout, self._steps)
+        drawn = with_dropout(self.parameters, self.dropout, self._steps)
         frame = self._rasterizer.render(drawn, camera, self._background.color)
         self.work += frame.intersections
         correction.before_loss(frame)

@@ -151,7 +151,7 @@ class GuidedLoss:
         """
         return partial(self._measure, view)
 
-    def _measure(self, view: int, frame: Frame, image: wp.array, mask: Mask | None = None) -> Loss:
+    def _measure(self, view: int, frame: Frame, image: wp.array, mask: Mask | None) -> Loss:
         mask = self._masks[view] if self._masks else mask
         loss = self._rasterizer.photometric_loss(frame, image, self.ssim_weight, mask, noise=self._noise)
         pull = self._pulls[view] if self._pulls else None

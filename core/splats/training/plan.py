@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..calibration.exposure import ExposurePlan
 from ..calibration.motion_blur import MotionBlurPlan
 from ..calibration.poses import PosePlan
-from ..calibration.tried import Tried
+from ..calibration.trial_plan import TrialPlan
 from ..gaussians import Gaussians
 from ..raster import ContrastPlan, LearningRates
 from ..strategy import Strategy
@@ -34,7 +34,7 @@ def _geometry_contrast() -> ContrastPlan:
 
 
 @dataclass(frozen=True)
-class MovingPlan(Tried):
+class MovingPlan(TrialPlan):
     """When and how things that move are looked for. Residuals are means over channels of sRGB values in [0, 1].
 
     Attributes:

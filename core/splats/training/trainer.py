@@ -30,6 +30,7 @@ from ..targets import Background, TrainingView, ViewOrder, prepare_targets
 from .checkpoints import Checkpoints, fingerprint, watched
 from .decisions import DecisionLog, Measurement, split_views
 from .dropout import dropout_share
+from .evidence import EvidenceSource
 from .fitting import Fit
 from .losses import GuidedLoss
 from .moving import MovingThings
@@ -40,7 +41,6 @@ from .schedule import TrainingSchedule, due
 from .start import StartChoice, StartTrial, choose_start, means_reach
 from .trials import choose_degree, more_pay, try_correction
 from .validation import Curve, HeldOut, Validation, curve_entry
-from .witnesses import Witnesses
 
 STAGE = "geometry"
 _PROGRESS_EVERY = 10  # steps
@@ -96,7 +96,7 @@ class Trainer:
         self._corrections = ViewCorrections(
             rasterizer, self._targets, background, plan.exposure, plan.poses, plan.blur, plan.steps
         )
-        self._witnesses = Witnesses(rasterizer, background, self._corrections, strategy, self._schedule, plan.steps)
+        self._evidence = EvidenceSource(rasterizer, background, self._corrections, strategy, self._schedule, plan.steps)
         self._moving = MovingThings(rasterizer, background, plan, self._targets, self._fitted_count, self._validation)
         self._order = ViewOrder(self._fitted_count, self._rng)
         self._loss: GuidedLoss | None = None
@@ -240,7 +240,7 @@ class Trainer:
         if plan.limit is None and self._validation and self._schedule.at_full_resolution(step):
             self._log.rounds.append(self._measure(step))
             verdict = plan.growth.verdict(self._log.rounds)
-            removes = self._witnesses.is_census(step, self._fitted_count)  # so that nothing can be tried
+            removes = self._evidence.is_census(step, self._fitted_count)  # so that nothing can be tried
             if verdict is not None and not removes:
                 grown, branch = self._refinement(step).gaussians, partial(self._growth_branch, step)
                 pays, words = more_pay(self.fit, plan.growth, plan.steps, grown, branch)
@@ -263,7 +263,7 @@ class Trainer:
 
     def _refinement(self, step: int) -> Refinement:
         budget = self._strategy.schedule.budget(step, self._plan.steps, self._log.initial, self._limit)
-        views = self._witnesses.sampled(step, self._fitted_count, self.fit.parameters, self._rng)
+        views = self._evidence.sampled(step, self._fitted_count, self.fit.parameters, self._rng)
         evidence = Evidence(self.fit.mean_gradient if self._strategy.gradient_every else None, views)
         gaussians = self.fit.parameters.to_gaussians()
         return in_morton_order(self._strategy.refine(gaussians, evidence, budget, self._rng))
@@ -346,7 +346,7 @@ class Trainer:
             self._log.restore_best(self._measure(step), self.fit)
         if self._degree_undecided:
             self._choose_degree()
-        views = self._witnesses.all(self._fitted_count, self.fit.parameters)
+        views = self._evidence.all(self._fitted_count, self.fit.parameters)
         self.fit.keep(~views.unseen & ~views.floaters)
         if self._corrections.poses_were_off:
             self._held_out.align(self.fit.parameters, self._aligned)

@@ -58,7 +58,7 @@ def surroundings_of(folder: Path) -> Surroundings:
     capture = read_capture_folder(folder / CAPTURE_FOLDER)
     try:
         return _told_by(report, capture, folder)
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         remedy = "make the run again, or copy the files into an empty folder for a page without cameras"
         raise InputError(f"{REPORT_FILE} of the finished run is damaged", where=folder, remedy=remedy) from None
 
@@ -100,4 +100,4 @@ def _stills(folder: Path, layers: list[str], view: str) -> list[Still]:
             Still(renders / layer / file, f"Enhanced for {vision(layer)}"),
             Still(renders / layer / SIMULATED_FOLDER / file, seen_by("Enhanced", layer)),
         ]
-    return [still for still in stills if still.path.is_file() and still.path.stat().st_size <= _MOST_STILL_BYTES]
+    return [still for still in stills if is_file(still.path) and still.path.stat().st_size <= _MOST_STILL_BYTES]

@@ -76,7 +76,7 @@ def write_comparison(
     Args:
         folder: created if needed.
         scores: rows of `Judge.score`.
-        trade_offs: rows of `TradeOff`.
+        trade_offs: rows with the columns `TRADE_OFFS` of `comparison`.
         seconds: per megapixel, by the label of the method.
         image_sets: the images.
         candidate: label of the method that the headline is about.

@@ -52,7 +52,8 @@ class Participant:
 
     Attributes:
         name: a random number, in hexadecimal digits.
-        cvd: the type that the arrangement test suggests, or `NO_TYPE`.
+        cvd: the type that the arrangement test suggests, or `NO_TYPE`; marked where the study has no pictures for it,
+            and the choices are about pictures that were made for others.
         answers: in the order in which they were given.
     """
 
@@ -104,7 +105,15 @@ def _checked(values: dict[str, Any], key: Key) -> Participant:
     _demand(len(answers) > 0, "it has no answers")
     checked = tuple(_answer(number, item, key) for number, item in enumerate(answers, start=1))
     _demand(len({(a.question, a.pair, a.repeat) for a in checked}) == len(checked), "a pair was answered twice")
-    return Participant(name, suggest(score_arrangement(caps)).cvd or NO_TYPE, checked)
+    return Participant(name, _type_of(caps, key), checked)
+
+
+def _type_of(caps: Sequence[int], key: Key) -> str:
+    cvd = suggest(score_arrangement(caps)).cvd
+    if not cvd:
+        return NO_TYPE
+    has_pictures = any(item.cvd == cvd for item in key.shown.values())
+    return cvd if has_pictures else f"{cvd}, others' pictures"
 
 
 def _answer(number: int, item: Any, key: Key) -> Answer:

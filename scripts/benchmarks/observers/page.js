@@ -68,9 +68,10 @@ function trialsOf(seed, cvd) {
   return trials;
 }
 
-function newSession() {
-  const given = Number(new URLSearchParams(location.hash.slice(1)).get("seed"));
-  const seed = given || crypto.getRandomValues(new Uint32Array(1))[0];
+// The seed is also the participant's number: the address gives it to one of them, and another one gets another.
+function newSession(before = 0) {
+  const given = Number(new URLSearchParams(location.hash.slice(1)).get("seed")) >>> 0; // 32 bits, as the file may hold
+  const seed = given && given !== before ? given : crypto.getRandomValues(new Uint32Array(1))[0];
   const pool = shuffled(Array.from({ length: CAPS }, (_, i) => i + 1), generator(seed ^ 0x5bd1e995));
   return { study: study.study, seed, stage: "welcome", pool, row: Array(CAPS).fill(0), cvd: "", answers: [] };
 }
@@ -86,7 +87,8 @@ function keep() {
   try { localStorage.setItem(STORE, JSON.stringify(session)); } catch { /* no storage: the page still works */ }
 }
 
-let session = stored() || newSession();
+const earlier = stored();
+let session = earlier || newSession();
 let trials = session.cvd ? trialsOf(session.seed, session.cvd) : []; // there is a type once the row is finished
 let timer = 0; // of a turntable
 let onKey = () => {};
@@ -113,6 +115,27 @@ function show(...children) {
 function goTo(stage) {
   session.stage = stage;
   ({ welcome, caps, begin, pairs, done })[stage]();
+}
+
+function beginAnew() {
+  session = newSession(session.seed);
+  goTo("welcome");
+}
+
+// Somebody began in this browser: the same person, or on a shared computer the one before.
+function welcomeBack() {
+  const goOn = button("Go on where I stopped", "main", () => goTo(session.stage));
+  const anew = button("I am somebody else. Begin anew", "plain", () => {
+    if (session.answers.length && !session.saved) save();
+    beginAnew();
+  });
+  show(element("div", { className: "text" },
+    element("h1", { textContent: "Somebody has begun on this computer" }),
+    element("p", { textContent: "If it was you, go on. If it was somebody else, begin anew: answers that were not saved yet "
+      + "are saved as a file first, for the person who asked you." }),
+    goOn, anew));
+  main.dataset.stage = "back";
+  goOn.focus();
 }
 
 function welcome() {
@@ -232,6 +255,7 @@ function pairs() {
     if (event.key === "Backspace" && place) { event.preventDefault(); back.click(); }
   };
   Promise.all(images.map((image) => image.decode().catch(() => {}))).then(() => setTimeout(() => {
+    if (!stage.isConnected) return; // the answer before was undone in the meantime
     stage.classList.remove("away");
     since = performance.now();
     main.dataset.ready = place;
@@ -250,23 +274,23 @@ function exported() {
     answers };
 }
 
+function save() {
+  const link = element("a", { download: `answers-${study.study}-${session.seed.toString(16)}.json`,
+    href: URL.createObjectURL(new Blob([JSON.stringify(exported(), null, 1)], { type: "application/json" })) });
+  link.click();
+  session.saved = true;
+  keep();
+}
+
 function done() {
-  const save = () => {
-    const link = element("a", { download: `answers-${study.study}-${session.seed.toString(16)}.json`,
-      href: URL.createObjectURL(new Blob([JSON.stringify(exported(), null, 1)], { type: "application/json" })) });
-    link.click();
-    again.hidden = false;
-  };
-  const again = button("Remove my answers from this browser, and start anew", "plain", () => {
-    session = newSession();
-    goTo("welcome");
-  });
-  again.hidden = true;
-  const file = button("Save my answers", "main", save);
+  const again = button("Remove my answers from this browser, and start anew", "plain", beginAnew);
+  again.hidden = !session.saved;
+  const file = button("Save my answers", "main", () => { save(); again.hidden = false; });
   show(element("div", { className: "text" }, element("h1", { textContent: "That was all. Thank you." }),
     element("p", { textContent: "Save your answers as a file, and give the file to the person who asked you." }), file,
     again));
   file.focus();
 }
 
-goTo(session.stage);
+if (earlier && earlier.stage !== "welcome") welcomeBack();
+else goTo(session.stage);

@@ -105,7 +105,7 @@ def axes_of(items: pd.DataFrame) -> list[Axis]:
     return [axis for axis in AXES if (items.axis == axis.name).any()]
 
 
-def write_heat_map(folder: Path, items: pd.DataFrame, name: str = NAME) -> list[Path]:
+def write_heat_map(folder: Path, items: pd.DataFrame) -> list[Path]:
     """Write the picture, light and dark, as `write_charts` does.
 
     Args:
@@ -132,7 +132,7 @@ def write_heat_map(folder: Path, items: pd.DataFrame, name: str = NAME) -> list[
                 panel.set_yticklabels([])
         _draw_legend(figure, theme)
 
-    return write_charts(folder, name, (_WIDTH, sum(heights) + _NOTES), draw, formats=("svg",))
+    return write_charts(folder, NAME, (_WIDTH, sum(heights) + _NOTES), draw, formats=("svg",))
 
 
 def _draw_real(panel: Axes, items: pd.DataFrame, columns: int, rows: int, theme: Theme) -> None:

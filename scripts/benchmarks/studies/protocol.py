@@ -193,7 +193,6 @@ def write_frames(
     scenes: pd.DataFrame,
     trials: pd.DataFrame,
     heading: Sequence[str],
-    rule: SelectionRule = PAPERS_RULE,
 ) -> list[str]:
     """Write ``frames.csv``; returns the lines of the text.
 
@@ -201,6 +200,7 @@ def write_frames(
         scenes: rows of `summarise`.
         trials: as for `table_one`.
     """
+    rule = PAPERS_RULE
     write_csv(folder / "frames.csv", scenes)
     reached = (scenes.easy_ssim >= SSIM_TARGET) & (scenes.easy_psnr >= PSNR_TARGET)
     verdicts = reached.map({True: "yes", False: "no"}).where(scenes.easy > 0, "no easy frame")

@@ -48,6 +48,7 @@ OURS, ON_PROCESSOR = "ours", "ours, on the processor"
 _SCENES = ((20_000, 480, 360, 0), (100_000, 960, 720, 0), (300_000, 1600, 1200, 3))
 """Random ones that a step is timed on: Gaussians, width, height, degree of spherical harmonics."""
 _REPETITIONS = {"cuda": 50, "cpu": 8}
+_WARM_UP = 5  # repetitions that are not counted
 _STEP_COLUMNS: tuple[Column, ...] = (
     ("scene", "scene", ""),
     ("who", "trainer", ""),
@@ -119,16 +120,16 @@ def measure_steps(peer: Gsplat | None, scenes: Sequence[tuple[int, int, int, int
     return found
 
 
-def _medians(step: Callable[[], Iterator[None]], repetitions: int, warm_up: int = 5) -> list[float]:
+def _medians(step: Callable[[], Iterator[None]], repetitions: int) -> list[float]:
     """Milliseconds of each stage and of all of them."""
     rows = []
-    for _ in range(warm_up + repetitions):
+    for _ in range(_WARM_UP + repetitions):
         times = [time.perf_counter()]
         for _ in step():
             torch.cuda.synchronize()
             times.append(time.perf_counter())
         rows.append([*np.diff(times), times[-1] - times[0]])
-    return (1e3 * np.median(rows[warm_up:], axis=0)).tolist()
+    return (1e3 * np.median(rows[_WARM_UP:], axis=0)).tolist()
 
 
 def train_capture(

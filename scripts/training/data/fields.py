@@ -83,9 +83,9 @@ def linear_to_lab(colors: NDArray) -> Colors:
     return _channels_last(xyz_to_lab(linear_to_xyz(_channels_first(colors))), colors.shape)
 
 
-def simulated_lab(colors: NDArray, cvd: str, severity: float = 1.0, model: str = "machado") -> Colors:
-    """CIELAB of (..., 3) linear colours as the observer sees them."""
-    simulated = simulate_linear(_channels_first(colors), cvd, severity, model)
+def simulated_lab(colors: NDArray, cvd: str) -> Colors:
+    """CIELAB of (..., 3) linear colours as a dichromat of type `cvd` sees them (Machado 2009)."""
+    simulated = simulate_linear(_channels_first(colors), cvd, severity=1.0)
     return _channels_last(xyz_to_lab(linear_to_xyz(simulated)), colors.shape)
 
 

@@ -74,6 +74,21 @@ def test_training_goes_to_the_worker_that_offers_a_card(farm, collection, cluste
     assert all(with_card in log for log in logs)
 
 
+def test_trainings_at_the_same_time_on_a_worker_with_two_cards_get_one_each(tmp_path, collection):
+    farm = DaskFarm(tmp_path)
+    try:
+        two_cards = {**collection.variables, "CUDA_VISIBLE_DEVICES": "4,6"}
+        farm.add_worker("studio", "--nthreads", "2", "--resources", "GPU=2", **two_cards)
+        farm.wait_for_workers(1)
+        for name in ("chair", "sofa"):
+            collection.add_capture(name, "meet 2")
+        collection.write_batch(TWO)
+        assert collection.run("--cluster", farm.address, "--gpus", "1")[0] == 0
+        assert {entry["cards"] for entry in collection.diary if entry["what"] == "begin"} >= {"4", "6"}
+    finally:
+        farm.close()
+
+
 def test_tasks_that_take_no_card_see_none_on_a_worker_that_has_one(collection, cluster):
     collection.add_capture("chair")
     collection.write_batch(ONE)

@@ -418,6 +418,10 @@ def test_given_cameras_are_left_aside_where_others_are_to_be_estimated(tmp_path:
     assert inspect_capture(root, cameras="estimate").format == "sfm"
 
 
+# What else RealityScan writes stands before the rotation.
+XMP = b"<x:xmpmeta><rdf:Description " + b"xcr:CalibrationPrior='initial' " * 40 + b"><xcr:Rotation>1 0 0 0 1 0 0 0 1"
+
+
 @pytest.mark.parametrize(
     ("program", "name", "content", "how"),
     [
@@ -426,6 +430,8 @@ def test_given_cameras_are_left_aside_where_others_are_to_be_estimated(tmp_path:
         ("LLFF", "poses_bounds.npy", b"\x93NUMPY not to be loaded", "COLMAP model that they were made from"),
         ("Meshroom", "MeshroomCache/StructureFromMotion/0f3a/cameras.sfm", b"{}", "aliceVision_exportColmap"),
         ("OpenMVG", "reconstruction/sfm_data.json", b"{}", "openMVG_main_openMVG2Colmap"),
+        ("RealityScan", "images/1.xmp", XMP, "Registration, COLMAP"),
+        ("RealityScan", "poses.csv", b"#name,x,y,alt,heading,pitch,roll,f\n1.jpg,0,0,0,0,0,0,26\n", "Export Reg"),
         ("Metashape", "cameras.xml", b'<?xml version="1.0"?>\n<document version="2.0">\n <chunk>', "Export Cameras"),
     ],
 )
@@ -446,6 +452,8 @@ def test_other_files_are_not_taken_for_cameras(tmp_path: Path) -> None:
     save_images(tmp_path / "images", shots(3))
     (tmp_path / "nohup.out").write_text("done\n")
     (tmp_path / "lens.xml").write_text("<lens/>")
+    (tmp_path / "images" / "1.xmp").write_text("<x:xmpmeta><rdf:Description crs:Exposure2012='0.5'/></x:xmpmeta>")
+    (tmp_path / "sizes.csv").write_text("name,x,y\n")
     (tmp_path / "reconstruction.json").mkdir()
     os.mkfifo(tmp_path / "pipe.out")
     assert "no cameras (COLMAP model or transforms.json)" in refused(tmp_path, "given")

@@ -72,6 +72,34 @@ def test_masks_among_photographs_are_no_photographs_and_are_named(tmp_path: Path
     assert found.misplaced == names.split()[2:]
 
 
+@pytest.mark.parametrize("mask", ["walk.mp4.png", "walk_mask.png", "mask/walk.png"])
+def test_the_mask_of_a_video_beside_it_is_no_photograph_and_is_named(tmp_path: Path, mask: str) -> None:
+    make_files(tmp_path, f"walk.mp4 {mask}")
+    material = find_material(tmp_path)
+    assert (material.photographs, material.videos) == ((), ("walk.mp4",))
+    found = masks_of(material)
+    assert found.files == {}
+    assert [*found.misplaced, *(f"{folder.name}/walk.png" for folder in found.misnamed)] == [mask]
+
+
+def test_a_mask_may_be_called_after_the_same_photograph_in_another_format(tmp_path: Path) -> None:
+    make_files(tmp_path, "1.DNG 1.JPG 2.DNG 2.JPG masks/1.JPG.png masks/2.DNG.png masks/2.JPG.png")
+    material = find_material(tmp_path)
+    assert material.photographs == ("1.DNG", "2.DNG")
+    found = masks_of(material)
+    assert {name: path.name for name, path in found.files.items()} == {"1.DNG": "1.JPG.png", "2.DNG": "2.DNG.png"}
+    assert found.unused == []
+
+
+@pytest.mark.parametrize("folder", ["@eaDir/1.jpg", "a/@eaDir/1.jpg", "$RECYCLE.BIN/S-1-5-18", "#recycle"])
+def test_deleted_photographs_and_small_copies_of_a_network_drive_are_no_photographs(
+    tmp_path: Path, folder: str
+) -> None:
+    make_files(tmp_path, f"1.jpg 2.jpg {folder}/SYNOPHOTO_THUMB_XL.jpg {folder}/3.mp4")
+    material = find_material(tmp_path)
+    assert (material.photographs, material.videos) == (("1.jpg", "2.jpg"), ())
+
+
 @pytest.mark.parametrize(
     "names",
     [
@@ -175,6 +203,12 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
         ("1.DNG 1.JPG 2.JPG 3.DNG", "1.DNG 2.JPG 3.DNG"),
         ("1.png 1.jpg a/1.png b/1.jpg", "1.jpg a/1.png b/1.jpg"),
         ("1.exr 1.png", "1.png"),
+        (
+            "P1.RAW-01.COVER.jpg P1.RAW-02.ORIGINAL.dng P2.RAW-01.MP.COVER.jpg P2.RAW-02.ORIGINAL.dng P3.jpg",
+            "P1.RAW-01.COVER.jpg P2.RAW-01.MP.COVER.jpg P3.jpg",
+        ),
+        ("IMG_0001.HEIC IMG_0002.HEIC IMG_E0002.HEIC IMG_E0003.JPG", "IMG_0001.HEIC IMG_0002.HEIC IMG_E0003.JPG"),
+        ("IMG_0001.JPG IMG_E0001.JPG a/IMG_E0001.JPG", "IMG_0001.JPG a/IMG_E0001.JPG"),
     ],
 )
 def test_a_photograph_in_several_formats_counts_once(tmp_path: Path, names: str, used: str) -> None:

@@ -27,7 +27,7 @@ from cvdgs.core.intake.raw import Development
 from cvdgs.core.photographs.find import find_photographs
 from cvdgs.core.runtime.protocol import Reporter
 
-from .dng import write_dng
+from .dng import RATIONAL, write_dng
 
 DATA = Path(__file__).parents[4] / "shared" / "data" / "heic"
 RNG = np.random.default_rng(1)
@@ -295,11 +295,28 @@ def test_360_degree_photographs_are_named_with_the_way_round(tmp_path: Path) -> 
         inspect_capture(tmp_path)
 
 
-@pytest.mark.parametrize(("name", "way_round"), [("a.insp", "reframed, 90° wide"), ("scan.r3d", "export an MP4 video")])
-def test_files_of_scanners_and_360_degree_cameras_are_named(tmp_path: Path, name: str, way_round: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "way_round"),
+    [
+        ("a.insp", "reframed, 90° wide"),
+        ("scan.r3d", "export an MP4 video"),
+        ("walk.wmv", "convert it to MP4"),
+        ("walk.TS", "convert it to MP4"),
+    ],
+)
+def test_files_of_formats_that_are_not_read_are_named_with_the_way_round(
+    tmp_path: Path, name: str, way_round: str
+) -> None:
     (tmp_path / name).write_bytes(b"x" * 100)
-    with pytest.raises(InputError, match=f"{name}.*{way_round}"):
-        find_material(tmp_path)
+    for path in (tmp_path, tmp_path / name):
+        with pytest.raises(InputError, match=f"{name}.*{way_round}"):
+            inspect_capture(path)
+
+
+def test_a_cr3_tells_its_focal_length_so_that_a_zoom_is_not_one_lens(tmp_path: Path) -> None:
+    for name, focal in (("1.cr3", 24), ("2.cr3", 70)):
+        write_dng(tmp_path / name, np.full((64, 96, 3), 0.3), exif=[(0x920A, RATIONAL, [focal, 1])])
+    assert [read_header(tmp_path / name).taken_with for name in ("1.cr3", "2.cr3")] == ["24 mm", "70 mm"]
 
 
 def test_a_photograph_whose_exif_block_is_cut_is_used_without_it(tmp_path: Path) -> None:

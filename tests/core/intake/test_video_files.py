@@ -185,7 +185,7 @@ def interlaced(path: Path) -> Path:
 
 
 def test_an_interlaced_video_is_refused(tmp_path: Path) -> None:
-    assert "interlaced" in refused(interlaced(tmp_path / "x.ts"))
+    assert "the video is interlaced - deinterlace it first" in refused(interlaced(tmp_path / "x.m2ts"))
 
 
 def big(path: Path) -> Path:

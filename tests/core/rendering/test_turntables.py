@@ -52,6 +52,16 @@ def asked_for(blender: Path) -> list[str]:
     return [arguments["layer"] for arguments in requests if "layer" in arguments]  # others ask about EEVEE
 
 
+def test_a_turn_is_not_rendered_through_a_link_in_a_run_from_elsewhere(blender, tmp_path):
+    (tmp_path / "photographs").mkdir()
+    (tmp_path / "photographs" / "0001.png").write_text("mine")
+    (tmp_path / "out" / "turntable").mkdir(parents=True)
+    (tmp_path / "out" / "turntable" / "original").symlink_to(tmp_path / "photographs")
+    turn(tmp_path / "out", 3)
+    assert (tmp_path / "photographs" / "0001.png").read_text() == "mine"
+    assert len(list((tmp_path / "out" / "turntable" / "original").iterdir())) == 3
+
+
 def test_every_layer_is_rendered_all_around_in_the_size_of_the_photographs(blender, tmp_path):
     said, _ = turn(tmp_path / "out", 3, "deutan-1.0")
     assert said == {"frames": 3, "layers": ["original", "deutan-1.0"], "engine": "cycles"}

@@ -87,6 +87,21 @@ def test_the_page_carries_its_pictures_and_asks_for_nothing_else(folder):
     assert "http" not in page
 
 
+def test_a_reader_who_sees_no_pictures_is_told_what_the_chart_shows_and_what_a_figure_is_of(folder):
+    finish_report(folder, without_non_finite(report()))
+    page = (folder / "report.html").read_text()
+    assert 'aria-label="Held-out PSNR over training time, from 12.0 dB to 30.0 dB after 3 s"' in page
+    assert '<th scope="row">SSIM, original to simulated</th>' in page
+    assert '<th scope="col">' in page
+
+
+def test_on_a_narrow_screen_the_chart_shrinks_and_the_widest_table_scrolls_by_itself(folder):
+    finish_report(folder, without_non_finite(report()))
+    page = (folder / "report.html").read_text()
+    assert "svg { max-width: 100%; height: auto; }" in page
+    assert re.search(r'<div class="scroll"><table>\s*<thead>', page)
+
+
 def test_names_from_outside_are_shown_and_not_run(folder):
     finish_report(folder, without_non_finite(report()))
     page = (folder / "report.html").read_text()
@@ -137,7 +152,7 @@ def test_the_page_says_what_second_photographs_have_or_would_have(folder):
     estimated = {"again_estimated": 0.63, "again_enhanced_estimated": 0.84}
     page = page_of(folder, **estimated)
     assert "would have, by an estimate, 84" in page
-    assert "<th>second photographs, estimated</th>" in page
+    assert "second photographs, estimated</th>" in page
     page = page_of(folder, again=0.62, again_enhanced=0.81, **estimated)
     assert "enhanced alike, has 81" in page
     assert "estimate" not in page

@@ -194,6 +194,15 @@ def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, SCRIPT, *arguments], capture_output=True, text=True, check=False)
 
 
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
+def test_a_name_that_the_console_cannot_show_is_written_and_told(tmp_path, monkeypatch, encoding):
+    monkeypatch.setenv("PYTHONIOENCODING", encoding)
+    write_ply(tmp_path / "織物.ply", cloud(2))
+    done = run(tmp_path / "織物.ply", tmp_path / "織物.splat")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "\\u7e54\\u7269.splat: 2 Gaussians" in done.stdout
+
+
 def test_the_script_converts_and_says_what_is_lost(tmp_path):
     original = cloud(50, degree=2)
     write_ply(tmp_path / "a.ply", original)

@@ -11,7 +11,7 @@ from scipy.special import expit
 from cvdgs.core.splats.raster import ParameterSet, Rasterizer
 from cvdgs.core.splats.scene_frame import SceneFrame
 from cvdgs.core.splats.targets import prepare_targets
-from cvdgs.core.splats.training.dropout import dropout_share, thinned
+from cvdgs.core.splats.training.dropout import dropout_share, with_dropout
 from cvdgs.core.splats.training.fitting import Fit
 from cvdgs.core.splats.training.plan import TrainingPlan
 from cvdgs.core.splats.training.start import StartRule
@@ -38,24 +38,26 @@ def test_only_runs_that_fit_few_photographs_very_often_leave_gaussians_out(views
 @pytest.mark.parametrize("share", [0.1, 0.5])
 def test_some_are_invisible_and_the_mean_opacity_stays(scene, share):
     parameters = ParameterSet.from_gaussians(replace(scene, opacity_logits=np.full(400, -1.0, np.float32)))
-    drawn = np.stack([opacities(thinned(parameters, share, seed)) for seed in range(300)])
+    drawn = np.stack([opacities(with_dropout(parameters, share, seed)) for seed in range(300)])
     assert drawn.mean() == pytest.approx(opacities(parameters).mean(), rel=0.01)
     assert (drawn < INVISIBLE).mean() == pytest.approx(share, rel=0.02)
 
 
 def test_the_same_seed_leaves_the_same_ones_out_and_another_one_others(scene):
     parameters = ParameterSet.from_gaussians(scene)
-    first, again, other = (thinned(parameters, 0.3, seed).opacity_logits.numpy() for seed in (4, 4, 5))
+    first, again, other = (with_dropout(parameters, 0.3, seed).opacity_logits.numpy() for seed in (4, 4, 5))
     np.testing.assert_array_equal(first, again)
     assert (first != other).any()
     np.testing.assert_array_equal(parameters.opacity_logits.numpy(), scene.opacity_logits)
-    assert thinned(parameters, 0.0, 4) is parameters
+    assert with_dropout(parameters, 0.0, 4) is parameters
 
 
 @pytest.mark.filterwarnings("error")
 def test_opacities_at_the_ends_of_their_range_stay_finite(scene):
     extreme = np.tile(np.array([-9e3, -100.0, 100.0, 9e3], np.float32), 100)
-    logits = thinned(ParameterSet.from_gaussians(replace(scene, opacity_logits=extreme)), 0.1, 0).opacity_logits.numpy()
+    logits = with_dropout(
+        ParameterSet.from_gaussians(replace(scene, opacity_logits=extreme)), 0.1, 0
+    ).opacity_logits.numpy()
     assert np.isfinite(logits).all()
     assert logits[extreme < 0.0].max() < -9.0
     assert logits.max() > 5.0
@@ -66,7 +68,7 @@ def test_a_step_moves_what_it_draws_and_nothing_else(scene):
     frame = SceneFrame.around(views, scene.means)
     target = prepare_targets(rasterizer, views, frame, BLACK)[0]
     fit = Fit(rasterizer, frame.from_world(replace(scene, sh=scene.sh * 0.5)), BLACK, 0.2, dropout=0.4)
-    drawn = opacities(thinned(fit.parameters, 0.4, 1)) >= INVISIBLE
+    drawn = opacities(with_dropout(fit.parameters, 0.4, 1)) >= INVISIBLE
     before = fit.parameters.to_gaussians()
     fit.step(target, 1, TrainingPlan().learning_rates)
     after = fit.parameters.to_gaussians()

@@ -74,6 +74,7 @@ def test_one_of_a_damaged_run_is_refused_and_an_old_one_does_not_stay(tmp_path):
         {"layers": {"deutan-1.0": {}}},
         {"capture": [4]},
         {"reconstruction": {"psnr": "good"}},
+        {"reconstruction": {"psnr": 10**400}},
         {"settings": {"capture": 5}},
         {"versions": []},
     ],
@@ -86,6 +87,13 @@ def test_a_report_that_cannot_be_used_is_said_in_a_line(tmp_path, capsys, change
     (line,) = capsys.readouterr().err.splitlines()
     assert "report.json of the finished run is damaged" in line
     assert not (tmp_path / "scene.html").exists()
+
+
+def test_a_view_whose_name_no_file_can_have_has_no_stills(tmp_path):
+    report = write_run(tmp_path) / "report.json"
+    report.write_text(json.dumps({**json.loads(report.read_text()), "views_shown": ["a" * 300]}))
+    assert convert.main([str(tmp_path / "splats.ply"), str(tmp_path / "scene.html")]) == 0
+    assert "<figure>" not in (tmp_path / "scene.html").read_text()
 
 
 def moved_away(frame: dict) -> None:

@@ -1,9 +1,11 @@
 // Takes part in a study without a browser: runs the page's script on as much of a document as it asks for, and answers
 // with the keyboard. Closing the page keeps what it stored.
 //
-//     node participant.js PAGE.html ROW.json STEPS.json      writes what the page shows after each step as JSON
+//     node participant.js PAGE.html ROW.json STEPS.json      writes what the page shows after each step as JSON, with the
+//                                                            files saved so far and the turntables that turn unseen
 //
-// Steps: "arrange" puts the caps in the row; "tick" lets a second pass; "reload"; the label of a button; or a key.
+// Steps: "arrange" puts the caps in the row; "tick" lets a second pass; "reload"; "#seed=5" opens the page with that;
+// the label of a button; or a key.
 
 const fs = require("fs");
 const vm = require("vm");
@@ -13,7 +15,8 @@ const text = fs.readFileSync(pageFile, "utf-8");
 const study = text.match(/<script type="application\/json" id="study">([^]*?)<\/script>/)[1];
 const script = text.match(/<script>([^]*?)<\/script>/)[1];
 const row = JSON.parse(fs.readFileSync(rowFile, "utf-8"));
-const storage = new Map();
+const storage = new Map(), files = [];
+let hash = "#seed=77";
 
 class Element {
     constructor(tag) {
@@ -27,7 +30,11 @@ class Element {
     setAttribute() {}
     focus() {}
     decode() { return Promise.resolve(); }
-    click() { if (!this.disabled) this.onclick(); }
+    get isConnected() { return page.main.all.includes(this); }
+    click() {
+        if (this.download) files.push(JSON.parse(this.href));
+        else if (!this.disabled) this.onclick();
+    }
     querySelector(selector) {
         const [, cap] = selector.match(/^\[data-cap="(\d+)"\]$/);
         return this.all.find((element) => element.dataset.cap === Number(cap)) || null;
@@ -38,7 +45,8 @@ class Element {
 let page;
 function open() {
     const main = new Element("main"), timeouts = [];
-    let key, now = 0;
+    const turning = new Set();
+    let key, now = 0, timers = 0;
     const window = {
         document: {
             getElementById: (id) => (id === "study" ? { textContent: study } : main),
@@ -49,11 +57,14 @@ function open() {
             getItem: (name) => storage.get(name) ?? null,
             setItem: (name, value) => storage.set(name, value),
         },
-        location: { hash: "#seed=77" },
+        location: { hash },
+        crypto: { getRandomValues: (numbers) => numbers.fill(0xfeedbeef) },
+        Blob: class { constructor([text]) { this.text = text; } },
+        URL: { createObjectURL: (blob) => blob.text },
         performance: { now: () => now },
         setTimeout: (done) => { timeouts.push(done); },
-        setInterval: () => 1,  // turntables stand still
-        clearInterval: () => {},
+        setInterval: () => { turning.add(++timers); return timers; },  // turntables stand still
+        clearInterval: (timer) => { turning.delete(timer); },
         URLSearchParams,
     };
     const press = (name) => key({ key: name, repeat: false, preventDefault: () => {} });
@@ -62,13 +73,14 @@ function open() {
         now += 1000;
         timeouts.splice(0).forEach((done) => done());
     };
-    page = { main, press, tick };
+    page = { main, press, tick, turning };
     vm.runInNewContext(script, window);
 }
 
 async function step(what) {
     const button = () => page.main.all.find((element) => element.tag === "button" && element.textContent === what);
-    if (what === "reload") open();
+    if (what.startsWith("#")) hash = what;
+    if (what === "reload" || what === hash) open();
     else if (what === "arrange") for (const cap of row) page.main.querySelector(`[data-cap="${cap}"]`).click();
     else if (what === "tick") await page.tick();
     else if (button()) button().click();
@@ -81,7 +93,8 @@ async function step(what) {
     for (const what of JSON.parse(fs.readFileSync(stepsFile, "utf-8"))) {
         await step(what);
         const headline = page.main.all.find((element) => element.tag === "h1");
-        shown.push({ stage: page.main.dataset.stage, headline: headline?.textContent ?? "" });
+        shown.push({ stage: page.main.dataset.stage, headline: headline?.textContent ?? "", files: [...files],
+            turning: page.turning.size });
     }
     console.log(JSON.stringify(shown));
 })();

@@ -15,7 +15,7 @@ from cvdgs.scripts.benchmarks.observers.answers import NO_TYPE, Participant, rea
 from cvdgs.scripts.benchmarks.observers.results import NAME, write_results
 from cvdgs.scripts.benchmarks.observers.study import Key
 
-from .sessions import IN_ORDER, METHODS, TRUTH, saved, session, study
+from .sessions import IN_ORDER, METHODS, ROWS, TRUTH, saved, session, study
 
 REPLICATIONS, PARTICIPANTS = 60, 8
 DRAWS = 300
@@ -104,6 +104,15 @@ def test_types_are_told_apart_by_the_row_of_caps(key: Key, tmp_path) -> None:
     found = strengths(everybody, key, draws=DRAWS)
     counts = found.groupby("group").participants.first().to_dict()
     assert counts == {EVERYBODY: 4, "protan": 1, "deutan": 2, NO_TYPE: 1}
+
+
+def test_a_tritan_who_saw_pictures_made_for_others_is_a_group_of_its_own_that_says_so(key: Key, tmp_path) -> None:
+    tritan = {**session(key, 1, cvd="protan"), "arrangement": ROWS["tritan"]}
+    (participant,) = read_answers([saved(tmp_path, tritan)], key)
+    assert participant.cvd == "tritan, others' pictures"
+    served = study(types=("protan", "tritan"))
+    (participant,) = read_answers([saved(tmp_path, session(served, 1, cvd="tritan"))], served)
+    assert participant.cvd == "tritan"
 
 
 def test_a_single_participant_has_no_interval(key: Key, tmp_path) -> None:

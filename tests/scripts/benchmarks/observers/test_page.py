@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -145,6 +146,7 @@ def test_a_session_goes_on_where_it_was_broken_off(page, key, tmp_path) -> None:
     before = page.evaluate("JSON.stringify(trials)")
     page.reload()
     assert page.evaluate("JSON.stringify(trials)") == before
+    page.get_by_role("button", name="Go on where I stopped").click()
     page.wait_for_selector("main[data-stage='pairs'][data-ready='3']")
     page.get_by_role("button", name="Undo the last answer").click()
     answer_all(page, first=2)
@@ -208,11 +210,49 @@ def shown_after(place: Path, folder: Path, *steps: str) -> list[dict[str, Any]]:
     return json.loads(done.stdout)[len(before) :]
 
 
+GO_ON, ANEW = "Go on where I stopped", "I am somebody else. Begin anew"
+ARRANGED = ("I agree. Begin", "arrange", "The row is finished", "Start")
+A_PAIR = ("tick", "ArrowLeft")
+
+
 @in_node
 def test_a_session_that_is_broken_off_between_the_questions_goes_on(place, key, tmp_path) -> None:
-    first_block = ["Start"] + ["tick", "ArrowLeft"] * (TRIALS // 2)
-    shown = shown_after(place, tmp_path, "reload", *first_block, "reload", "Start")
-    before, between, again, second = shown[0], shown[-3], shown[-2], shown[-1]
+    first_block = ["Start", *A_PAIR * (TRIALS // 2)]
+    shown = shown_after(place, tmp_path, "reload", GO_ON, *first_block, "reload", GO_ON, "Start")
+    before, between, again, second = shown[1], shown[-4], shown[-2], shown[-1]
     assert before["stage"] == between["stage"] == again["stage"] == "begin"
     assert again["headline"] == between["headline"] != before["headline"]
     assert second == {**again, "stage": "pairs"}
+
+
+@in_node
+def test_the_next_participant_at_a_computer_begins_anew_and_the_one_befores_answers_are_kept(
+    place, key, tmp_path
+) -> None:
+    *_, asked, begun = shown_after(place, tmp_path, "Start", *A_PAIR * 3, "reload", ANEW)
+    assert (asked["stage"], asked["files"]) == ("back", [])
+    assert begun["stage"] == "welcome"
+    (kept,) = begun["files"]
+    (tmp_path / "answers.json").write_text(json.dumps(kept))
+    (participant,) = read_answers([tmp_path / "answers.json"], key)
+    assert (participant.name, len(participant.answers)) == (format(77, "x"), 3)
+    second = shown_after(place, tmp_path, "Start", *A_PAIR, "reload", ANEW, *ARRANGED, *A_PAIR, "reload", ANEW)
+    assert [file["participant"] for file in second[-1]["files"]] == [format(77, "x"), "feedbeef"]
+
+
+@in_node
+@pytest.mark.parametrize("seed", ["4294967301", "-1", "1.5", "nonsense"])
+def test_any_seed_in_the_address_gives_a_participant_that_the_analysis_reads(place, key, tmp_path, seed) -> None:
+    steps = (f"#seed={seed}", ANEW, *ARRANGED, *A_PAIR, "reload", ANEW)
+    (tmp_path / "answers.json").write_text(json.dumps(shown_after(place, tmp_path, *steps)[-1]["files"][0]))
+    read_answers([tmp_path / "answers.json"], key)
+
+
+@in_node
+def test_an_answer_that_is_undone_at_once_leaves_no_turntable_turning(tmp_path) -> None:
+    turning = [replace(one, versions=tuple(replace(v, frames=v.frames * 3) for v in one.versions)) for one in stimuli()]
+    key, coded = with_codes(turning, "command", 0)
+    write_study_page(tmp_path, key, coded)
+    second_thoughts = (*A_PAIR, "Undo the last answer", *A_PAIR)
+    pair, last = shown_after(tmp_path, tmp_path, "Start", *second_thoughts, "tick")[-2:]
+    assert (pair["turning"], last["turning"]) == (0, 1)

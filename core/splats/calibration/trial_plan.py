@@ -1,10 +1,10 @@
-"""What plans of corrections have in common: each is tried in two branches before it is believed."""
+"""The base of the plans of corrections, each of which is tried in two branches before it is applied."""
 
 from __future__ import annotations
 
 
-class Tried:
-    """Base of plans that say how long a trial takes.
+class TrialPlan:
+    """How long a trial takes.
 
     Attributes:
         trial: share of the run's steps in each of the two branches of a trial, at least `fewest_trial_steps`.
