@@ -23,10 +23,12 @@ def make(*arguments: str, folder: Path = ROOT) -> str:
 
 
 def python_3_13() -> str:
-    """An interpreter that runs: a version manager's stand-in for one that is not there does not; "" for none."""
+    """An interpreter itself, as a version manager's stand-in for it goes by the name it is called by; "" for none."""
     for found in (shutil.which("python3.13"), str(ROOT / ".venv-bpy52" / "bin" / "python")):
-        if found and os.path.exists(found) and subprocess.run([found, "-c", ""], capture_output=True).returncode == 0:
-            return found
+        if found and os.path.exists(found):
+            asked = subprocess.run([found, "-c", "import sys; print(sys.executable)"], capture_output=True, text=True)
+            if asked.returncode == 0:
+                return os.path.realpath(asked.stdout.strip())
     return ""
 
 
