@@ -14,8 +14,8 @@ from ..intake.video import read_video_header
 from .files import IMAGE_EXTENSIONS, resolve_inside
 
 _REDUCED = re.compile(r"images_[0-9]+")
-# Google's Pixels: PXL_1.RAW-01.COVER.jpg and PXL_1.RAW-02.ORIGINAL.dng are one photograph.
-_PIXEL = re.compile(r"\.RAW-[0-9]+(\.MP)?\.(COVER|ORIGINAL)$")
+# Google's Pixels: PXL_1.RAW-01.COVER.jpg, or PXL_1.RAW-01.jpg, and PXL_1.RAW-02.ORIGINAL.dng are one photograph.
+_PIXEL = re.compile(r"\.RAW-[0-9]+(\.MP)?(\.COVER|\.ORIGINAL)?$")
 # An iPhone's IMG_E1234.JPG is IMG_1234.HEIC as somebody has edited it: cropped, or in other colours.
 _EDITED = re.compile(r"IMG_E([0-9]{4})")
 _LIVE_SECONDS = 5.0  # an iPhone films 1.5 s before a photograph and 1.5 s behind it

@@ -39,7 +39,7 @@ _KINDS = (
     ("Meshroom", ("*.sfm",), (), f"{_MODEL} (node ExportColmap, or aliceVision_exportColmap)"),
     ("OpenMVG", ("sfm_data.json", "sfm_data.bin"), (), f"{_MODEL} (openMVG_main_openMVG2Colmap)"),
     ("Metashape", ("*.xml",), (b"<document", b"<chunk"), f"{_MODEL} (Export Cameras, type Colmap)"),
-    ("RealityScan", ("*.csv",), (b"#name,x,y,alt",), f"{_MODEL} (Export Registration, COLMAP)"),
+    ("RealityScan", ("*.csv",), (b"#name,x,y,alt", b",roll,"), f"{_MODEL} (Export Registration, COLMAP)"),
     ("RealityScan", ("*.xmp",), (b"xcr:Rotation",), f"{_MODEL} (Export Registration, COLMAP)"),
     ("Bundler", ("*.out",), (b"# Bundle file",), "export a COLMAP model from the program that wrote them"),
     # Made from a COLMAP model by LLFF's script; numpy's files are never loaded here.

@@ -196,7 +196,9 @@ def _hide_again(mesh: bpy.types.Mesh) -> None:
     points = bmesh.from_edit_mesh(mesh)
     numbers, removed = points.verts.layers.int.get(Attribute.FRAME), points.verts.layers.bool.get(Attribute.REMOVED)
     points.verts.ensure_lookup_table()
-    if numbers is None or all(point.hide or not point[numbers] for point in points.verts[-len(Frame) :]):
+    count = len(points.verts)
+    last = (points.verts[index] for index in range(max(count - len(Frame), 0), count))  # a slice walks over all points
+    if numbers is None or all(point.hide or not point[numbers] for point in last):
         return
     for point in points.verts:
         if point[numbers] or (removed is not None and point[removed]):

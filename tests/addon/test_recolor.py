@@ -97,16 +97,22 @@ def test_nothing_selected_is_told(added):
         recolor(added, first(added, 0), LAYER, CHANGE)
 
 
+def recolor_all(mode: str = "EDIT") -> None:
+    """Recolour all Gaussians, in steps that undo takes back one by one."""
+    bpy.ops.ed.undo_push(message="loaded")
+    bpy.ops.cvdgs.edit_points()
+    bpy.ops.mesh.select_all(action="SELECT")
+    bpy.ops.object.mode_set(mode=mode)
+    bpy.ops.ed.undo_push(message="selected")
+    bpy.ops.cvdgs.recolor_selected(hue=1.0)
+    bpy.ops.ed.undo_push(message="recoloured")
+
+
 def test_every_change_of_a_slider_takes_effect_in_edit_mode(shown):
     """Blender takes the last change back before the next one, by undo."""
     layer, name = shown_layer(shown)[0], shown.name
     before = colors_of(shown, layer)
-    bpy.ops.ed.undo_push(message="loaded")
-    bpy.ops.cvdgs.edit_points()
-    bpy.ops.mesh.select_all(action="SELECT")
-    bpy.ops.ed.undo_push(message="selected")
-    bpy.ops.cvdgs.recolor_selected(hue=1.0)
-    bpy.ops.ed.undo_push(message="recoloured")
+    recolor_all()
     bpy.ops.ed.undo()
     shown = bpy.data.objects[name]
     assert shown_layer(shown) == (layer, 1.0)
@@ -120,13 +126,7 @@ def test_every_change_of_a_slider_takes_effect_in_edit_mode(shown):
 @pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
 def test_redo_shows_the_edited_layer_again(shown, mode):
     layer, name = shown_layer(shown)[0], shown.name
-    bpy.ops.ed.undo_push(message="loaded")
-    bpy.ops.cvdgs.edit_points()
-    bpy.ops.mesh.select_all(action="SELECT")
-    bpy.ops.object.mode_set(mode=mode)
-    bpy.ops.ed.undo_push(message="selected")
-    bpy.ops.cvdgs.recolor_selected(hue=1.0)
-    bpy.ops.ed.undo_push(message="recoloured")
+    recolor_all(mode)
     for _ in range(2):
         bpy.ops.ed.undo()
         assert shown_layer(bpy.data.objects[name]) == (layer, 1.0)
@@ -136,12 +136,7 @@ def test_redo_shows_the_edited_layer_again(shown, mode):
 
 def test_redo_leaves_a_layer_that_was_chosen_since(shown):
     layer, name = shown_layer(shown)[0], shown.name
-    bpy.ops.ed.undo_push(message="loaded")
-    bpy.ops.cvdgs.edit_points()
-    bpy.ops.mesh.select_all(action="SELECT")
-    bpy.ops.ed.undo_push(message="selected")
-    bpy.ops.cvdgs.recolor_selected(hue=1.0)
-    bpy.ops.ed.undo_push(message="recoloured")
+    recolor_all()
     bpy.ops.ed.undo()
     bpy.ops.cvdgs.recolor_selected(hue=2.0)
     bpy.ops.ed.undo_push(message="recoloured otherwise")

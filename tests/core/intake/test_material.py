@@ -207,6 +207,7 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
             "P1.RAW-01.COVER.jpg P1.RAW-02.ORIGINAL.dng P2.RAW-01.MP.COVER.jpg P2.RAW-02.ORIGINAL.dng P3.jpg",
             "P1.RAW-01.COVER.jpg P2.RAW-01.MP.COVER.jpg P3.jpg",
         ),
+        ("P1.RAW-01.jpg P1.RAW-02.ORIGINAL.dng P2.jpg", "P1.RAW-01.jpg P2.jpg"),
         ("IMG_0001.HEIC IMG_0002.HEIC IMG_E0002.HEIC IMG_E0003.JPG", "IMG_0001.HEIC IMG_0002.HEIC IMG_E0003.JPG"),
         ("IMG_0001.JPG IMG_E0001.JPG a/IMG_E0001.JPG", "IMG_0001.JPG a/IMG_E0001.JPG"),
     ],
