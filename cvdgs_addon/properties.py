@@ -287,12 +287,16 @@ class TurntableProperties(bpy.types.PropertyGroup):
         min=0.0,
         default=Turntable.radius,
     )
+    has_height: bpy.props.BoolProperty(
+        name="Choose Height",
+        description="Choose the height of the camera; off: as high as the photographs were taken from",
+    )
     height: bpy.props.FloatProperty(
         name="Height (× radius)",
         description="Height of the camera above the subject's centre, as a multiple of the radius",
         soft_min=-1.0,
         soft_max=2.0,
-        default=Turntable.height,
+        default=0.25,
     )
     focal_length: bpy.props.FloatProperty(
         name="Focal Length",

@@ -83,7 +83,8 @@ def _chosen(context: bpy.types.Context) -> Turntable:
     chosen = context.scene.cvdgs.turntable
     values = {field.name: getattr(chosen, field.name) for field in fields(Turntable)}
     engine = Engine[chosen.engine] if chosen.engine != "SCENE" else None
-    return Turntable(**{**values, "arc": math.degrees(chosen.arc), "engine": engine})
+    height = chosen.height if chosen.has_height else None
+    return Turntable(**{**values, "height": height, "arc": math.degrees(chosen.arc), "engine": engine})
 
 
 def _folder(context: bpy.types.Context) -> Path:

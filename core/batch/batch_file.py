@@ -209,7 +209,7 @@ def _read_cameras(table: TableReader) -> dict[str, CameraPath]:
         usual = CameraPath()
         cameras[name] = CameraPath(
             camera.number("radius", usual.radius, 0.0, _FAR),
-            camera.number("height", usual.height, -100.0, 100.0),
+            camera.number("height", 0.0, -100.0, 100.0) if "height" in camera else usual.height,
             camera.number("focal_length", usual.focal_length, 0.0, 5000.0),
             camera.number("arc", usual.arc, 0.0, 360.0),
             name,

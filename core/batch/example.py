@@ -33,7 +33,7 @@ chunk = 12                              # frames that are rendered at one go
 
 [cameras.level]                         # a turn for each camera
 radius = 0.0                            # in scene units; 0: as far away as the photographs were taken
-height = 0.25                           # above the middle, as a share of the radius
+# height = 0.25                         # above the middle, as a share of the radius; else as high as the photographs
 focal_length = 0.0                      # millimetres; 0: that of the photographs
 arc = 0.0                               # degrees; 360: a full turn; 0: as far around as the photographs were taken
 

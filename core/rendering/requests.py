@@ -35,13 +35,13 @@ class Orbit:
 
     Attributes:
         radius: from the axis in scene units; 0: as far as the photographs were taken from.
-        height: above the subject's centre, as a share of the radius.
+        height: above the subject's centre, as a share of the radius; None: as high as the photographs were taken from.
         focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
         arc: in degrees; 360 goes all the way around, less swings to and fro; 0: as far around as the photographs go.
     """
 
     radius: float = 0.0
-    height: float = 0.25
+    height: float | None = None
     focal_length: float = 0.0
     arc: float = 0.0
 

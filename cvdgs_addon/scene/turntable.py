@@ -34,7 +34,8 @@ _SURROUNDED = math.radians(100.0)  # a gap between photographs up to this is a p
 _LEAST_ARC = math.radians(20.0)  # less shows no shape
 _NAME = "Turntable"
 _LENS = 50.0  # mm, where there are no photographs: Blender's own
-_RADII_AWAY = 2.5  # of a camera from a subject without photographs, in radii of its core
+# Of a camera from a subject without photographs: in radii of its core, and above it as a share of that.
+_RADII_AWAY, _ABOVE = 2.5, 0.25
 _POLL_SECONDS = 0.5  # between looks at whether a render still goes on
 _NUMBER = "####"  # of a picture in its file name
 
@@ -46,7 +47,8 @@ class Turntable:
     Attributes:
         frames: pictures of one turn.
         radius: of the camera from the axis in scene units; 0: as far as the photographs were taken from.
-        height: of the camera above the subject's centre, as a share of the radius.
+        height: of the camera above the subject's centre, as a share of the radius; None: as high as the photographs
+            were taken from.
         focal_length: in millimetres for a sensor 36 mm wide; 0: that of the photographs.
         arc: in degrees; 360 goes around, less swings to and fro, 0: as far around as the photographs were taken.
         width, height_pixels: of the pictures.
@@ -55,7 +57,7 @@ class Turntable:
 
     frames: int = 96
     radius: float = 0.0
-    height: float = 0.25
+    height: float | None = None
     focal_length: float = 0.0
     arc: float = 0.0
     width: int = 640
@@ -79,7 +81,9 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
     photographs = [camera for camera in _related(splats) if is_capture_camera(camera)]
     # Doubles, whose scalars are Python's numbers too: Blender stores no others.
     places = np.array([world_of(camera).translation for camera in photographs], np.float64).reshape(-1, 3) - center
-    radius = turntable.radius or _usual_radius(places) or _RADII_AWAY * core_radius
+    usual = _usual_radius(places)
+    radius = turntable.radius or usual or _RADII_AWAY * core_radius
+    height = turntable.height if turntable.height is not None else _usual_height(places, usual)
     start, swing = _way_around(places, math.radians(turntable.arc))
     camera = turntable_of(scene) or _new_turntable(scene)  # not before all is known of it
     rig = camera.parent
@@ -88,8 +92,8 @@ def add_turntable(scene: bpy.types.Scene, splats: bpy.types.Object, turntable: T
     rig.empty_display_size = radius
     if _is_new(rig, "center", center.tolist()):
         rig.location = center.tolist()
-    if _is_new(rig, "place", [radius, turntable.height]):
-        camera.location = (radius, 0.0, turntable.height * radius)
+    if _is_new(rig, "place", [radius, height]):
+        camera.location = (radius, 0.0, height * radius)
         camera.rotation_mode = "QUATERNION"
         camera.rotation_quaternion = (-camera.location).to_track_quat("-Z", "Y")
     lens = turntable.focal_length or _usual_lens(photographs)
@@ -263,6 +267,14 @@ def _related(splats: bpy.types.Object) -> list[bpy.types.Object]:
 def _usual_radius(places: NDArray[np.float64]) -> float:
     """Median distance of the photographs' cameras from the axis; 0 where there are none."""
     return float(np.median(np.linalg.norm(places[:, :2], axis=1))) if len(places) else 0.0
+
+
+def _usual_height(places: NDArray[np.float64], radius: float) -> float:
+    """Median height of the photographs' cameras above the centre, as a share of their usual `radius`.
+
+    From higher up or lower down the camera would look past what they show.
+    """
+    return float(np.median(places[:, 2])) / radius if radius else _ABOVE
 
 
 def _way_around(places: NDArray[np.float64], arc: float) -> tuple[float, float]:

@@ -78,6 +78,8 @@ def test_without_numbers_the_photographs_are_followed(addon, run_folder):
                        for item in photographs])  # fmt: skip
     offset = np.array(camera.matrix_world.translation) - center
     assert np.linalg.norm(offset[:2]) == pytest.approx(usual, rel=1e-4)
+    heights = [item.matrix_world.translation.z for item in photographs]
+    assert camera.matrix_world.translation.z == pytest.approx(np.median(heights), rel=1e-4)
     assert camera.data.lens == pytest.approx(np.median([item.data.lens for item in photographs]), rel=1e-5)
     first = np.array(photographs[0].matrix_world.translation) - center
     assert math.atan2(offset[1], offset[0]) == pytest.approx(math.atan2(first[1], first[0]), abs=1e-4)
@@ -97,6 +99,21 @@ def angles_around(scene, camera: bpy.types.Object, frames: int) -> np.ndarray:
     """(F,) degrees around the axis, without jumps."""
     offsets = camera_poses(scene, camera, frames)[:, :3, 3] - np.array(camera.parent.location)
     return np.degrees(np.unwrap(np.arctan2(offsets[:, 1], offsets[:, 0])))
+
+
+def test_what_was_photographed_from_above_alone_is_seen_from_there(scene):
+    splats = photographs_at(scene, *np.linspace(0.0, 330.0, 12))
+    for photograph in filter(is_capture_camera, scene.objects):
+        x, y, _ = photograph.location
+        photograph.location = (0.1 * x, 0.1 * y, 4.0)
+    camera = add_turntable(scene, splats, Turntable(frames=4))
+    scene.frame_set(2)
+    assert camera.matrix_world.translation.z == pytest.approx(4.0, rel=1e-4)
+
+
+def test_without_photographs_the_camera_looks_slightly_down(scene, splats):
+    camera = add_turntable(scene, splats, Turntable(frames=4, radius=4.0))
+    assert camera.location.z == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("around", [range(0, 360, 30), (10, 100, 190, 280)])
@@ -369,6 +386,18 @@ def test_the_operators_and_the_panel(addon, run_folder, tmp_path):
     assert len(list(Path(chosen.folder).glob("*.png"))) == 2
     bpy.ops.cvdgs.remove_turntable()
     assert turntable_of(scene) is None
+
+
+def test_the_photographs_decide_the_height_until_one_is_chosen(addon, run_folder):
+    scene = bpy.context.scene
+    shown = show_run(str(run_folder), scene)
+    place = add_turntable(scene, shown, Turntable()).location.copy()
+    scene.cvdgs.turntable.height = 0.5
+    bpy.ops.cvdgs.add_turntable()
+    assert turntable_of(scene).location == place
+    scene.cvdgs.turntable.has_height = True
+    bpy.ops.cvdgs.add_turntable()
+    assert turntable_of(scene).location.z == pytest.approx(0.5 * place.x)
 
 
 def test_a_turntable_that_cannot_be_made_anew_stays(addon, run_folder):

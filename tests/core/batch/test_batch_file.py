@@ -41,6 +41,7 @@ def test_a_capture_alone_is_a_batch(batch, tmp_path):
     assert item.outputs == set(Output)
     assert (item.turntable.frames, item.turntable.size, item.turntable.engines) == (96, (640, 480), ("cycles",))
     assert [camera.name for camera in item.cameras] == ["turn"]
+    assert item.cameras[0].height is None, "as high as the photographs were taken from"
 
 
 @pytest.mark.parametrize(("file", "name"), [("walk.mp4", "walk-mp4"), ("chair.zip", "chair-zip")])
@@ -64,6 +65,7 @@ def test_an_items_own_values_come_before_the_batchs(batch):
     assert (first.turntable.frames, second.turntable.frames) == (12, 24)
     assert second.turntable.chunk == 5
     assert [[camera.name for camera in item.cameras] for item in (first, second)] == [["low", "high"], ["high"]]
+    assert [camera.height for camera in first.cameras] == [0.0, 1.0]
     assert second.outputs == {Output.VIDEO}
 
 
