@@ -104,17 +104,17 @@ def view_in_color(
         coarse: in larger pixels, for a machine without a graphics card.
 
     Raises:
-        InputError: the scene has no such camera.
+        InputError: the scene has no such camera, or this Blender does not offer what is needed; nothing changes then.
     """
     settings = _suitable_camera(scene)
     if coarse:
         settings["render.preview_pixel_size"] = _PIXEL
+    if engine is Engine.CYCLES and not scene.render.use_border:  # a region that was drawn before stays, out of use
+        settings |= _WHOLE_FRAME
+    told = set_up_render(scene, engine, display, settings)
     if engine is Engine.CYCLES:
-        if not scene.render.use_border:  # a region that was drawn before and is out of use stays so
-            settings |= _WHOLE_FRAME
         for drawn in filter(is_splats, scene.objects):  # each run's: what was left as ellipsoids would take minutes
             set_input(drawn, Input.CAMERA_VIEW, True)
-    told = set_up_render(scene, engine, display, settings)
     space = area.spaces.active
     space.region_3d.view_perspective = "CAMERA"
     fit_camera_frame(area, scene)
