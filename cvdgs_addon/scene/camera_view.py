@@ -17,7 +17,7 @@ from .render_settings import Display, Engine
 from .splat_nodes import Input
 from .splats import is_splats, set_input
 from .turntable import turntable_of
-from .world_matrix import world_of
+from .world_matrix import scale_of, world_of
 
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader")
 _SHARE = 0.96  # of the free place that the frame takes
@@ -137,7 +137,7 @@ def stand_at(space: bpy.types.SpaceView3D, camera: bpy.types.Object, target: mat
     turn = matrix.to_quaternion()
     look = turn @ mathutils.Vector((0.0, 0.0, -1.0))
     frame = 2.0 * camera.data.display_size * camera.data.lens / camera.data.sensor_width  # as far before the camera
-    eye = matrix.translation + _PAST_FRAME * frame * max(matrix.to_scale()) * look
+    eye = matrix.translation + _PAST_FRAME * frame * scale_of(matrix) * look
     distance = max((target - eye).dot(look), camera.data.clip_start)
     view = space.region_3d
     view.view_perspective = "PERSP"
