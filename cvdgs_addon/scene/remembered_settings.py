@@ -21,6 +21,7 @@ Setting = str | float | bool | None
 _DATA_BLOCKS = {"world": "worlds", "camera": "objects"}  # last name of a path, and where its data-blocks are listed
 _KEPT = "{purpose}:{path}"  # custom property that keeps a data-block in the file while another is in its place
 _TOLERANCE = 1e-6  # relative: Blender keeps floats in single precision
+_RENAMED = ('"BLENDER_EEVEE_NEXT"', '"BLENDER_EEVEE"')  # an engine's name before Blender 5.0, and from then on
 # What to do where this Blender does not offer a choice, by path.
 _REMEDIES = {
     "render.engine": "enable it in Preferences > Add-ons",
@@ -143,7 +144,7 @@ def _is_deleted(block: bpy.types.ID | None) -> bool:
 
 def _record(scene: bpy.types.Scene, purpose: str) -> dict[str, list[Any]]:
     """By path what a setting was and what it was changed to; what was kept stands under the name it has now."""
-    record = json.loads(scene.get(purpose) or "{}")
+    record = json.loads(_with_names_of_today(scene.get(purpose) or "{}"))
     for path in filter(_lists, record):
         kept = _kept(scene, purpose, path)
         if kept is not None:
@@ -151,6 +152,11 @@ def _record(scene: bpy.types.Scene, purpose: str) -> dict[str, list[Any]]:
         elif _KEPT.format(purpose=purpose, path=path) in scene:
             record[path][0] = None
     return record
+
+
+def _with_names_of_today(record: str) -> str:
+    """The text of a record, which Blender 4 may have saved: what the engine is called has changed since."""
+    return record.replace(*_RENAMED) if bpy.app.version >= (5, 0) else record
 
 
 def _owner(scene: bpy.types.Scene, path: str) -> tuple[bpy.types.bpy_struct, str]:
