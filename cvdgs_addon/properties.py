@@ -12,11 +12,12 @@ from typing import Any
 import bpy
 
 from ..core.color.arrangement import CAP_COUNT
+from ..core.errors import InputError
 from ..core.settings import CVD_TYPES, OPTIONS, Settings
 from .comparison import follow_comparison
-from .compositor.apply import apply_simulation
+from .compositor.apply import apply_simulation, remove_simulation
 from .inspection import start_inspection
-from .messages import sentence
+from .messages import sentence, show_problem
 from .quality import QUALITIES
 from .scene.splats import is_splats
 from .scene.turntable import Turntable
@@ -56,14 +57,23 @@ def _inspect(capture: bpy.types.PropertyGroup, _context: bpy.types.Context) -> N
 
 def _simulate(changed: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """Put what was changed in force at once, where a simulation is shown."""
-    apply_simulation(changed.id_data)
+    _apply_simulation(changed.id_data)
+
+
+def _apply_simulation(scene: bpy.types.Scene) -> None:
+    """Put in force what `scene` says of the simulation, or tell why that is not possible."""
+    try:
+        apply_simulation(scene)
+    except InputError as error:
+        remove_simulation(scene)
+        show_problem("Simulate CVD", str(error))
 
 
 def _wipe(simulate: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     """One border at a time."""
     if simulate.wipe and simulate.compare:
         simulate.compare = False
-    apply_simulation(simulate.id_data)
+    _apply_simulation(simulate.id_data)
 
 
 def _compare(simulate: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
@@ -74,7 +84,7 @@ def _compare(simulate: bpy.types.PropertyGroup, _context: bpy.types.Context) -> 
 
 def _move_border(simulate: bpy.types.PropertyGroup, _context: bpy.types.Context) -> None:
     follow_comparison(simulate.id_data)
-    apply_simulation(simulate.id_data)
+    _apply_simulation(simulate.id_data)
 
 
 def is_target(display: bpy.types.PropertyGroup, candidate: bpy.types.Object) -> bool:

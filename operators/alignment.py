@@ -9,7 +9,7 @@ from ..cvdgs_addon.joining import join
 from ..cvdgs_addon.picking_marks import Picking, ray_below
 from ..cvdgs_addon.scene.alignment import Alignment, add_marks, align_by_marks, align_by_photographs, metric
 from ..cvdgs_addon.scene.neighbours import partner_of
-from ..cvdgs_addon.scene.splat_attributes import require_object_mode
+from ..cvdgs_addon.scene.splat_attributes import refuse_joined, require_object_mode
 from ..cvdgs_addon.shown import shown_splats
 from .base import NeedsGaussians
 
@@ -68,6 +68,7 @@ class CVDGS_OT_pick_marks(_Aligns, bpy.types.Operator):
         for owner in owners:
             assert owner is not None  # see `_OfTwoRuns.missing`
             require_object_mode(owner)
+            refuse_joined(owner.data)
             if context.view_layer.objects.get(owner.name) != owner:
                 remedy = "tick its collection in the Outliner, or choose other Gaussians"
                 raise InputError("it is not in this view layer", where=owner.name, remedy=remedy)

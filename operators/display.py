@@ -107,12 +107,12 @@ class CVDGS_OT_view_in_color(_InView, bpy.types.Operator):
     def act(self, context: bpy.types.Context) -> None:
         scene, chosen = context.scene, context.scene.cvdgs.display
         engine, colors = Engine[chosen.engine], Display[chosen.colors]
-        preview.end_looking_around(scene)
-        if display.form_of(shown_splats(context)) is display.Form.PREVIEW:
-            display.show_form(shown_splats(context), display.Form.INSTANCES)
         with simulation_lifted(scene):
             coarse = not has_graphics_card()
             told = view_in_color(scene, context.area, engine, colors, coarse=coarse)
+        preview.end_looking_around(scene)
+        if display.form_of(shown_splats(context)) is display.Form.PREVIEW:
+            display.show_form(shown_splats(context), display.Form.INSTANCES)
         self.report(
             {"INFO"}, f"Looking through {scene.camera.name}" + (f"; changed: {'; '.join(told)}" if told else "")
         )

@@ -14,10 +14,11 @@ from ..cvdgs_addon.scene.native_splats import has_native_splats
 from ..cvdgs_addon.scene.neighbours import overlapping, partner_of
 from ..cvdgs_addon.scene.relight import is_relit
 from ..cvdgs_addon.scene.render_settings import REC709, fog_of, other_working_space, what_changes_colors
+from ..cvdgs_addon.scene.splat_attributes import HOW_TO_JOIN, JOINED, is_joined
 from ..cvdgs_addon.scene.splat_nodes import Input
 from ..cvdgs_addon.scene.splats import input_property, layer_names
 from ..cvdgs_addon.shown import shown_layer
-from .layout import GaussiansPanel, draw_changes, say, split_column
+from .layout import GaussiansPanel, complain, draw_changes, say, split_column
 
 _MOST_NAMES = 3
 _TREATMENTS = {
@@ -55,6 +56,8 @@ def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context, splats: 
     """Why the 3D view may not show, or the file not keep, what is expected."""
     if splats.library is not None:
         say(layout, context, "Linked from another file, so what you set here is not saved", "LINKED")
+    if is_joined(splats.data):
+        complain(layout, context, f"{JOINED} - {HOW_TO_JOIN}")
     shading = context.space_data.shading if context.space_data is not None else None
     is_preview = display.form_of(splats) is Form.PREVIEW
     if shading is not None and shading.type == "SOLID" and not (is_preview and shading.color_type == "VERTEX"):

@@ -105,8 +105,11 @@ def _has_bpy(python: str) -> bool:
 
 
 def variables_of_interpreters() -> dict[str, str]:
-    """This process's environment without what Blender sets for its own Python, which would lead another one astray."""
-    return {name: value for name, value in os.environ.items() if name not in ("PYTHONHOME", "PYTHONPATH")}
+    """This process's environment without what Blender sets for its own Python, which would lead another one astray.
+
+    Nor with a studio's own colours, which the variable OCIO names: they need not know those that our pictures have.
+    """
+    return {name: value for name, value in os.environ.items() if name not in ("PYTHONHOME", "PYTHONPATH", "OCIO")}
 
 
 class Job:

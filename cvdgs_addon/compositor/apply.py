@@ -132,6 +132,7 @@ def told_changes(scene: bpy.types.Scene) -> Iterator[str]:
 
 
 def _insert(scene: bpy.types.Scene) -> bpy.types.Node:
+    group = simulation_group()  # refuses before anything is changed
     tree = ensure_tree(scene)
     output = output_socket(tree)
     source = picture_source(tree, output)
@@ -141,7 +142,7 @@ def _insert(scene: bpy.types.Scene) -> bpy.types.Node:
     for index, display in enumerate(before):
         display.name = f"{DISPLAY_NODE} {index}"
     node = tree.nodes.new("CompositorNodeGroup")
-    node.node_tree = simulation_group()
+    node.node_tree = group
     node.name, node.label = NODE_NAME, GROUP_NAME
     node.inputs[Socket.DISPLAY_REFERRED].default_value = kind is not Picture.SCENE_LINEAR
     picture = source

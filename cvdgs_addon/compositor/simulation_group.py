@@ -17,6 +17,7 @@ import bpy
 
 from ...core.errors import InputError
 from ..scene.nodes import NodeWriter, Value, add_input, new_group
+from ..scene.remembered_settings import is_offered
 from .part_groups import (
     ACHROMAT,
     BRETTEL,
@@ -39,7 +40,8 @@ TYPE_NAMES = {"protan": "Protan", "deutan": "Deutan", "tritan": "Tritan", "achro
 MODEL_NAMES = {"machado": "Machado", "vienot": "Viénot", "brettel": "Brettel"}
 
 _HAS_MENUS = bpy.app.version >= (5, 0)  # before, a whole number chooses
-_REC709 = "Linear Rec.709"  # name in Blender's OpenColorIO configuration
+# Names in OpenColorIO configurations: Blender's, those of ACES 2.0 and of ACES 1.2.
+_REC709 = ("Linear Rec.709", "Linear Rec.709 (sRGB)", "Utility - Linear - sRGB")
 _OPAQUE = 1e-6  # the colour of a pixel with less alpha is emission, not premultiplied
 
 Channels = tuple[Value, ...]
@@ -72,7 +74,12 @@ def is_simulation_group(tree: bpy.types.NodeTree | None) -> bool:
 
 
 def build_simulation_group() -> bpy.types.NodeTree:
-    """Make the node group, and those that it consists of."""
+    """Make the node group, and those that it consists of.
+
+    Raises:
+        InputError: the colour configuration (the variable OCIO) has no linear Rec.709.
+    """
+    rec709 = _rec709()
     machado = {cvd: machado_group(cvd) for cvd in DICHROMATIC_TYPES}
     dichromats, decoding, encoding = dichromat_group(), decoding_group(), encoding_group()
     tree = new_group("CompositorNodeTree", GROUP_NAME)
@@ -89,20 +96,27 @@ def build_simulation_group() -> bpy.types.NodeTree:
     # What colours were multiplied by: alpha, or 1 where there is none.
     coverage = write.sum(alpha, write.math("LESS_THAN", alpha, _OPAQUE))
     # A new node's spaces are the working space, which has a name of its own from 5.0 on only.
-    scene_light = write.output("CompositorNodeConvertColorSpace", image, to_color_space=_REC709)
+    scene_light = write.output("CompositorNodeConvertColorSpace", image, to_color_space=rec709)
     straight = (write.math("DIVIDE", channel, coverage) for channel in channels)
     display_light = _combined(write, _each(write, decoding, straight), alpha)
     light = write.output("CompositorNodeSwitch", is_display, scene_light, display_light)
 
     seen = matrices.applied(_separated(write, light)[:3])
-    scene_seen = write.output(
-        "CompositorNodeConvertColorSpace", _combined(write, seen, alpha), from_color_space=_REC709
-    )
+    scene_seen = write.output("CompositorNodeConvertColorSpace", _combined(write, seen, alpha), from_color_space=rec709)
     encoded = (write.math("MULTIPLY", channel, coverage) for channel in _each(write, encoding, seen))
     result = write.output("CompositorNodeSwitch", is_display, scene_seen, _combined(write, encoded, alpha))
     write.node("NodeGroupOutput", _wiped(write, image, result, inputs[Socket.WIPE]))
     write.arrange()
     return tree
+
+
+def _rec709() -> str:
+    """What the colour configuration calls linear light with Rec.709 primaries."""
+    for name in _REC709:
+        if is_offered(bpy.data.scenes[0], "sequencer_colorspace_settings.name", name):
+            return name
+    remedy = "start Blender without the environment variable OCIO"
+    raise InputError(f"the colour configuration has no {_REC709[0]}, which the simulation needs", remedy=remedy)
 
 
 def choose(node: bpy.types.Node, socket: Socket, key: str) -> None:

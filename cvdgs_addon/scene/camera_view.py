@@ -17,7 +17,7 @@ from .render_settings import Display, Engine
 from .splat_nodes import Input
 from .splats import is_splats, set_input
 from .turntable import turntable_of
-from .world_matrix import world_of
+from .world_matrix import scale_of, world_of
 
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swiftshader")
 _SHARE = 0.96  # of the free place that the frame takes
@@ -104,17 +104,17 @@ def view_in_color(
         coarse: in larger pixels, for a machine without a graphics card.
 
     Raises:
-        InputError: the scene has no such camera.
+        InputError: the scene has no such camera, or this Blender does not offer what is needed; nothing changes then.
     """
     settings = _suitable_camera(scene)
     if coarse:
         settings["render.preview_pixel_size"] = _PIXEL
+    if engine is Engine.CYCLES and not scene.render.use_border:  # a region that was drawn before stays, out of use
+        settings |= _WHOLE_FRAME
+    told = set_up_render(scene, engine, display, settings)
     if engine is Engine.CYCLES:
-        if not scene.render.use_border:  # a region that was drawn before and is out of use stays so
-            settings |= _WHOLE_FRAME
         for drawn in filter(is_splats, scene.objects):  # each run's: what was left as ellipsoids would take minutes
             set_input(drawn, Input.CAMERA_VIEW, True)
-    told = set_up_render(scene, engine, display, settings)
     space = area.spaces.active
     space.region_3d.view_perspective = "CAMERA"
     fit_camera_frame(area, scene)
@@ -137,7 +137,7 @@ def stand_at(space: bpy.types.SpaceView3D, camera: bpy.types.Object, target: mat
     turn = matrix.to_quaternion()
     look = turn @ mathutils.Vector((0.0, 0.0, -1.0))
     frame = 2.0 * camera.data.display_size * camera.data.lens / camera.data.sensor_width  # as far before the camera
-    eye = matrix.translation + _PAST_FRAME * frame * max(matrix.to_scale()) * look
+    eye = matrix.translation + _PAST_FRAME * frame * scale_of(matrix) * look
     distance = max((target - eye).dot(look), camera.data.clip_start)
     view = space.region_3d
     view.view_perspective = "PERSP"

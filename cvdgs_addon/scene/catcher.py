@@ -14,7 +14,7 @@ import numpy as np
 
 from .bystanders import is_surface
 from .splat_attributes import core_of, point_positions
-from .world_matrix import is_evaluated, world_of
+from .world_matrix import is_evaluated, scale_of, world_of
 
 NAME = "Shadow Catcher"
 
@@ -31,7 +31,7 @@ def add_catcher(scene: bpy.types.Scene, splats: bpy.types.Object, standing: list
     positions = point_positions(splats.data)
     matrix = np.array(world_of(splats))
     center = matrix[:3, :3] @ center + matrix[:3, 3]
-    radius *= max(world_of(splats).to_scale())
+    radius *= scale_of(world_of(splats))
     heights = positions @ matrix[2, :3] + matrix[2, 3]
     # Of others Blender knows neither where they are nor how large.
     corners = (corner for found in filter(is_evaluated, standing) for corner in _corners(found, found.matrix_world))

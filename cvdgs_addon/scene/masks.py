@@ -34,6 +34,7 @@ from .splat_attributes import (
 from .splats import is_splats
 
 Mask = NDArray[np.bool_]
+_MOST_ADDED = 100_000  # points among which the frame is looked for at every change in Edit Mode, from the last one
 
 
 class Treatment(Enum):
@@ -192,19 +193,29 @@ def hide_again(*_: object) -> None:
 
 
 def _hide_again(mesh: bpy.types.Mesh) -> None:
-    """Hide the frame and what was removed, if the frame, whose points are the last ones, is in sight."""
+    """Hide the frame and what was removed, if the frame is in sight."""
     points = bmesh.from_edit_mesh(mesh)
     numbers, removed = points.verts.layers.int.get(Attribute.FRAME), points.verts.layers.bool.get(Attribute.REMOVED)
-    points.verts.ensure_lookup_table()
-    count = len(points.verts)
-    last = (points.verts[index] for index in range(max(count - len(Frame), 0), count))  # a slice walks over all points
-    if numbers is None or all(point.hide or not point[numbers] for point in last):
+    if numbers is None or all(point.hide for point in _frame_of(points, numbers)):
         return
     for point in points.verts:
         if point[numbers] or (removed is not None and point[removed]):
             point.select_set(False)
             point.hide_set(True)
     bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+
+
+def _frame_of(points: bmesh.types.BMesh, numbers: bmesh.types.BMLayerItem) -> list[bmesh.types.BMVert]:
+    """The points of the frame: the last ones, but for those that somebody has duplicated or extruded since."""
+    points.verts.ensure_lookup_table()
+    count, found = len(points.verts), []
+    for index in range(count - 1, max(count - _MOST_ADDED, 0) - 1, -1):  # a slice walks over all points
+        point = points.verts[index]
+        if point[numbers]:
+            found.append(point)
+            if len(found) == len(Frame):
+                break
+    return found
 
 
 def _floater_scores(splats: bpy.types.Object) -> NDArray[np.float32]:

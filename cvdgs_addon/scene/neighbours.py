@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import bpy
 import mathutils
+import numpy as np
 
 from .bystanders import hide
 from .native_splats import native_splats_of
-from .splat_attributes import Attribute, Frame
+from .splat_attributes import Attribute, Frame, read_attribute
 from .splats import is_splats
 from .world_matrix import world_of
 
@@ -84,14 +85,17 @@ def _others(scene: bpy.types.Scene, splats: bpy.types.Object) -> list[bpy.types.
 def _sphere(splats: bpy.types.Object) -> _Sphere | None:
     """By the frame's points, which remember the core; None where somebody has deleted them.
 
-    A panel asks at every redraw, so it must not look at a million points.
+    A panel asks at every redraw, so it looks at all points only where some were added behind the frame's.
     """
     mesh = splats.data
     numbers, vertices = mesh.attributes.get(Attribute.FRAME), mesh.vertices
     first = len(vertices) - len(Frame)
     if splats.mode == "EDIT" or numbers is None or first < 0:
         return None
-    places = {numbers.data[index].value: vertices[index].co for index in range(first, len(vertices))}
+    indices: Sequence[int] = range(first, len(vertices))
+    if any(numbers.data[index].value == 0 for index in indices):
+        indices = np.flatnonzero(read_attribute(mesh, Attribute.FRAME)).tolist()
+    places = {numbers.data[index].value: vertices[index].co for index in indices}
     if set(places) != set(Frame):
         return None
     matrix = world_of(splats)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.capture.folder import CaptureView, mean_up
-from .world_matrix import world_of
+from .world_matrix import scale_of, world_of
 
 # Custom properties of the Empty.
 _IS_CAPTURE, _UP, _METRES = "cvdgs_capture", "cvdgs_up", "cvdgs_metres_per_unit"
@@ -173,7 +173,7 @@ def metres_of_unit(scene: bpy.types.Scene) -> float:
 
 def metres_shown(empty: bpy.types.Object, scene: bpy.types.Scene) -> float:
     """Metres that a unit of a capture has as it stands in `scene`, measured or not."""
-    return max(world_of(empty).to_scale()) * metres_of_unit(scene)
+    return scale_of(world_of(empty)) * metres_of_unit(scene)
 
 
 def is_capture(candidate: bpy.types.Object) -> bool:

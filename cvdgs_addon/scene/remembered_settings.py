@@ -8,9 +8,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from typing import Any
 
 import bpy
+
+from ...core.errors import InputError
 
 Setting = str | float | bool | None
 """Plain values; a data-block stands as its name."""
@@ -18,10 +21,20 @@ Setting = str | float | bool | None
 _DATA_BLOCKS = {"world": "worlds", "camera": "objects"}  # last name of a path, and where its data-blocks are listed
 _KEPT = "{purpose}:{path}"  # custom property that keeps a data-block in the file while another is in its place
 _TOLERANCE = 1e-6  # relative: Blender keeps floats in single precision
+_RENAMED = ('"BLENDER_EEVEE_NEXT"', '"BLENDER_EEVEE"')  # an engine's name before Blender 5.0, and from then on
+# What to do where this Blender does not offer a choice, by path.
+_REMEDIES = {
+    "render.engine": "enable it in Preferences > Add-ons",
+    "view_settings.view_transform": "start Blender without the environment variable OCIO",
+}
 
 
 def set_settings(scene: bpy.types.Scene, wanted: Mapping[str, Setting]) -> None:
-    """Set the settings at the given paths (from the scene), for good."""
+    """Set the settings at the given paths (from the scene), for good.
+
+    Raises:
+        InputError: this Blender does not offer one of them; what comes before it is set.
+    """
     for path, value in wanted.items():
         _set(scene, path, value)
 
@@ -31,19 +44,25 @@ def change_settings(scene: bpy.types.Scene, purpose: str, wanted: Mapping[str, S
 
     Returns:
         What was changed, in words: "Render > Engine: BLENDER_EEVEE to CYCLES".
+
+    Raises:
+        InputError: this Blender does not offer one of them; nothing is changed then.
     """
     record = _record(scene, purpose)
     told = []
-    for path, value in wanted.items():
-        before = _get(scene, path)
-        if _same(before, value):
-            continue
-        if path not in record:
-            _keep(scene, purpose, path)
-        _set(scene, path, value)
-        first = record[path][0] if path in record else before
-        record[path] = [first, _get(scene, path)]
-        told.append(f"{_label(path)}: {_shown(before)} to {_shown(value)}")
+    with ExitStack() as taken_back:
+        for path, value in wanted.items():
+            before = _get(scene, path)
+            if _same(before, value):
+                continue
+            if path not in record:
+                _keep(scene, purpose, path)
+            _set(scene, path, value)
+            taken_back.callback(_set, scene, path, before)
+            first = record[path][0] if path in record else before
+            record[path] = [first, _get(scene, path)]
+            told.append(f"{_label(path)}: {_shown(before)} to {_shown(value)}")
+        taken_back.pop_all()
     scene[purpose] = json.dumps(record)
     return told
 
@@ -67,6 +86,12 @@ def restore_settings(scene: bpy.types.Scene, purpose: str) -> list[str]:
     return told
 
 
+def is_offered(scene: bpy.types.Scene, path: str, value: str) -> bool:
+    """Whether this Blender offers `value` for the setting, a choice, at `path`; what it offers depends on others."""
+    owner, name = _owner(scene, path)
+    return bool(bpy.types.UILayout.enum_item_name(owner, name, value))
+
+
 def setting_before(scene: bpy.types.Scene, purpose: str, path: str) -> Setting:
     """What a setting was before it was changed for the purpose, or is, where it was not changed."""
     record = _record(scene, purpose)
@@ -88,7 +113,7 @@ def _put_back(scene: bpy.types.Scene, purpose: str, path: str, value: Setting) -
             setattr(owner, name, kept)
         else:
             _set(scene, path, value)
-    except TypeError:
+    except InputError:
         return False
     return True
 
@@ -119,7 +144,7 @@ def _is_deleted(block: bpy.types.ID | None) -> bool:
 
 def _record(scene: bpy.types.Scene, purpose: str) -> dict[str, list[Any]]:
     """By path what a setting was and what it was changed to; what was kept stands under the name it has now."""
-    record = json.loads(scene.get(purpose) or "{}")
+    record = json.loads(_with_names_of_today(scene.get(purpose) or "{}"))
     for path in filter(_lists, record):
         kept = _kept(scene, purpose, path)
         if kept is not None:
@@ -127,6 +152,11 @@ def _record(scene: bpy.types.Scene, purpose: str) -> dict[str, list[Any]]:
         elif _KEPT.format(purpose=purpose, path=path) in scene:
             record[path][0] = None
     return record
+
+
+def _with_names_of_today(record: str) -> str:
+    """The text of a record, which Blender 4 may have saved: what the engine is called has changed since."""
+    return record.replace(*_RENAMED) if bpy.app.version >= (5, 0) else record
 
 
 def _owner(scene: bpy.types.Scene, path: str) -> tuple[bpy.types.bpy_struct, str]:
@@ -161,8 +191,12 @@ def _set(scene: bpy.types.Scene, path: str, value: Setting) -> None:
     if listed is not None:
         block = getattr(bpy.data, listed).get(value) if value is not None else None
         setattr(owner, name, block)
-    else:
+        return
+    try:
         setattr(owner, name, value)
+    except TypeError as error:
+        what = f"this Blender does not offer {_label(path)} {_shown(value)}"
+        raise InputError(what, where=scene.name, remedy=_REMEDIES.get(path, "use another Blender")) from error
 
 
 def _same(a: Setting, b: Setting) -> bool:

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .remembered_settings import Setting, set_settings, setting_before
+from .remembered_settings import Setting, is_offered, set_settings, setting_before
 
 # Each splat on a ray takes a bounce; where fewer are guaranteed, Russian roulette adds noise (18 dB instead of 49).
 TRANSPARENT_BOUNCES = 512
@@ -65,7 +65,7 @@ class Engine(Enum):
 def display_settings(display: Display) -> dict[str, Setting]:
     """The view that `display` needs, by path from the scene; the Gaussians' input "Scene Linear" has to agree."""
     return {
-        "display_settings.display_device": "sRGB",
+        **_named_here("display_settings.display_device", "sRGB"),
         "view_settings.look": "None",  # first: looks belong to view transforms
         "view_settings.view_transform": RAW if display is Display.PHOTO else STANDARD,
         "view_settings.exposure": 0.0,
@@ -73,9 +73,14 @@ def display_settings(display: Display) -> dict[str, Setting]:
         "view_settings.use_curve_mapping": False,
         "view_settings.use_white_balance": False,
         **_SAVED_AS_SHOWN,
-        "sequencer_colorspace_settings.name": "sRGB",
+        **_named_here("sequencer_colorspace_settings.name", "sRGB"),
         "render.dither_intensity": 0.0,
     }
+
+
+def _named_here(path: str, name: str) -> dict[str, Setting]:
+    """The setting, unless a studio's colour configuration (the variable OCIO) has no such name: *Raw* needs neither."""
+    return {path: name} if is_offered(bpy.data.scenes[0], path, name) else {}
 
 
 def engine_settings(engine: Engine, display: Display = Display.PHOTO) -> dict[str, Setting]:

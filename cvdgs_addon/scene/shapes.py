@@ -7,7 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cameras import is_capture_camera
-from .splat_attributes import Attribute, Frame, is_gaussian, point_positions, read_attribute, vertex_positions
+from .splat_attributes import (
+    Attribute,
+    Frame,
+    is_gaussian,
+    point_positions,
+    read_attribute,
+    refuse_joined,
+    vertex_positions,
+)
 
 
 def rotation_matrices(quaternions: NDArray) -> NDArray[np.float64]:
@@ -33,7 +41,12 @@ def covariances(mesh: bpy.types.Mesh) -> NDArray[np.float64]:
 
 
 def frame_map(mesh: bpy.types.Mesh) -> NDArray[np.float64]:
-    """(3, 3) linear map that `mesh` went through since it was made (see `splat_attributes.Frame`)."""
+    """(3, 3) linear map that `mesh` went through since it was made (see `splat_attributes.Frame`).
+
+    Raises:
+        InputError: Blender's *Join* made it of several, which went through other maps.
+    """
+    refuse_joined(mesh)
     positions, frame = vertex_positions(mesh), read_attribute(mesh, Attribute.FRAME)
     points = {number: positions[frame == number].mean(axis=0) for number in Frame if (frame == number).any()}
     if len(points) < len(Frame):

@@ -105,6 +105,27 @@ def is_gaussian(mesh: bpy.types.Mesh) -> NDArray[np.bool_]:
     return read_attribute(mesh, Attribute.FRAME) == 0
 
 
+JOINED = "Blender's Join (Ctrl+J) loses the shapes of Gaussians"
+HOW_TO_JOIN = "undo it, and use Align and Join Runs"
+
+
+def is_joined(mesh: bpy.types.Mesh) -> bool:
+    """Whether Blender's *Join* made one mesh of several runs: it then has several frames. 1 ms a million points."""
+    if mesh.is_editmode or Attribute.FRAME not in mesh.attributes:
+        return False
+    return bool(np.count_nonzero(read_attribute(mesh, Attribute.FRAME) == Frame.ORIGIN) > 1)
+
+
+def refuse_joined(mesh: bpy.types.Mesh) -> None:
+    """Refuse what Blender's *Join* made of several runs: their frames do not tell any more what each went through.
+
+    Raises:
+        InputError: it is such a mesh.
+    """
+    if is_joined(mesh):
+        raise InputError(JOINED, where=mesh.name, remedy=HOW_TO_JOIN)
+
+
 def hide_frame(mesh: bpy.types.Mesh) -> None:
     """Keep the points of the frame out of Edit Mode; what else is hidden there stays so."""
     hidden = np.empty(len(mesh.vertices), np.bool_)

@@ -22,7 +22,7 @@ from .display import match_display
 from .remembered_settings import Setting, change_settings, changes, restore_settings
 from .render_settings import Display, Engine, display_of, engine_settings, literal_path, png_settings
 from .splat_attributes import core_of
-from .world_matrix import world_of
+from .world_matrix import scale_of, world_of
 
 _RENDER = "cvdgs_turntable_render"
 _IS_RIG = "cvdgs_turntable"  # custom property of the Empty
@@ -256,7 +256,7 @@ def _subject(splats: bpy.types.Object) -> tuple[NDArray[np.float64], float]:
     center, radius = core_of(splats)
     matrix = world_of(splats)
     in_scene = np.array(matrix @ mathutils.Vector(center.tolist()), np.float64)
-    return in_scene, float(radius) * max(matrix.to_scale())
+    return in_scene, float(radius) * scale_of(matrix)
 
 
 def _related(splats: bpy.types.Object) -> list[bpy.types.Object]:

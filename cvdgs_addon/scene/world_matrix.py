@@ -25,6 +25,11 @@ def world_of(target: bpy.types.Object) -> mathutils.Matrix:
     return world_of(target.parent) @ target.matrix_parent_inverse @ target.matrix_basis
 
 
+def scale_of(matrix: mathutils.Matrix) -> float:
+    """The factor by which a 4 × 4 matrix enlarges along the axis that it enlarges most, also where it mirrors."""
+    return max(map(abs, matrix.to_scale()))  # Blender gives a mirroring matrix negative ones
+
+
 def is_evaluated(target: bpy.types.Object) -> bool:
     """Whether the open view layer keeps the object up to date; the key H and the eye icon do not keep it from that.
 

@@ -279,6 +279,19 @@ def test_settings_can_be_undone_after_saving_and_loading(artists_scene, tmp_path
     assert (scene.world.name, scene.render.engine) == (world, engine)
 
 
+@pytest.mark.skipif(bpy.app.version < (5, 0), reason="files of Blender 5 are not those of an earlier one")
+@pytest.mark.parametrize("engine", Engine)
+def test_a_file_that_blender_4_saved_gets_its_engine_back(artists_scene, engine):
+    other = "CYCLES" if engine is Engine.EEVEE else "BLENDER_EEVEE"
+    artists_scene.render.engine = other
+    display.set_up_render(artists_scene, engine, Display.PHOTO)
+    record = artists_scene["cvdgs_render"]
+    artists_scene["cvdgs_render"] = record.replace('"BLENDER_EEVEE"', '"BLENDER_EEVEE_NEXT"')
+    assert artists_scene["cvdgs_render"] != record
+    display.restore_render(artists_scene)
+    assert artists_scene.render.engine == other
+
+
 def warnings(target: bpy.types.Object) -> list[str]:
     """What the modifier of an object complains of."""
     bpy.context.evaluated_depsgraph_get()

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
+from cvdgs.core.errors import InputError
 from cvdgs.cvdgs_addon.export import read_gaussians
 from cvdgs.cvdgs_addon.joining import join
 from cvdgs.cvdgs_addon.scene.masks import Treatment, select, treat_selected
@@ -53,6 +54,22 @@ def test_the_joined_gaussians_stand_where_those_of_both_runs_did(joined):
     expected = np.concatenate([covariances(part) for part in both])
     np.testing.assert_allclose(covariances(found), expected, atol=1e-5)
     np.testing.assert_allclose(found.opacities, np.concatenate([part.opacities for part in both]), atol=1e-5)
+
+
+def test_what_blender_joins_is_not_taken_for_one_run(apart):  # noqa: F811
+    """Its *Join* moves the points of one run, but not the attributes that say how its Gaussians lie."""
+    first, _ = apart
+    for splats in apart:
+        splats.select_set(True)
+    bpy.context.view_layer.objects.active = first
+    assert "Ctrl+J" not in " ".join(drawn(CVDGS_PT_display).texts)
+    assert bpy.ops.object.join() == {"FINISHED"}
+    bpy.context.scene.cvdgs.display.target = first
+    told = " ".join(drawn(CVDGS_PT_display).texts)
+    assert "Ctrl+J" in told
+    assert "Join Runs" in told
+    with pytest.raises(InputError, match=r"Ctrl\+J"):
+        read_gaussians(first, ORIGINAL, 1.0)
 
 
 def test_runs_that_are_rendered_apart_from_lit_objects_are_joined_in_the_artists_scene(apart):  # noqa: F811

@@ -248,6 +248,19 @@ def test_revealing_in_edit_mode_brings_neither_the_frame_nor_what_was_removed_in
     np.testing.assert_array_equal(after.means[10:], before.means[10:])
 
 
+def test_duplicates_do_not_keep_revealing_from_leaving_the_frame_out_of_sight(shown):
+    """They come behind the frame, whose points were the last ones."""
+    choose(shown, np.arange(5))
+    bpy.ops.cvdgs.edit_points()
+    bpy.ops.mesh.duplicate()
+    bpy.ops.mesh.hide()
+    bpy.ops.mesh.reveal()
+    points = bmesh.from_edit_mesh(shown.data).verts
+    numbers = points.layers.int[Attribute.FRAME]
+    assert [point.hide for point in points if point[numbers]] == [True] * len(Frame)
+    assert sum(point.hide for point in points) == len(Frame)
+
+
 @pytest.mark.parametrize(
     ("treatment", "told"),
     [

@@ -90,6 +90,20 @@ def test_a_script_that_has_just_moved_gaussians_can_place_them_beside(two):
     assert in_scene(second)[:, 0].min() > in_scene(first)[:, 0].max()
 
 
+def test_gaussians_with_duplicates_in_them_are_placed_beside(two):
+    first, second = two
+    for splats in two:
+        bpy.context.scene.cvdgs.display.target = splats
+        bpy.ops.cvdgs.edit_points()
+        bpy.context.view_layer.update()
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.mesh.duplicate()
+        bpy.ops.object.mode_set(mode="OBJECT")
+    assert overlapping(bpy.context.scene, second) == [first]
+    place_beside(bpy.context.scene, second)
+    assert in_scene(second)[:, 0].min() > in_scene(first)[:, 0].max()
+
+
 def test_gaussians_without_their_frame_overlap_nothing(two):
     first, second = two
     mesh = bpy.data.meshes.new("left")

@@ -121,6 +121,15 @@ def test_lengths_are_those_that_blender_shows(run: Path, empty: bpy.types.Object
     assert list(again.matrix_world.to_scale()) == pytest.approx(scale, rel=1e-4)
 
 
+def test_a_mirrored_capture_gets_its_true_size(run: Path, empty: bpy.types.Object) -> None:
+    empty.scale.x = -empty.scale.x
+    add_ruler(empty)
+    measure(empty, 0.5)
+    first, second = (end.matrix_world.translation for end in ends_of(empty).values())
+    assert (second - first).length == pytest.approx(0.5)
+    assert found_of(empty).metres_per_unit == pytest.approx(abs(empty.scale.y))
+
+
 def test_without_a_ruler_or_with_one_of_no_length_nothing_is_measured(empty: bpy.types.Object) -> None:
     assert not bpy.ops.cvdgs.measure.poll()
     with pytest.raises(InputError, match="no ruler"):

@@ -132,6 +132,17 @@ def test_a_subject_photographed_from_the_front_is_not_shown_from_behind(scene, f
     np.testing.assert_allclose(swing, 50.0 * np.sin(np.radians(45.0 * np.arange(8))), atol=CENTER_DEGREES)
 
 
+def test_mirrored_gaussians_are_seen_from_as_far_away(scene, splats):
+    def place() -> list[float]:
+        camera = add_turntable(scene, splats, Turntable())
+        return [*camera.location, camera.data.clip_start, camera.data.clip_end]
+
+    plain = place()
+    remove_turntable(scene)
+    splats.scale.x = -1.0
+    assert place() == pytest.approx(plain)
+
+
 def test_an_arc_can_be_asked_for(scene):
     splats = photographs_at(scene, *np.linspace(-50.0, 50.0, 11))
     swinging = angles_around(scene, add_turntable(scene, splats, Turntable(frames=4, arc=60.0)), 4)
