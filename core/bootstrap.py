@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import importlib.util
 import io
+import os
 import sys
 from collections.abc import Collection
 from pathlib import Path
@@ -39,6 +40,16 @@ def require_modules(names: Collection[str]) -> None:
         sys.exit(2)
 
 
+def _print_anywhere() -> None:
+    """Let what is printed get lost, instead of failing, where Python was started without stdout or stderr.
+
+    Services and schedulers close them, and Windows gives none to a program without a console.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):  # in the order of the descriptors they take
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
+
+
 def _show_any_name() -> None:
     """Write as an escape sequence what the encoding of stdout lacks, as Python does on stderr, instead of failing.
 
@@ -58,6 +69,7 @@ def load(oldest: tuple[int, int] = OLDEST_PYTHON, *, script: str = "", modules: 
         script: file in a package of ours that Python was started with. Python puts its folder on the path: taken off.
         modules: of other packages that the script imports; ends the process where one is missing.
     """
+    _print_anywhere()
     require_python(oldest)
     require_modules(modules)
     _show_any_name()

@@ -24,6 +24,7 @@ import bootstrap
 
 bootstrap.load()
 from cvdgs.core.errors import InputError
+from cvdgs.core.files.untrusted import is_file
 from cvdgs.core.runtime.cli import OneLineParser, exit_code
 
 MANIFEST = bootstrap.ROOT / "blender_manifest.toml"
@@ -38,8 +39,10 @@ def build(out: Path, tool: Path) -> Path:
     ``validate`` passes many broken manifests that ``build`` refuses, and what counts is the zip, so all three are done.
 
     Raises:
-        InputError: Blender's tool refuses, or `out` cannot be written.
+        InputError: there is no such tool, it refuses, or `out` cannot be written.
     """
+    if not is_file(tool):
+        raise InputError("no such file", where=tool, remedy="name a Blender's blender_ext.py with --tool")
     with open(MANIFEST, "rb") as file:
         manifest = tomllib.load(file)
     name = f"{manifest['id']}-{manifest['version']}.zip"

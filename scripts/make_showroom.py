@@ -22,6 +22,7 @@ from cvdgs.core.runtime.cli import ConsoleReporter, OneLineParser, exit_code, sc
 from cvdgs.scripts.showroom.settings import ROOM_CAMERAS, SCENES, VARIANTS, CaptureSettings, SceneSettings
 
 PREVIEW_SAMPLES = 3
+_MOST_THREADS = 1024  # of Blender; it makes one of a negative number
 
 
 def parse(arguments: list[str]) -> tuple[Path, CaptureSettings, int]:
@@ -73,6 +74,9 @@ def parse(arguments: list[str]) -> tuple[Path, CaptureSettings, int]:
     if given.preview:
         settings = replace(settings, samples=PREVIEW_SAMPLES, scene=replace(scene, cloth_detail=0.6))
     settings.check()
+    if not 0 <= given.threads <= _MOST_THREADS:
+        remedy = f"give 0 for all cores, or 1 to {_MOST_THREADS}"
+        raise InputError(f"{given.threads} is out of range", where="--threads", remedy=remedy)
     return given.out, settings, given.threads
 
 

@@ -98,10 +98,16 @@ class Task:
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):
             raise ValueError(f"'{self.name}' is not a valid task name")
-        for path in self.outputs:
+        for path in (*self.outputs, *self._places()):
             parts = path.replace("\\", "/").split("/")
             if os.path.isabs(path) or ".." in parts or ":" in parts[0]:
                 raise ValueError(f"the output {path} of '{self.name}' lies outside of the batch's folder")
+
+    def _places(self) -> Iterator[str]:
+        """Files and folders that the arguments name for what is made."""
+        yield from (self.arguments[name] for name in ("file", "folder") if name in self.arguments)
+        yield from self.arguments.get("simulated", {}).values()
+        yield self.arguments.get("settings", {}).get("out", "")
 
     @property
     def resources(self) -> Resources:

@@ -214,7 +214,8 @@ def writing_whole(path: Path) -> Iterator[BinaryIO]:
         InputError: the system refuses (no such folder, no permission, no room).
     """
     try:
-        with replacing(path) as temporary, open(temporary, "wb") as file:
+        # Nothing keeps two programs from exporting into one file.
+        with replacing(path, contested=True) as temporary, open(temporary, "wb") as file:
             yield file
     except OSError as error:
         raise InputError(

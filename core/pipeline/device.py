@@ -12,6 +12,7 @@ import torch
 import warp as wp
 
 from ... import __version__
+from ..errors import InputError
 from ..runtime.devices import TORCH_WITHOUT_CUDA, choose_device, missing_for_cuda
 from ..runtime.environment import PACKAGES
 from ..runtime.protocol import Reporter
@@ -64,14 +65,30 @@ def choose_warp_device(asked: str, *, where: str = "--device") -> str:
     Corrections of cameras and exposures are torch's part of a training step, so both libraries have to find the card.
 
     Raises:
-        InputError: there is no such device, its driver is too old for Warp, or torch is a build without CUDA.
+        InputError: there is no such device, its driver is too old for Warp, torch is a build without CUDA, or Warp can
+            keep no kernels.
     """
+    _start_warp()
     has_cuda = wp.is_cuda_available()
     if has_cuda and not torch.cuda.is_available():
         has_cuda, missing = False, TORCH_WITHOUT_CUDA
     else:
         missing = missing_for_cuda(wp.get_cuda_driver_version(), wp.get_cuda_toolkit_version())
     return choose_device(asked, has_cuda=has_cuda, where=where, missing=missing)
+
+
+def _start_warp() -> None:
+    """Make sure that Warp's folder for compiled kernels is there; services and containers often have no home for it.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    try:
+        wp.init()
+    except OSError as error:
+        what = f"compiled kernels cannot be kept there ({error.strerror})"
+        remedy = "set WARP_CACHE_PATH to a folder that you can write to"
+        raise InputError(what, where=error.filename or "", remedy=remedy) from None
 
 
 def versions() -> dict[str, str]:

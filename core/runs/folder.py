@@ -15,6 +15,7 @@ import contextlib
 import errno
 import os
 import shutil
+import stat
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import IO
@@ -177,7 +178,7 @@ class RunFolder:
             if path.is_dir():
                 _copy_folder(path, self.staging / path.name)
             elif path.is_file():
-                shutil.copy2(path, self.staging / path.name)
+                _copy_file(path, self.staging / path.name, follow_symlinks=True)
 
     def commit(self) -> None:
         """Replace an earlier run's files by the staged ones: each is a rename, and the old ones are deleted last.
@@ -271,7 +272,14 @@ def _copy_folder(source: Path, target: Path) -> None:
             if entry.is_dir(follow_symlinks=False):
                 _copy_folder(Path(entry.path), target / entry.name)
             else:
-                shutil.copy2(entry.path, target / entry.name, follow_symlinks=False)
+                _copy_file(Path(entry.path), target / entry.name, follow_symlinks=False)
+
+
+def _copy_file(source: Path, target: Path, *, follow_symlinks: bool) -> None:
+    """Copy a file so that the copy can be written to: what was published may be read-only."""
+    shutil.copy2(source, target, follow_symlinks=follow_symlinks)
+    if not target.is_symlink():
+        target.chmod(target.stat().st_mode | stat.S_IWUSR)
 
 
 def open_lock(path: Path) -> IO[str]:

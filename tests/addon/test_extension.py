@@ -169,3 +169,11 @@ def test_a_manifest_that_blender_refuses_is_reported_in_one_line(tmp_path):
     assert result.stderr.count("\n") == 1
     assert "refused by Blender's 'build': Error: tagline too long" in result.stderr
     assert list((tmp_path / "dist").iterdir()) == []
+
+
+def test_a_tool_that_is_not_there_is_not_blamed_on_the_manifest(tmp_path):
+    command = [sys.executable, BUILDER, "--out", tmp_path / "dist", "--tool", tmp_path / "blender_ext.py"]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == 2
+    assert f"build_extension.py: {tmp_path / 'blender_ext.py'}: no such file" in result.stderr
+    assert not (tmp_path / "dist").exists()

@@ -58,7 +58,7 @@ def write_usd(path: str | Path, layers: Mapping[str, Gaussians], up: str = "", m
     if len(variants) < len(layers):
         raise InputError("two layers have names that USD cannot tell apart", where=path, remedy="rename one")
     try:
-        with replacing(path) as temporary:
+        with replacing(path, contested=True) as temporary:
             temporary.touch()  # OpenUSD would make the folder
             stage = pxr.Usd.Stage.CreateNew(str(temporary))
             _fill(pxr, stage, first, variants, up, metres)

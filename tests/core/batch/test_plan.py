@@ -226,6 +226,24 @@ def test_a_task_whose_name_leads_out_of_its_folder_is_refused(name):
         Task(name, Kind.VIDEO)
 
 
+@pytest.mark.parametrize("place", ["../precious.html", "/home/precious.html", "chair\\..\\..\\precious", "C:precious"])
+@pytest.mark.parametrize(
+    ("kind", "arguments"),
+    [
+        (Kind.PAGE, lambda place: {"file": place}),
+        (Kind.FRAMES, lambda place: {"folder": "chair/frames", "simulated": {"deutan-1.0": place}}),
+        (Kind.FRAMES, lambda place: {"folder": place, "simulated": {}}),
+        (Kind.TRAIN, lambda place: {"settings": {"out": place}}),
+    ],
+)
+def test_a_plan_from_elsewhere_that_would_write_outside_of_its_folder_is_refused(tmp_path, kind, arguments, place):
+    task = Task("chair", kind, outputs=("index.html",)).to_dict()
+    plan = {"format": 1, "retries": 1, "tasks": [{**task, "arguments": arguments(place)}]}
+    (tmp_path / "plan.json").write_text(json.dumps(plan))
+    with pytest.raises(InputError, match=r"the plan is damaged .* lies outside of the batch's folder"):
+        read_plan(tmp_path / "plan.json")
+
+
 def test_a_plan_whose_tasks_wait_for_later_ones_is_refused(tmp_path):
     with pytest.raises(ValueError, match="before"):
         Plan(tmp_path, (Task("a", Kind.VIDEO, after=("b",)), Task("b", Kind.VIDEO)))

@@ -1,6 +1,8 @@
 """Files get their names when they are whole, and leave nothing behind when they are not."""
 
 import os
+import subprocess
+import sys
 
 import pytest
 
@@ -41,3 +43,23 @@ def test_a_place_that_cannot_be_written_is_the_users_affair(tmp_path):
     refused = pytest.raises(InputError, match=r"cannot be written \(No such file or directory\)")
     with refused, writing_whole(tmp_path / "missing" / "scene.ply") as file:
         file.write(b"")
+
+
+def test_two_programs_that_export_into_one_file_each_put_a_whole_one_there(tmp_path):
+    path = tmp_path / "scene.ply"
+    program = """
+import sys
+from pathlib import Path
+from cvdgs.core.files.untrusted import writing_whole
+with writing_whole(Path(sys.argv[1])) as file:
+    file.write(b"the other one's")
+"""
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with writing_whole(path) as file:
+        file.write(b"half of ")
+        file.flush()
+        subprocess.run([sys.executable, "-c", program, str(path)], env=variables, check=True)
+        assert path.read_bytes() == b"the other one's"
+        file.write(b"ours")
+    assert path.read_bytes() == b"half of ours"
+    assert os.listdir(tmp_path) == ["scene.ply"]

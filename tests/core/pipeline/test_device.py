@@ -1,6 +1,10 @@
-"""Training takes a graphics card that both Warp and torch can use."""
+"""Training takes a graphics card that both Warp and torch can use, and a folder for its kernels."""
 
 from __future__ import annotations
+
+import os
+import subprocess
+import sys
 
 import pytest
 import torch
@@ -31,3 +35,14 @@ def test_a_torch_without_cuda_is_named_where_a_card_is_asked_for(libraries_with)
     libraries_with(warp=True, torch_too=False)
     with pytest.raises(InputError, match="--device: the installed torch cannot use the CUDA device"):
         choose_warp_device("cuda")
+
+
+def test_a_service_without_a_home_for_kernels_is_told_where_to_choose_another_folder(tmp_path):
+    home = tmp_path / "no home"
+    home.write_text("where a folder should be")
+    program = "from cvdgs.core.pipeline.device import choose_warp_device; choose_warp_device('auto')"
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "WARP_CACHE_PATH": str(home / "kernels")}
+    ended = subprocess.run([sys.executable, "-c", program], env=variables, capture_output=True, text=True)
+    said = ended.stderr.strip().splitlines()[-1]
+    assert f"{home}" in said
+    assert said.endswith("set WARP_CACHE_PATH to a folder that you can write to")

@@ -46,6 +46,16 @@ def test_a_run_that_succeeds_puts_report_page_and_log_in_place(run, tmp_path):
     assert "a library talks" in (tmp_path / "out" / "run.log").read_text()
 
 
+@pytest.mark.parametrize("closed", ["2>&-", "<&- >&- 2>&-"], ids=["stderr", "all"])
+def test_a_run_that_a_service_starts_without_a_console_succeeds(run, tmp_path, monkeypatch, closed):
+    told = run("emit('result', report=REPORT)", out=tmp_path / "told")
+    monkeypatch.setenv("CVDGS_PYTHON", str(tmp_path / "worker"))
+    command = [str(tmp_path / "untold") if word == str(tmp_path / "told") else word for word in told.args]
+    assert subprocess.run(["sh", "-c", f'exec "$@" {closed}', "sh", *command], timeout=SOON).returncode == 0
+    names = [{path.name for path in (tmp_path / folder).iterdir()} for folder in ("told", "untold")]
+    assert names[0] == names[1]
+
+
 def test_events_can_be_read_by_a_program(run):
     result = run(
         "emit('progress', stage='geometry', fraction=0.5, seconds_left=3.0); emit('result', report=REPORT)", "--json"

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import signal
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -151,6 +152,20 @@ def test_a_link_is_copied_as_a_link_and_ends_a_cycle(tmp_path):
     folder = RunFolder(tmp_path)
     folder.carry_over()
     assert (folder.staging / "renders" / "original" / "again").readlink() == Path("..")
+    folder.abort()
+
+
+def test_a_run_can_be_added_to_although_its_files_are_read_only(tmp_path):
+    published = tmp_path / "published"
+    (published / "capture" / "images").mkdir(parents=True)
+    files = [Path("report.json"), Path("run.log"), Path("capture/images/0.png")]
+    for file in files:
+        (published / file).write_text(OLD_REPORT)
+        (published / file).chmod(0o444)
+    folder = RunFolder(tmp_path / "out")
+    folder.carry_over(published)
+    assert [stat.filemode((folder.staging / file).stat().st_mode) for file in files] == ["-rw-r--r--"] * 3
+    assert stat.filemode((published / "report.json").stat().st_mode) == "-r--r--r--"
     folder.abort()
 
 

@@ -327,7 +327,15 @@ def test_the_same_seed_gives_the_same_photographs(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [("--views", "1"), ("--satin-roughness", "2"), ("--variant", "achromat"), ("--light", "nan")]
+    "arguments",
+    [
+        ("--views", "1"),
+        ("--satin-roughness", "2"),
+        ("--variant", "achromat"),
+        ("--light", "nan"),
+        ("--threads", "-1"),
+        ("--threads", "5000"),
+    ],
 )
 def test_unusable_arguments_are_refused_in_one_line(tmp_path: Path, arguments: tuple[str, str]) -> None:
     done = make_showroom("--out", str(tmp_path / "out"), *arguments)
