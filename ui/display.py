@@ -209,7 +209,7 @@ def _draw_lamps(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def say_unsuitable_view(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Say what in the scene's color management changes the photographs' colours, where it does."""
+    """Say what in the scene's colour management changes the photographs' colours, where it does."""
     changes = what_changes_colors(context.scene)
     if changes:
         say(layout, context, f"{changes} changes the photographs' colours; Set Up Render fixes that", "INFO")

@@ -30,7 +30,7 @@ from .adam import AdamMoments, decayed, restore_moments, snapshot_moments
 from .trial_plan import TrialPlan
 
 # Of `PosePlan.align_steps`, in a trial: with 20 or 60 of them, what a correction gained differed by 0.13 dB at most
-# (docs/rooms.md), and 60 on six views took three quarters of the trial's time.
+# (docs/trainer/rooms.md), and 60 on six views took three quarters of the trial's time.
 _ROUGHLY = 1.0 / 3.0
 _DEPTH = 1.0  # frame units from a camera to what it looks at, as around an object
 
