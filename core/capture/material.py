@@ -49,6 +49,7 @@ from .files import (
 from .images import read_pixels
 from .masks import FoundMasks, find_masks, masks_among
 from .model import CaptureWarning
+from .scans import depth_maps_among, previews_among
 
 Renaming = Callable[[str], str]
 
@@ -57,8 +58,6 @@ _QUALITY = 98
 _CONVERTED = ("heif", "avif", "raw")
 _LOOK_SHARE = 0.5  # of the time that a video takes
 _FEWEST_WITH_VIDEOS = 3  # photographs and frames: no camera was found of two frames of a video that hardly moved
-# Where scanners of telephones (Stray Scanner, Polycam, 3D Scanner App) and datasets put what is no photograph.
-_DEPTH_FOLDERS = frozenset(("depth", "depths", "depth_maps", "confidence", "normals"))
 _REMEDIES = {
     **dict.fromkeys(PANORAMA_EXTENSIONS, f"360° pictures are not supported: {PANORAMA_REMEDY}"),
     **dict.fromkeys(FOREIGN_VIDEO_EXTENSIONS, "videos of this format are not read: convert it to MP4 (H.264)"),
@@ -161,13 +160,15 @@ def find_material(path: Path) -> Material:
     listings = ([f"{folder}{name}" for name in list_images(path / folder)] for folder in (*folders, ""))
     names = next(filter(None, listings), [])
     names = [name for name in names if not is_in_masks(PurePosixPath(name))]
-    pictures = [name for name in names if not _DEPTH_FOLDERS & set(PurePosixPath(name.lower()).parent.parts)]
-    depths = len(names) - len(pictures) if pictures or videos else 0
-    found = pictures if depths else names
+    depth_maps = depth_maps_among(path, names)
+    depths = len(depth_maps) if len(names) > len(depth_maps) or videos else 0
+    found = [name for name in names if not (depths and name in depth_maps)]
     masks = masks_among([*found, *videos])
     found = [name for name in found if name not in masks]
-    names = without_copies(path, found)
-    filmed = without_live_photos(path, videos, found) if len(names) > 1 else videos
+    previews = previews_among([*found, *videos])
+    names = without_copies(path, [name for name in found if name not in previews])
+    filmed = [name for name in videos if name not in previews]
+    filmed = without_live_photos(path, filmed, found) if len(names) > 1 else filmed
     copies = sorted({*found, *videos} - {*names, *filmed}, key=natural_key)
     what = remedy = ""
     if not names and not videos:
