@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -56,6 +57,9 @@ def find_colmap(folder: Path, *, search: bool = True) -> ColmapFolder | None:
     Args:
         folder: where to look.
         search: look into all its folders where the usual ones have none.
+
+    Raises:
+        InputError: there are several captures.
     """
     for relative in (*MODEL_FOLDERS, "."):
         candidates = _models_in(folder / relative)
@@ -65,10 +69,25 @@ def find_colmap(folder: Path, *, search: bool = True) -> ColmapFolder | None:
             root = capture_root(folder) if relative == "." else folder
             return ColmapFolder(root, largest, others)
     nested = _nested_models(folder) if search else []
-    if len({path.relative_to(folder).parts[0] for path in nested}) != 1:
-        return None  # none, or several captures side by side
+    if not nested:
+        return None
+    refuse_several(sorted({path.relative_to(folder).parts[0] for path in nested}), folder)
     largest = max(nested, key=_image_count)
     return ColmapFolder(folder, largest, tuple(path for path in nested if path != largest))
+
+
+def refuse_several(captures: Sequence[str], folder: Path) -> None:
+    """Refuse a `folder` in which there are several captures with cameras, in the folders `captures`.
+
+    Raises:
+        InputError: there are.
+    """
+    if len(captures) > 1:
+        raise InputError(
+            f"{len(captures)} captures with cameras are in it: {quote_first(captures)}",
+            where=folder,
+            remedy="give the folder of one of them, or add --cameras estimate to estimate new ones",
+        )
 
 
 def read_colmap(found: ColmapFolder, reporter: Reporter | None = None, *, adjusted: bool = False) -> SourceModel:

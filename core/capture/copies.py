@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
-from ..files.untrusted import is_file
+from ..files.untrusted import is_file, is_folder
 from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS
 from ..intake.video import read_video_header
 from .files import IMAGE_EXTENSIONS, resolve_inside
@@ -36,6 +36,12 @@ def without_copies(folder: Path, names: Sequence[str]) -> list[str]:
 def _is_reduced(path: PurePosixPath, folders: Collection[PurePosixPath]) -> bool:
     above = [folder for folder in path.parents if _REDUCED.fullmatch(folder.name)]
     return any(folder.with_name("images") in folders for folder in above)
+
+
+def reduced_folders(images: Path) -> list[Path]:
+    """The folders of smaller copies (``images_2``) beside the folder `images`, the largest first."""
+    beside = [path for path in images.parent.glob("images_*") if _REDUCED.fullmatch(path.name) and is_folder(path)]
+    return sorted(beside, key=lambda path: int(path.name.removeprefix("images_")))
 
 
 def _is_edited(name: str, shots: Collection[PurePosixPath]) -> bool:

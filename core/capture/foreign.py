@@ -1,4 +1,4 @@
-"""Camera files that are not read: recognised by name and first bytes, so that the message can say what to do."""
+"""Files that are not read: recognised by name or first bytes, so that the message can say what to do."""
 
 from __future__ import annotations
 
@@ -11,10 +11,20 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files.untrusted import is_file, opened
+from ..intake.kinds import FOREIGN_VIDEO_EXTENSIONS
+from ..intake.panoramas import PANORAMA_EXTENSIONS, RECORD3D_REMEDY
+from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 
 _SEARCHED_DEPTH = 3  # folders: MeshroomCache/StructureFromMotion/<a number>/cameras.sfm
 _START_BYTES = 4096  # that are looked at; RealityScan's rotation follows up to 30 attributes
 _MOST_BYTES = 64 << 30  # of a file of which no more is read
+
+
+_REMEDIES = {
+    **dict.fromkeys(PANORAMA_EXTENSIONS, f"360° pictures are not supported: {PANORAMA_REMEDY}"),
+    **dict.fromkeys(FOREIGN_VIDEO_EXTENSIONS, "videos of this format are not read: convert it to MP4 (H.264)"),
+    ".r3d": f"Record3D's depth is not supported: {RECORD3D_REMEDY}",
+}
 
 
 @dataclass(frozen=True)
@@ -45,6 +55,11 @@ _KINDS = (
     # Made from a COLMAP model by LLFF's script; numpy's files are never loaded here.
     ("LLFF", ("poses_bounds.npy",), (), "give the COLMAP model that they were made from (sparse/0)"),
 )
+
+
+def way_round(path: Path) -> str:
+    """What to do with a file of a scanner or a 360° camera, by its name; empty for others."""
+    return _REMEDIES.get(path.suffix.lower(), "")
 
 
 def find_foreign_cameras(folder: Path) -> ForeignCameras | None:

@@ -146,6 +146,18 @@ def read_header(path: Path, *, min_side: int = MIN_SIDE) -> ImageHeader:
         )
 
 
+def has_one_float_channel(path: Path) -> bool:
+    """Whether an image is of one floating-point number a pixel, as depth maps are; not where it cannot be read."""
+    try:
+        if _kind(path):
+            return False
+        with _opened(path) as file:
+            spec = file.spec()
+            return spec.nchannels == 1 and is_linear(spec)
+    except InputError:  # whoever needs the image says what is wrong with it
+        return False
+
+
 def _kind(path: Path) -> str:
     """ "heif", "avif", "raw", or "" for what OpenImageIO reads; a file is known by what it holds, not by its name."""
     with opened(path, most_bytes=MAX_FILE_BYTES, remedy=_COPY_AGAIN) as content:

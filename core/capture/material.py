@@ -20,15 +20,12 @@ from ..intake.archive import unpack
 from ..intake.exif import exif_for_jpeg
 from ..intake.heif import HeifHeader, read_heif_header
 from ..intake.kinds import (
-    FOREIGN_VIDEO_EXTENSIONS,
     VIDEO_EXTENSIONS,
     is_archive,
     is_video,
     kind_of_file,
     video_as_photograph,
 )
-from ..intake.panoramas import PANORAMA_EXTENSIONS
-from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 from ..intake.raw import Development, exif_of_raw
 from ..intake.selection import choose
 from ..intake.video import MAX_SECONDS, Look, extract, look_through
@@ -46,9 +43,11 @@ from .files import (
     quote_first,
     resolve_inside,
 )
+from .foreign import way_round
 from .images import read_pixels
 from .masks import FoundMasks, find_masks, masks_among
 from .model import CaptureWarning
+from .scans import depth_maps_among, previews_among
 
 Renaming = Callable[[str], str]
 
@@ -56,14 +55,8 @@ STAGE = "capture"
 _QUALITY = 98
 _CONVERTED = ("heif", "avif", "raw")
 _LOOK_SHARE = 0.5  # of the time that a video takes
+_GRADE = "Export it as Rec. 709, by the camera's LUT, for true ones"
 _FEWEST_WITH_VIDEOS = 3  # photographs and frames: no camera was found of two frames of a video that hardly moved
-# Where scanners of telephones (Stray Scanner, Polycam, 3D Scanner App) and datasets put what is no photograph.
-_DEPTH_FOLDERS = frozenset(("depth", "depths", "depth_maps", "confidence", "normals"))
-_REMEDIES = {
-    **dict.fromkeys(PANORAMA_EXTENSIONS, f"360° pictures are not supported: {PANORAMA_REMEDY}"),
-    **dict.fromkeys(FOREIGN_VIDEO_EXTENSIONS, "videos of this format are not read: convert it to MP4 (H.264)"),
-    ".r3d": "Record3D's depth is not supported: export an MP4 video from the app, and give that",
-}
 
 
 @dataclass(frozen=True)
@@ -161,13 +154,15 @@ def find_material(path: Path) -> Material:
     listings = ([f"{folder}{name}" for name in list_images(path / folder)] for folder in (*folders, ""))
     names = next(filter(None, listings), [])
     names = [name for name in names if not is_in_masks(PurePosixPath(name))]
-    pictures = [name for name in names if not _DEPTH_FOLDERS & set(PurePosixPath(name.lower()).parent.parts)]
-    depths = len(names) - len(pictures) if pictures or videos else 0
-    found = pictures if depths else names
+    depth_maps = depth_maps_among(path, names)
+    depths = len(depth_maps) if len(names) > len(depth_maps) or videos else 0
+    found = [name for name in names if not (depths and name in depth_maps)]
     masks = masks_among([*found, *videos])
     found = [name for name in found if name not in masks]
-    names = without_copies(path, found)
-    filmed = without_live_photos(path, videos, found) if len(names) > 1 else videos
+    previews = previews_among([*found, *videos])
+    names = without_copies(path, [name for name in found if name not in previews])
+    filmed = [name for name in videos if name not in previews]
+    filmed = without_live_photos(path, filmed, found) if len(names) > 1 else filmed
     copies = sorted({*found, *videos} - {*names, *filmed}, key=natural_key)
     what = remedy = ""
     if not names and not videos:
@@ -185,11 +180,6 @@ def find_material(path: Path) -> Material:
     for name in (*names, *filmed):
         resolve_inside(path, name, where=path, root=path)
     return Material(path, tuple(names), tuple(filmed), depths, tuple(copies), tuple(sorted(masks, key=natural_key)))
-
-
-def way_round(path: Path) -> str:
-    """What to do with a file of a scanner or a 360° camera, by its name; empty for others."""
-    return _REMEDIES.get(path.suffix.lower(), "")
 
 
 def make_photographs(material: Material, workspace: Path, reporter: Reporter, size: int | None = None) -> Photographs:
@@ -323,6 +313,9 @@ def _warnings_about(name: str, look: Look) -> Iterator[CaptureWarning]:
     if look.transfer:
         what = f"{name}: HDR video ({look.transfer.upper()}), brought into the range of sRGB"
         yield CaptureWarning("video-hdr", what)
+    if look.is_log:
+        what = f"{name}: log video, as it seems, which is used as it is: its colours are dull. {_GRADE}"
+        yield CaptureWarning("video-log", what)
 
 
 def _convert_photographs(material: Material, kinds: dict[str, str], made: Photographs, reporter: Reporter) -> None:

@@ -22,7 +22,7 @@ from ..intake.video import read_video_header, some_frames
 from ..runtime.protocol import Reporter
 from ..settings import AUTO, ESTIMATE, GIVEN
 from .colmap import find_colmap, read_colmap
-from .foreign import find_foreign_cameras
+from .foreign import find_foreign_cameras, way_round
 from .images import MIN_SIDE, read_header, read_pixels
 from .masks import find_masks, usable_views, warn_about_unused
 from .material import (
@@ -34,7 +34,6 @@ from .material import (
     named_after,
     renamed,
     unpacked,
-    way_round,
 )
 from .model import MIN_VIEWS, Capture, CaptureSummary, CaptureWarning, View
 from .origin import warn_about_origin

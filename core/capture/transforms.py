@@ -15,9 +15,10 @@ import numpy as np
 import pycolmap
 
 from ..errors import InputError
-from ..files.untrusted import is_file, is_there, read_json
+from ..files.untrusted import is_file, is_folder, is_there, read_json
 from ..runs.layout import MASKS_FOLDER
-from .colmap import SEARCHED_DEPTH, check_camera
+from .colmap import SEARCHED_DEPTH, check_camera, refuse_several
+from .copies import reduced_folders
 from .files import (
     IMAGE_EXTENSIONS,
     TRANSFORMS_FILES,
@@ -66,12 +67,7 @@ def find_nested_transforms(folder: Path) -> Path | None:
     depths = {file.parent: len(file.parts) - 1 for file in files if len(file.parts) - 1 <= SEARCHED_DEPTH}
     least = min(depths.values(), default=0)
     nearest = sorted(parent for parent, depth in depths.items() if depth == least)
-    if len(nearest) > 1:
-        raise InputError(
-            f"{len(nearest)} captures with cameras are in it: {quote_first(parent.as_posix() for parent in nearest)}",
-            where=folder,
-            remedy="give the folder of one of them, or add --cameras estimate to estimate new ones",
-        )
+    refuse_several([parent.as_posix() for parent in nearest], folder)
     return find_transforms(folder / nearest[0]) if nearest else None
 
 
@@ -167,7 +163,17 @@ class _Reader:
         return relative_name(self._folder, name)
 
     def _image(self, name: str) -> Path | None:
-        """The image file of a frame; the NeRF synthetic layout leaves out the extension."""
+        """The image file of a frame, or a smaller copy: of ``images`` datasets (DL3DV) may bring ``images_4`` alone."""
+        found = self._image_called(name)
+        path = PurePosixPath(name)
+        if found is not None or path.parent.name != "images" or is_folder(self._folder / path.parent):
+            return found
+        reduced = (folder.name for folder in reduced_folders(self._folder / path.parent))
+        copies = (self._image_called((path.parent.with_name(folder) / path.name).as_posix()) for folder in reduced)
+        return next(filter(None, copies), None)
+
+    def _image_called(self, name: str) -> Path | None:
+        """The image file `name`, whose extension the NeRF synthetic layout leaves out."""
         path = resolve_inside(self._folder, name, where=self._file, root=self._root)
         for extension in ("", *IMAGE_EXTENSIONS, *(extension.upper() for extension in IMAGE_EXTENSIONS)):
             if is_file(path.with_name(path.name + extension)):

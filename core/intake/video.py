@@ -24,9 +24,9 @@ from ..files.untrusted import opened
 from ..runtime.threads import one_thread
 from .kinds import MAX_VIDEO_BYTES, is_plain_image, kind_of
 from .motion import WIDTH, Followed, Follower
-from .panoramas import refuse_spherical_video
+from .panoramas import refuse_composed_video
 from .selection import Film, Frame
-from .video_color import frame_colors, small_light, square_size, transfer_of
+from .video_color import frame_colors, is_log, small_light, square_size, transfer_of
 
 MAX_PIXELS = 18_000_000
 """Of a frame: 5.3K of action cameras, not 8K, whose decoder would take gigabytes."""
@@ -59,6 +59,7 @@ class Look:
         cut_at: seconds at which it breaks off, or None.
         transfer: "hlg", "pq" or "" (not HDR).
         white: of HDR, in cd/m², see `color.hdr.white_of`.
+        is_log: whether it seems to be log video.
     """
 
     path: Path
@@ -67,6 +68,7 @@ class Look:
     cut_at: float | None
     transfer: str
     white: float
+    is_log: bool = False
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
     probes: list[Followed] = []
     bright: list[float] = []
     follower, next_probe, next_light, transfer, time, start = Follower(), 0.0, 0.0, "", 0.0, 0.0
-    is_shortened = False
+    is_shortened = seems_log = False
     with _opened(path) as (container, stream), one_thread():
         stated = min(_stated_seconds(container, stream), MAX_SECONDS)
         # What is computed for one small picture is over before more threads have begun; the decoder needs them.
@@ -129,7 +131,7 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
                 raise InputError("the video is interlaced", where=path, remedy="deinterlace it first")
             if not number:
                 start = time
-                transfer = transfer_of(frame)
+                transfer, seems_log = transfer_of(frame), is_log(frame)
                 next_probe = next_light = time
             if time - start > MAX_SECONDS:
                 is_shortened = True
@@ -149,7 +151,7 @@ def look_through(path: Path, progress: Callable[[float], None] = lambda _: None)
     seconds = frames[-1].time - frames[0].time
     is_cut = stated and seconds < _CUT * stated - 0.5 and not is_shortened
     cut_at = seconds if is_cut else None
-    return Look(path, Film(frames, probes), is_shortened, cut_at, transfer, white_of(bright))
+    return Look(path, Film(frames, probes), is_shortened, cut_at, transfer, white_of(bright), seems_log)
 
 
 def extract(
@@ -216,7 +218,7 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
         raise InputError("the file is empty", where=path, remedy="copy it again")
     if is_plain_image(start) or kind_of(start, path.name) in ("heif", "avif", "raw"):
         raise InputError("is a photograph, not a video", where=path, remedy="rename it, or remove it")
-    refuse_spherical_video(path)
+    refuse_composed_video(path)
     av.logging.set_level(None)
     try:
         container = av.open(

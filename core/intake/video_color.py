@@ -22,6 +22,8 @@ from ..color.profiles import DISPLAY_P3, convert_to_srgb
 # Weights of red and blue in luma, by H.273's number of the matrix.
 _BT601, _BT709, _BT2020 = (0.299, 0.114), (0.2126, 0.0722), (0.2627, 0.0593)
 _MATRICES = {1: _BT709, 5: _BT601, 6: _BT601, 9: _BT2020, 10: _BT2020}
+_BT2020_MATRIX = 9
+_UNKNOWN = (0, 2)  # transfer characteristics of which nothing is said
 _HD_HEIGHT = 720  # from here on what says nothing is BT.709
 _FULL_RANGE = 2
 _DISPLAY_P3_PRIMARIES = 12
@@ -70,6 +72,11 @@ def frame_colors(frame: Any, white: float = REFERENCE_WHITE, aspect: float = 1.0
 def transfer_of(frame: Any) -> str:
     """ "hlg", "pq" or "" (not HDR), as the frame says."""
     return TRANSFERS.get(int(frame.color_trc or 0), "")
+
+
+def is_log(frame: Any) -> bool:
+    """Whether a frame is log, as it seems: of BT.2020, and of a curve for which H.273 has no number (Apple Log)."""
+    return int(frame.colorspace or 0) == _BT2020_MATRIX and int(frame.color_trc or 0) in _UNKNOWN
 
 
 def small_light(frame: Any) -> Tensor | None:

@@ -93,8 +93,10 @@ def test_models_behind_links_are_not_looked_for(tmp_path: Path) -> None:
 def test_of_captures_side_by_side_none_is_taken(tmp_path: Path) -> None:
     for name in ("monday", "tuesday"):
         write_colmap(tmp_path / name, shots(3))
-    with pytest.raises(InputError, match="no cameras"):
-        read_capture(tmp_path, max_size=None)
+    with pytest.raises(InputError) as error:
+        inspect_capture(tmp_path)
+    assert "2 captures with cameras are in it: monday, tuesday - give the folder of one of them" in str(error.value)
+    assert inspect_capture(tmp_path, cameras="estimate").views == 6
 
 
 @pytest.mark.parametrize("text", [False, True], ids=["binary", "text"])

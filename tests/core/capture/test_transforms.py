@@ -270,6 +270,18 @@ def test_missing_images_are_left_out_and_listed(tmp_path: Path) -> None:
     assert "images/0003.png" in message
 
 
+def test_smaller_copies_stand_for_images_that_are_not_there(tmp_path: Path) -> None:
+    large, small = (shots(3, pinhole(width, height, focal)) for width, height, focal in ((192, 144, 160), (96, 72, 80)))
+    write_transforms(tmp_path, large, images=False)
+    save_images(tmp_path / "images_4", shots(3, pinhole(48, 36, 40)))
+    save_images(tmp_path / "images_2", small)
+    capture = read_capture(tmp_path, max_size=None)
+    assert_same_views(capture, small)
+    assert "missing-images" not in warnings_of(capture)
+    save_images(tmp_path / "images", large[:2])
+    assert len(read_capture(tmp_path, max_size=None).views) == 2, "a folder that is there is taken as it is"
+
+
 def test_colmap_beside_is_preferred_for_its_points(tmp_path: Path) -> None:
     write_transforms(tmp_path, shots(3))
     write_colmap(tmp_path, shots(3), images=False)

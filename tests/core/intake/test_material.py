@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from PIL import Image
@@ -334,6 +335,20 @@ def test_both_frames_of_a_video_of_two_are_taken(tmp_path: Path) -> None:
     write_video(tmp_path / "two.mp4", [window(WALL, 50), window(WALL, 250)], rate=1)
     (tmp_path / "out").mkdir()
     assert len(make_photographs(find_material(tmp_path), tmp_path / "out", Reporter()).names) == 2
+
+
+@pytest.mark.parametrize(("transfer", "name"), [(2, "video-log"), (18, "video-hdr"), (1, None)])
+def test_log_video_is_told_from_hdr_and_from_ordinary_video(tmp_path: Path, transfer: int, name: str | None) -> None:
+    def configure(stream: av.VideoStream) -> None:
+        context = stream.codec_context
+        context.colorspace, context.color_primaries, context.color_trc = 9, 9, transfer
+
+    write_video(tmp_path / "x.mp4", [window(WALL, 50), window(WALL, 80)], configure=configure)
+    for number in range(2):
+        save(tmp_path / f"{number}.jpg", WALL[:64, :96])
+    (tmp_path / "out").mkdir()
+    made = make_photographs(find_material(tmp_path), tmp_path / "out", Reporter())
+    assert [warning.name for warning in made.warnings] == ([name] if name else [])
 
 
 def test_all_frames_of_a_video_have_its_mask_and_photographs_their_own(tmp_path: Path) -> None:

@@ -299,7 +299,7 @@ def test_360_degree_photographs_are_named_with_the_way_round(tmp_path: Path) -> 
     ("name", "way_round"),
     [
         ("a.insp", "reframed, 90° wide"),
-        ("scan.r3d", "export an MP4 video"),
+        ("scan.r3d", r"export EXR \+ RGB from the app"),
         ("walk.wmv", "convert it to MP4"),
         ("walk.TS", "convert it to MP4"),
     ],

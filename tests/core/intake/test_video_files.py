@@ -249,12 +249,19 @@ def all_around(path: Path) -> Path:
     return path
 
 
+def half_depth(path: Path) -> Path:
+    data = write_video(path, WALK).read_bytes()
+    path.write_bytes(data + b'{"intrinsicMatrix":[1,0,0,0,1,0,1,1,1],"rangeOfEncodedDepth":[0,3]}')
+    return path
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
         (encrypted_by_another, "encrypted"),
         (of_no_known_codec, "codec is not known"),
         (all_around, "360° video, which is not supported - export a flat video"),
+        (half_depth, "Record3D's video, half of which is depth - export EXR + RGB"),
         (still_as_video, "is a photograph, not a video"),
         (one_frame, "no frames"),
         (empty, "empty"),

@@ -1,0 +1,54 @@
+"""What scanners of telephones and datasets put beside their photographs: depth maps, and previews of the scan."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePosixPath
+
+from .images import has_one_float_channel
+
+# Words in the names of folders (lowres_depth), and the last ones in those of files (depth_00001.png, IMG_1_depth.TIF).
+_DEPTHS = frozenset(("depth", "depths", "depthmap", "depthmaps", "confidence"))
+_IN_FOLDERS = frozenset((*_DEPTHS, "normals"))
+_IN_FILES = frozenset((*_DEPTHS, "conf"))
+_OF_FLOATS = (".exr", ".tif", ".tiff")
+_LOSSLESS = (".png", *_OF_FLOATS)  # distances are kept so
+
+# Polycam's raw export has these beside the folder of its photographs, both rendered of its mesh.
+_KEYFRAMES = "keyframes"
+_RENDERED = frozenset(("polycam.mp4", "thumbnail.jpg"))
+# 3D Scanner App's thumb_00000.jpg is a small frame_00000.jpg.
+_SMALL, _WHOLE = "thumb_", "frame_"
+
+
+def depth_maps_among(folder: Path, names: Iterable[str]) -> set[str]:
+    """Which of the pictures `names` in `folder` hold depths, how certain these are, or normals."""
+    return {name for name in names if _is_called_depth(name) or _is_made_of_depths(folder / name)}
+
+
+def _is_called_depth(name: str) -> bool:
+    path = PurePosixPath(name.lower())
+    last = _words(path.stem)[-1:] if path.suffix in _LOSSLESS else []
+    in_folders = (word for part in path.parent.parts for word in _words(part))
+    return not (_IN_FILES.isdisjoint(last) and _IN_FOLDERS.isdisjoint(in_folders))
+
+
+def _words(name: str) -> list[str]:
+    return re.findall(r"[a-z]+", name)
+
+
+def _is_made_of_depths(path: Path) -> bool:
+    return path.suffix.lower() in _OF_FLOATS and has_one_float_channel(path)
+
+
+def previews_among(names: Sequence[str]) -> set[str]:
+    """Which of the pictures and videos `names` show the scan as an app has rendered it, or a photograph once more."""
+    paths = {name: PurePosixPath(name) for name in names}
+    scanned = {above.parent for path in paths.values() for above in path.parents if above.name == _KEYFRAMES}
+    return {
+        name
+        for name, path in paths.items()
+        if (path.parent in scanned and path.name in _RENDERED)
+        or (path.name.startswith(_SMALL) and str(path.with_name(path.name.replace(_SMALL, _WHOLE, 1))) in paths)
+    }
