@@ -57,8 +57,6 @@ def pack(layers: Mapping[str, Gaussians], origin: NDArray[np.float64]) -> Stream
     described = []
     for number, (name, gaussians) in enumerate(layers.items()):
         constant = np.clip(0.5 + SH_C0 * gaussians.sh[order, 0], -_LARGEST_HALF, _LARGEST_HALF)
-        if not gaussians.sh_degree:
-            constant = np.maximum(constant, 0.0)
         data[f"colors{number}"] = encode(constant.astype(np.float16))
         entry: dict[str, Any] = {"name": name, "degree": gaussians.sh_degree, "restCode": [0.0, 0.0]}
         if gaussians.sh_degree:

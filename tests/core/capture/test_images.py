@@ -311,6 +311,14 @@ def test_scaled_camera_sees_the_scaled_photograph(tmp_path: Path) -> None:
     assert (camera.cx, camera.cy) == (25.0, 19.0)
 
 
+def test_a_line_of_motion_blur_shrinks_with_its_photograph(tmp_path: Path) -> None:
+    listed = [frame | {"motion_blur": [6.0, -3.0]} for frame in frames(shots(2))]
+    root = write_transforms(tmp_path, shots(2), {"fl_x": 80.0, "frames": listed})
+    full, half = (read_capture(root, max_size=size).views[0] for size in (None, 48))
+    np.testing.assert_array_equal(full.smear, [6.0, -3.0])
+    np.testing.assert_array_equal(half.smear, [3.0, -1.5])
+
+
 def test_downscaling_keeps_the_mean(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (480, 640, 3)).astype(np.uint8)
     small, _ = downscale_with_alpha(noise, None, 64, 48)

@@ -79,6 +79,23 @@ def test_two_numbers_differ_in_eleven_cells_however_they_are_turned() -> None:
             assert min(np.count_nonzero(turned[first][0] != other) for other in turned[second]) >= 11
 
 
+# The cells of three numbers as OpenCV draws them (cv2.aruco, DICT_APRILTAG_36h11); # is black.
+DRAWN_BY_OPENCV = {
+    0: ("##.###", "#..#.#", "###.#.", "###..#", ".#...#", ".#.#.."),
+    7: ("##.#.#", "...###", "#...#.", "##.#.#", "#..###", "##.###"),
+    29: ("#.###.", ".#.##.", ".####.", ".....#", "#####.", ".#.#.."),
+}
+
+
+@pytest.mark.parametrize("number", DRAWN_BY_OPENCV)
+def test_a_tag_that_another_program_has_printed_is_read(number: int) -> None:
+    cells = np.array([[cell == "." for cell in row] for row in DRAWN_BY_OPENCV[number]])
+    sheet = np.pad(np.pad(cells, 1), 4, constant_values=True)
+    picture = np.where(np.kron(sheet, np.ones((12, 12), bool)), 220, 30).astype(np.uint8)
+    (tag,) = find_tags(np.repeat(picture[..., None], 3, axis=2))
+    assert tag.number == number
+
+
 @pytest.mark.parametrize("turn", [0.0, 1.2, 2.9, 4.0])
 @pytest.mark.parametrize("place", PLACES)
 def test_a_tag_is_found_turned_and_from_the_side_with_corners_to_a_fifth_of_a_pixel(place, turn) -> None:

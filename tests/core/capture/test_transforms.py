@@ -147,6 +147,13 @@ def test_field_of_view_alone_takes_the_size_from_the_image(tmp_path: Path) -> No
     assert_same_views(read_capture(write_transforms(tmp_path, photographs, document), max_size=None), photographs)
 
 
+def test_a_focal_length_counts_for_more_than_a_field_of_view_that_says_otherwise(tmp_path: Path) -> None:
+    """As of photographs that were cropped after their cameras were written."""
+    photographs = shots(2)
+    document = {"fl_x": 80.0, "camera_angle_x": 0.5, "frames": frames(photographs)}
+    assert_same_views(read_capture(write_transforms(tmp_path, photographs, document), max_size=None), photographs)
+
+
 def test_names_without_extension_and_split_files(tmp_path: Path) -> None:
     photographs = shots(2, pattern="r_{}.png")
     listed = frames(photographs, "./train/")
@@ -393,6 +400,7 @@ def test_cut_file_is_refused(tmp_path: Path, part: float) -> None:
         ({"frames": [{"file_path": "images/0001.png"}]}, "transform_matrix"),
         ({"frames": [{"file_path": "images/0001.png", "transform_matrix": "x"}]}, "transform_matrix"),
         ({"frames": frames(shots(2))}, "no focal length"),
+        ({"camera_angle_x": 0.0, "frames": frames(shots(2))}, "no focal length"),
         ({"fl_x": "wide", "frames": frames(shots(2))}, "fl_x is 'wide'"),
         ({"fl_x": 10**400, "frames": frames(shots(2))}, "fl_x is '1000"),
         ({"fl_x": 80.0, "frames": [{"file_path": "images/0001.png", "transform_matrix": [[10**400]]}]}, "not numbers"),

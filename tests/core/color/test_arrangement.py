@@ -7,7 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cvdgs.core.color.arrangement import CAP_COUNT, CAPS_UV, cap_colors, score_arrangement, suggest
+from cvdgs.core.color.arrangement import (
+    CAP_COUNT,
+    CAPS_UV,
+    ArrangementScore,
+    cap_colors,
+    score_arrangement,
+    suggest,
+)
 from cvdgs.core.color.matrices import RGB_TO_XYZ, linear_simulation
 
 IN_ORDER = list(range(1, CAP_COUNT + 1))
@@ -65,6 +72,17 @@ def test_a_simulated_observer_is_recognised(cvd, severity):
 def test_a_simulated_tritanope_is_recognised():
     suggestion = suggest(score_arrangement(arranged_by("tritan", 1.0)))
     assert (suggestion.cvd, suggestion.severity) == ("tritan", 1.0)
+
+
+@pytest.mark.parametrize("angle", [75.0, 89.0, -89.0, -75.0])
+def test_an_axis_a_little_past_the_vertical_is_a_tritans_still(angle):
+    assert suggest(ArrangementScore(angle, confusion=2.7, selectivity=2.5)).cvd == "tritan"
+
+
+def test_mistakes_in_all_directions_suggest_no_type():
+    """Somebody who put the caps down anyhow is not told a deficiency."""
+    assert suggest(ArrangementScore(10.0, confusion=3.0, selectivity=2.5)).cvd == "protan"
+    assert suggest(ArrangementScore(10.0, confusion=3.0, selectivity=1.3)).cvd is None
 
 
 @pytest.mark.parametrize("cvd", ["protan", "deutan", "tritan"])

@@ -12,7 +12,7 @@ import torch
 from colorspacious import cspace_convert
 from scipy.ndimage import gaussian_filter
 
-from cvdgs.core.color.metrics import ccpr, contrast_scores, naturalness, psnr, ssim
+from cvdgs.core.color.metrics import ccpr, contrast_scores, half_size, half_size_mask, naturalness, psnr, ssim
 from cvdgs.core.color.simulation import simulate
 from cvdgs.core.color.spaces import linear_to_srgb
 
@@ -136,6 +136,21 @@ def test_ssim_agrees_with_a_direct_implementation_by_gaussian_filters() -> None:
 
 def test_ssim_of_an_image_smaller_than_its_window_is_nan() -> None:
     assert math.isnan(ssim(random_image(10, 40), random_image(10, 40)))
+
+
+def test_half_a_picture_has_the_mean_of_the_light() -> None:
+    """From twice as far away black and white checks are half as bright as white, which is no middle grey."""
+    checks = torch.tensor([[0.0, 1.0], [1.0, 0.0]]).repeat(3, 2, 3)
+    halved = half_size(checks)
+    assert halved.shape == (3, 2, 3)
+    half_of_white = cspace_convert([0.5, 0.5, 0.5], "sRGB1-linear", "sRGB1")[0]
+    assert halved.numpy() == pytest.approx(half_of_white, abs=1e-5)
+
+
+def test_a_pixel_of_half_a_picture_counts_if_all_four_that_it_stands_for_do() -> None:
+    mask = torch.ones(4, 7, dtype=torch.bool)
+    mask[0, 3] = False
+    assert half_size_mask(mask).tolist() == [[True, False, True], [True, True, True]]
 
 
 def test_psnr_follows_its_definition() -> None:

@@ -37,6 +37,14 @@ def test_straight_edges_and_clipped_parts_are_no_noise() -> None:
     assert noise_level(np.zeros((64, 64))) == 0.0
 
 
+@pytest.mark.parametrize("level", [0.0, 255.0])
+def test_the_noise_of_a_subject_is_found_however_much_around_it_is_clipped(level: float) -> None:
+    """As in cut-out photographs, at night, and before a bright window."""
+    image = 128.0 + np.random.default_rng(3).normal(0.0, 5.0, (160, 160))
+    image[:, 48:] = level
+    assert noise_level(image) == pytest.approx(5.0, rel=0.2)
+
+
 @pytest.mark.parametrize("deviation", [4.0, 10.0])
 def test_the_noise_of_a_channel_is_found_behind_a_texture(deviation: float) -> None:
     photographs = [with_noise(textured(seed), deviation, seed) for seed in range(5)]

@@ -68,6 +68,12 @@ def test_bad_figures_are_named_and_nothing_else(
     assert names(showroom, tmp_path, found=found) == {name}
 
 
+def test_a_scene_has_to_keep_the_contrast_of_the_photographs_and_not_that_which_enhancement_added(
+    showroom: Capture, tmp_path: Path
+) -> None:
+    assert names(showroom, tmp_path, found=figures(ccpr={"input": 0.6, "enhanced": 0.95, "rendered": 0.5})) == set()
+
+
 def test_figures_that_could_not_be_measured_are_no_reason_to_warn(showroom: Capture, tmp_path: Path) -> None:
     missing = figures(
         psnr=float("nan"), rwe={"ratio": float("nan"), "enhanced_ratio": float("nan")}, ccpr={"rendered": float("nan")}
@@ -106,6 +112,21 @@ def test_a_blurry_scene_does_not_say_that_cameras_are_off(showroom: Capture, tmp
     blurred = gaussian_filter(view.image.astype(float), (2.5, 2.5, 0)).astype(np.uint8)
     write_png(tmp_path / "renders" / "original" / f"{view.key}.png", blurred)
     assert names(showroom, tmp_path) == set()
+
+
+@pytest.mark.parametrize("part", ["mask", "alpha"])
+def test_a_photograph_of_which_a_part_is_not_looked_at_says_nothing_of_cameras(
+    showroom: Capture, tmp_path: Path, part: str
+) -> None:
+    """Its rendering shows something else there."""
+    view = showroom.views[0]
+    shown = np.ones(view.image.shape[:2], bool)
+    shown[:, :80] = False
+    partly = replace(view, **{part: shown if part == "mask" else np.where(shown, 255, 0).astype(np.uint8)})
+    moved = np.roll(view.image, 2, axis=1)
+    write_png(tmp_path / "renders" / "original" / f"{view.key}.png", moved)
+    assert names(showroom, tmp_path) == {"cameras-off"}
+    assert names(replace(showroom, views=(partly, *showroom.views[1:])), tmp_path) == set()
 
 
 def test_photographs_without_light_sharpness_or_quality_are_told(showroom: Capture, tmp_path: Path) -> None:

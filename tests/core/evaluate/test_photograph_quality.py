@@ -33,6 +33,13 @@ def test_blur_makes_a_photograph_less_sharp() -> None:
     assert values == sorted(values, reverse=True)
 
 
+def test_noise_is_no_sharpness() -> None:
+    blurred = gaussian_filter(scene().astype(float), (3.0, 3.0, 0))
+    noise = np.random.default_rng(1).normal(0.0, 2.0, blurred.shape)
+    noisy, clean = (np.clip(np.round(image), 0, 255).astype(np.uint8) for image in (blurred + noise, blurred))
+    assert PhotographQuality.of([noisy]).sharpness == pytest.approx(PhotographQuality.of([clean]).sharpness, abs=0.1)
+
+
 def test_a_black_photograph_says_nothing_of_the_others_sharpness() -> None:
     sharp, black = scene(), np.zeros((144, 192, 3), np.uint8)
     assert PhotographQuality.of([sharp, black]).sharpness == PhotographQuality.of([sharp]).sharpness

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import av
 import colour
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from cvdgs.core.color.hdr import (
 from cvdgs.core.intake.video_color import frame_colors
 
 from .films import planes_frame
+from .test_photographs import p3_to_srgb
 
 SIGNALS = np.random.default_rng(3).uniform(0.02, 0.98, (200, 3))
 
@@ -85,6 +87,12 @@ def test_a_bright_wall_sets_the_white_and_highlights_do_not() -> None:
     assert white_of([]) == REFERENCE_WHITE
 
 
+def test_a_bright_wall_in_a_saturated_colour_sets_the_white_too() -> None:
+    """Or its colour is clipped, which is as bright in one channel as a white wall's."""
+    red = torch.tensor([350.0, 40.0, 40.0])[:, None, None].expand(3, 10, 10)
+    assert white_of([brightness_of(red)]) == pytest.approx(350.0)
+
+
 @pytest.mark.parametrize(
     ("matrix", "space"), [(1, "ITU-R BT.709"), (6, "ITU-R BT.601"), (9, "ITU-R BT.2020")], ids=["709", "601", "2020"]
 )
@@ -97,6 +105,45 @@ def test_a_frame_has_the_colours_of_its_matrix(matrix: int, space: str, bits: in
     weights = colour.WEIGHTS_YCBCR[space]
     expected = colour.YCbCr_to_RGB(codes, K=weights, in_bits=bits, in_legal=True, in_int=True, out_legal=False)
     assert np.abs(frame_colors(frame)[20, 20] / 255.0 - np.clip(expected, 0, 1)).max() < 1.0 / 255
+
+
+@pytest.mark.parametrize(("height", "space"), [(576, "ITU-R BT.601"), (720, "ITU-R BT.709")])
+def test_a_frame_that_names_no_matrix_has_that_of_televisions_of_its_size(height: int, space: str) -> None:
+    codes = np.array([120, 100, 160])
+    frame = planes_frame(*codes, pixel_format="yuv420p", width=height * 4 // 3, height=height)
+    weights = colour.WEIGHTS_YCBCR[space]
+    expected = colour.YCbCr_to_RGB(codes, K=weights, in_bits=8, in_legal=True, in_int=True, out_legal=False)
+    assert np.abs(frame_colors(frame)[20, 20] / 255.0 - expected).max() < 1.0 / 255
+
+
+def test_a_frame_of_display_p3_becomes_srgb() -> None:
+    frame = planes_frame(120, 100, 160, "yuv420p")
+    frame.colorspace = 1
+    stored = frame_colors(frame)
+    frame.color_primaries = 12
+    expected = p3_to_srgb(stored[20, 20])
+    assert np.abs(frame_colors(frame)[20, 20] / 255.0 - expected).max() < 1.0 / 255
+    assert np.abs(stored[20, 20] / 255.0 - expected).max() > 5.0 / 255
+
+
+def blue_differences(across: int, down: int) -> av.VideoFrame:
+    """A frame whose blue differences rise from 80 by so much from column to column and row to row of their plane."""
+    frame = planes_frame(120, 128, 128, "yuv420p")
+    plane = frame.planes[1]
+    codes = 80 + np.add.outer(down * np.arange(plane.height), across * np.arange(plane.line_size))
+    plane.update(codes.astype(np.uint8).tobytes())
+    return frame
+
+
+def test_colours_lie_on_every_second_column_and_between_rows() -> None:
+    """As H.264 and HEVC have it; half a column aside, every edge between colours gets a fringe."""
+    across, down = (frame_colors(blue_differences(*steps)).astype(int) for steps in ((2, 0), (0, 4)))
+    for place in (10, 21, 40):
+        at_column, at_row = (
+            frame_colors(planes_frame(120, code, 128, "yuv420p")) for code in (80 + place, 79 + 2 * place)
+        )
+        assert np.abs(across[20, place] - at_column[20, 20]).max() <= 1
+        assert np.abs(down[place, 20] - at_row[20, 20]).max() <= 1
 
 
 def test_full_range_is_not_stretched() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import csv
+import io
 import json
 import os
 import re
@@ -16,10 +18,13 @@ import pytest
 from PIL import Image
 
 from cvdgs.core.bootstrap import ROOT
+from cvdgs.core.color.srgb import simulate_bytes
 from cvdgs.core.enhance import LutEnhancer, SceneNetworkEnhancer
+from cvdgs.core.enhance.gan.weights import save_generator
 from cvdgs.core.enhance.lut_fit import LutSettings
 from cvdgs.core.enhance.scene.fit import FitSettings
 from cvdgs.core.errors import InputError
+from cvdgs.core.photographs.find import Photograph, survey
 from cvdgs.core.photographs.front import EnhanceRequest, enhance
 from cvdgs.core.photographs.job import enhance_folder
 from cvdgs.core.runs.enhanced import enhanced_files
@@ -27,6 +32,7 @@ from cvdgs.core.runtime.protocol import Reporter
 
 from ...patience import SOON
 from ..enhance import textiles
+from ..enhance.gan.networks import random_generator
 
 BRIEF = LutSettings(steps=60, pairs=800, relaxations=0)  # enough to see the direction of a fit
 TARTAN = textiles.tartan(size=48, stripe=8)
@@ -58,8 +64,8 @@ def brief_fits(monkeypatch: pytest.MonkeyPatch) -> None:
         simulation: str,
         strength: float,
         seed: int,
-        device: str,
         budget: float | None,
+        fit_steps: int,
     ) -> LutEnhancer:
         assert name == "lut"
         return LutEnhancer(cvd, severity, simulation, strength, seed, BRIEF)
@@ -116,6 +122,29 @@ def test_each_photograph_gets_a_picture_a_row_and_a_place_on_the_page(tmp_path: 
 
 
 @pytest.mark.usefixtures("brief_fits")
+def test_every_picture_of_the_page_is_the_one_that_its_caption_says(tmp_path: Path) -> None:
+    alpha = np.full((48, 48, 1), 255, np.uint8)
+    alpha[:, 32:] = 0  # of the page's white
+    save(tmp_path / "a.png", np.dstack([TARTAN, alpha]))
+    run(tmp_path / "out", tmp_path / "a.png", enhancer="lut", cvd="protan", severity=0.9)
+    shown = re.findall(
+        r'alt="([^"]*)"[^>]*src="data:image/jpeg;base64,([^"]*)"', (tmp_path / "out" / "sheet.html").read_text()
+    )
+    before, after = (np.where(alpha > 0, image[..., :3], 255) for image in (TARTAN, pixels(tmp_path / "out" / "a.png")))
+    expected = {
+        "before": before,
+        "after": after,
+        "before, as protan vision sees it": simulate_bytes(before.astype(np.uint8), "protan", 0.9),
+        "after, as protan vision sees it": simulate_bytes(after.astype(np.uint8), "protan", 0.9),
+    }
+    assert [caption for caption, _ in shown] == list(expected)
+    for caption, content in shown:
+        picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(content)))).astype(float)
+        assert np.abs(picture - expected[caption]).mean() < 4.0, caption
+    assert np.abs(expected["after"] - before.astype(float)).mean() > 8.0
+
+
+@pytest.mark.usefixtures("brief_fits")
 def test_photographs_of_one_scene_get_one_colour_map_and_separate_ones_their_own(tmp_path: Path) -> None:
     blue = np.full((48, 48, 3), (40, 60, 160), np.uint8)
     blue[:, 24:] = (200, 190, 90)
@@ -158,6 +187,18 @@ def test_a_fit_to_one_photograph_alone_is_seen_to_go_on(tmp_path: Path) -> None:
     told = run(tmp_path / "out", *photographs, enhancer="lut", separately=True).enhanced
     assert told == sorted(told)
     assert all(sum(start < fraction < start + 0.4 for fraction in told) > 20 for start in (0.0, 0.5))
+
+
+def test_the_budget_and_the_steps_that_are_asked_for_count(tmp_path: Path) -> None:
+    save_generator(random_generator(), tmp_path / "weights.safetensors")
+    photograph, changes = save(tmp_path / "a.png"), []
+    for budget, fit in ((1.0, 0), (3.0, 0), (3.0, 2)):
+        out = tmp_path / f"{budget}-{fit}"
+        run(out, photograph, enhancer=str(tmp_path / "weights.safetensors"), change_budget=budget, fit=fit)
+        changes.append(float(table(out)["a.png"]["naturalness_delta_e_2000"]))
+    assert changes[0] < 1.2
+    assert changes[1] > 1.5
+    assert changes[2] != changes[1]
 
 
 def test_a_card_that_is_not_there_is_not_missed(tmp_path: Path) -> None:
@@ -236,6 +277,17 @@ def test_names_that_collide_keep_apart_and_hostile_ones_stay_text(tmp_path: Path
     page = (tmp_path / "out" / "sheet.html").read_text(encoding="utf-8")
     assert "<b>" not in page
     assert "&lt;b&gt;&amp;" in page
+
+
+def test_of_more_pixels_than_a_fit_can_hold_some_are_left_out_and_none_is_mixed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cvdgs.core.photographs.find._SCENE_PIXELS", 1000)
+    photographs = [Photograph(save(tmp_path / f"{number}.png"), str(number)) for number in range(4)]
+    images = survey(photographs, Reporter(), keep_pixels=True, skip_unreadable=False).images
+    colors = np.concatenate([image.reshape(-1, 3) for image in images])
+    assert 500 < len(colors) <= 1000
+    assert set(map(tuple, colors)) <= set(map(tuple, TARTAN.reshape(-1, 3)))
 
 
 def test_large_photographs_are_measured_on_a_reduced_copy_and_the_table_says_so(tmp_path: Path) -> None:

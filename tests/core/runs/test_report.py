@@ -1,5 +1,6 @@
 """The report: valid JSON whatever the figures are, and a page that needs no other file."""
 
+import base64
 import json
 import re
 
@@ -51,15 +52,18 @@ def report(**changes):
     }
 
 
+PLACES = {
+    "photograph": "capture/images",
+    "enhanced, rendered": "renders/deutan-1.0",
+    "photograph, as deutan vision sees it": "renders/deutan-1.0/simulated_input",
+    "enhanced, as deutan vision sees it": "renders/deutan-1.0/simulated",
+}
+
+
 @pytest.fixture
 def folder(tmp_path):
-    image = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
-    for place in (
-        "capture/images",
-        "renders/deutan-1.0",
-        "renders/deutan-1.0/simulated",
-        "renders/deutan-1.0/simulated_input",
-    ):
+    for seed, place in enumerate(PLACES.values()):
+        image = np.random.default_rng(seed).integers(0, 256, (48, 64, 3), np.uint8)
         write_png(tmp_path / place / "0001.png", image)
     return tmp_path
 
@@ -85,6 +89,15 @@ def test_the_page_carries_its_pictures_and_asks_for_nothing_else(folder):
     assert page.count("data:image/png;base64,") == 4
     assert not re.search(r"""(src|href)=["']?(?!["']?data:)""", page)
     assert "http" not in page
+
+
+def test_every_picture_is_the_one_that_its_caption_says(folder):
+    finish_report(folder, without_non_finite(report()))
+    page = (folder / "report.html").read_text()
+    shown = re.findall(r'<img alt="([^"]*)" src="data:image/png;base64,([^"]*)"><figcaption>([^<]*)<', page)
+    assert [caption for caption, _, _ in shown] == [caption for _, _, caption in shown] == list(PLACES)
+    for caption, content, _ in shown:
+        assert base64.b64decode(content) == (folder / PLACES[caption] / "0001.png").read_bytes(), caption
 
 
 def test_a_reader_who_sees_no_pictures_is_told_what_the_chart_shows_and_what_a_figure_is_of(folder):

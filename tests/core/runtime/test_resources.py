@@ -67,6 +67,17 @@ def test_freed_memory_between_blocks_that_are_kept_is_given_back() -> None:
     assert kept == 160 * (64 << 10)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no file tells a container's limit")
+@pytest.mark.parametrize("limit", ["max\n", "no number", None])
+def test_a_containers_limit_is_all_the_memory_there_is(monkeypatch, tmp_path: Path, limit: str | None) -> None:
+    file = tmp_path / "memory.max"
+    monkeypatch.setattr(resources, "_CONTAINER_LIMIT", file)
+    file.write_text(f"{100 << 20}\n")
+    assert this_machine().memory_mb == 100
+    file.unlink() if limit is None else file.write_text(limit)
+    assert this_machine().memory_mb > 100
+
+
 @pytest.mark.parametrize(
     ("variable", "names"),
     [

@@ -51,8 +51,17 @@ def test_what_cameras_go_around_is_found_and_half_a_scene_is_not() -> None:
     found = find_subject(around(), scene())
     assert found is not None
     assert np.linalg.norm(found.center - THING) < 0.2
-    assert 0.8 < found.radius < 3.3  # within what all have in their pictures, and before every camera
+    assert found.radius > 0.8
+    half = np.arctan(0.5 * CAMERA.height / CAMERA.fy)  # of the field of view, from top to bottom
+    assert all(found.radius < np.linalg.norm(view.center - found.center) * np.sin(half) for view in around())
     assert found.holds(scene()).sum() == 300
+
+
+def test_the_subject_ends_before_a_camera_that_came_close() -> None:
+    near = looking(THING + np.array([1.1, 0.0, 0.0]), THING)
+    found = find_subject([*around(), near], scene())
+    assert found is not None
+    assert found.radius < np.linalg.norm(near.center - found.center)
 
 
 def test_a_room_that_one_looks_around_in_has_no_subject() -> None:

@@ -280,6 +280,12 @@ def test_a_saved_network_is_an_enhancer_that_needs_no_fit_and_has_its_lut(saved:
     assert "LUT_3D_SIZE 33" in (tmp_path / "scene.cube").read_text(encoding="utf-8")
 
 
+def test_half_the_strength_of_a_saved_network_is_half_the_way(saved: Path) -> None:
+    image = views()[0]
+    half, full = (make_enhancer(str(saved), "deutan", 1.0, strength=strength)(image) for strength in (0.5, 1.0))
+    np.testing.assert_allclose(half, (image / 255.0 + full) / 2.0, atol=1e-6)
+
+
 def test_a_file_of_the_gan_s_weights_is_still_the_gan(tmp_path: Path) -> None:
     save_generator(random_generator(SMALL), tmp_path / "weights.safetensors")
     assert isinstance(make_enhancer(str(tmp_path / "weights.safetensors"), "deutan", 1.0), CganEnhancer)

@@ -127,6 +127,8 @@ def test_the_description_has_what_the_specifications_require(tmp_path):
         assert accessor["count"] == 7
         assert view["byteOffset"] % 4 == 0
         assert view["byteOffset"] + view["byteLength"] <= len(numbers)
+        # Of a colour, whole numbers have to say that they are fractions (glTF 2.0, 3.7.2.1).
+        assert accessor.get("normalized", False) == (accessor["componentType"] == 5123)
 
 
 def test_every_layer_is_a_scene_of_its_own_and_the_first_is_shown(tmp_path):

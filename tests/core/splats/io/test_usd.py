@@ -23,10 +23,10 @@ def test_without_the_library_the_extra_is_named(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def written(path, layers, up=""):
+def written(path, layers, up="", **options):
     """A stage with `layers`, read again."""
     usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
-    write_layers(path, layers, up=up)
+    write_layers(path, layers, up=up, **options)
     return usd.Stage.Open(str(path))
 
 
@@ -90,6 +90,11 @@ def test_the_axis_that_points_up_is_the_stages(tmp_path, up, stage_up):
     matrix = geometry.Xformable(stage.GetPrimAtPath(GAUSSIANS)).ComputeLocalToWorldTransform(0.0)
     turned = np.array(matrix.TransformDir(tuple(pointing)))
     np.testing.assert_allclose(turned, np.eye(3)["XYZ".index(stage_up)], atol=1e-6)
+
+
+def test_the_stage_of_a_measured_scene_says_how_long_its_unit_is(tmp_path):
+    stage = written(tmp_path / "s.usda", {"original": cloud(3)}, metres=0.25)
+    assert pytest.importorskip("pxr.UsdGeom").GetStageMetersPerUnit(stage) == 0.25
 
 
 def test_the_extent_holds_three_standard_deviations(tmp_path):

@@ -78,10 +78,10 @@ def write_run(folder: Path, *, with_layers: bool = True, simulation: str = "mach
     """A finished run of `layered` and `ring`, with a picture of the second view in every layer."""
     layers = layered(400) if with_layers else {"original": layered(400)["original"]}
     picture = np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8)
-    for name, gaussians in layers.items():
+    for layer, (name, gaussians) in enumerate(layers.items()):
         write_ply(folder / ("splats.ply" if name == "original" else f"splats.{name}.ply"), gaussians)
         for number, place in enumerate(("", "simulated", "simulated_input")):
-            write_png(folder / "renders" / name / place / "view1.png", picture + np.uint8(number))
+            write_png(folder / "renders" / name / place / "view1.png", picture + np.uint8(3 * layer + number))
     write_png(folder / "capture" / "images" / "view1.png", picture // 2)
     common = {
         "w": CAMERA.width,

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cvdgs.core.errors import InputError
+from cvdgs.core.files.images import write_png
 from cvdgs.core.runs.report_page import write_report_page
 from cvdgs.core.splats.web.finished_run import is_finished_run, write_viewer
 from cvdgs.scripts import convert
@@ -46,12 +50,36 @@ def test_it_begins_where_the_report_does_and_says_what_it_says(run):
     assert text.count("<figure>") == 5  # the original, and each layer as everybody and as its observer see it
 
 
+def test_every_still_is_the_picture_that_its_caption_says(run):
+    renders, pattern = run / "renders", r'<img alt="([^"]*)" src="data:image/png;base64,([^"]*)">'
+    shown = dict(re.findall(pattern, text_of(run / "viewer.html")))
+    for caption, place in {
+        "Original colours": renders / "original",
+        "Enhanced for deutan vision": renders / "deutan-1.0",
+        "Enhanced, as deutan vision sees it": renders / "deutan-1.0" / "simulated",
+    }.items():
+        assert base64.b64decode(shown[caption]) == (place / "view1.png").read_bytes(), caption
+
+
 def test_up_is_what_the_run_found(tmp_path):
     folder = write_run(tmp_path)
     cameras = folder / "capture" / "transforms.json"
     cameras.write_text(json.dumps({**json.loads(cameras.read_text()), "up": [0.0, -3.0, 4.0]}))
     write_viewer(folder)
     assert scene_of(folder / "viewer.html")["up"] == [0.0, -0.6, 0.8]
+
+
+def test_cut_out_photographs_stand_on_white_and_views_that_were_trained_on_are_called_so(run, tmp_path):
+    assert scene_of(run / "viewer.html")["background"] == [0.0, 0.0, 0.0]
+    folder = write_run(tmp_path)
+    picture = np.full((120, 160, 3), 90, np.uint8)
+    write_png(folder / "capture" / "images" / "view1.png", picture, np.zeros((120, 160), np.uint8))
+    report = json.loads((folder / "report.json").read_text())
+    report["capture"] |= {"train": 4, "test": 0}
+    (folder / "report.json").write_text(json.dumps(report))
+    write_viewer(folder)
+    assert scene_of(folder / "viewer.html")["background"] == [1.0, 1.0, 1.0]
+    assert "30.0 dB on training views" in text_of(folder / "viewer.html")
 
 
 def test_a_run_without_layers_has_one_too(tmp_path):

@@ -26,7 +26,7 @@ from cvdgs.core.splats.web.page import Surroundings, write_web_page
 from cvdgs.core.splats.web.streams import pack
 
 from ..sets import gaussians
-from .scenes import layered, surroundings
+from .scenes import layered, ring, surroundings
 
 NODE = shutil.which("node") or shutil.which("nodejs")
 VISITOR = Path(__file__).with_name("visitor.js")
@@ -118,6 +118,28 @@ def test_original_colours_come_first_and_without_cameras_a_direction_is_up(tmp_p
     assert scene["cameras"] == []
 
 
+def test_a_camera_of_the_page_sees_the_gaussians_where_that_of_the_capture_does(tmp_path):
+    layers = layered(300)
+    first = layers["original"]
+    layers = {"original": replace(first, means=first.means + np.float32([0.4, -0.3, 0.2]))}
+    write_web_page(tmp_path / "scene.html", layers, "", surroundings())
+    streams = re.findall(r'id="data-means">(.*?)</script>', (tmp_path / "scene.html").read_text(encoding="utf-8"))
+    means = numbers(streams[0], 3, "<f4")
+    order = np.argsort(-first.importance, kind="stable")
+    for camera, view in zip(scene_of(tmp_path / "scene.html")["cameras"], ring(), strict=True):
+        seen = means @ np.reshape(camera["rotation"], (3, 3)).T + camera["translation"]
+        expected = layers["original"].means[order] @ view.world_to_camera[:3, :3].T + view.world_to_camera[:3, 3]
+        np.testing.assert_allclose(seen, expected, atol=1e-5)
+
+
+def test_of_more_cameras_than_a_page_holds_the_one_in_which_it_begins_stays(tmp_path, monkeypatch):
+    monkeypatch.setattr(web_page, "_MOST_CAMERAS", 3)
+    write_web_page(tmp_path / "scene.html", layered(5), "", surroundings(views=ring(10), start="view5"))
+    scene = scene_of(tmp_path / "scene.html")
+    assert scene["cameras"][scene["start"]]["name"] == "view5"
+    assert len(scene["cameras"]) == 4  # and three or fewer of all sides
+
+
 @pytest.mark.parametrize(
     ("names", "title"),
     [
@@ -154,6 +176,14 @@ def test_the_most_important_gaussians_stay_in_their_order():
         np.testing.assert_array_equal(part.means, first.means[chosen])
         np.testing.assert_array_equal(part.sh, layers[name].sh[chosen])
     assert most_important(layers, 50) == layers
+
+
+def test_a_thin_sheet_is_more_important_than_a_smaller_ball():
+    """Surfaces are made of sheets: what is seen of one is its area, however thin it is."""
+    first = layered(2)["original"]
+    log_scales = np.log(np.array([[1.0, 1.0, 1e-6], [0.5, 0.5, 0.5]], np.float32))
+    sheet, ball = replace(first, log_scales=log_scales, opacity_logits=np.zeros(2, np.float32)).importance
+    assert sheet == pytest.approx(4.0 * ball)
 
 
 @pytest.mark.filterwarnings("error")
