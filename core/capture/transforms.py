@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -50,6 +51,8 @@ _PERSPECTIVE = frozenset(
 _FISHEYE = frozenset({"FISHEYE", "OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"})
 _BROWN = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _KANNALA_BRANDT = ("k1", "k2", "k3", "k4")
+# nerfstudio also takes a list instead of a number a key, in this order.
+_LIST, _LISTED = "distortion_params", ("k1", "k2", "k3", "k4", "p1", "p2")
 
 
 def find_transforms(folder: Path) -> Path | None:
@@ -163,7 +166,7 @@ class _Reader:
         return relative_name(self._folder, name)
 
     def _image(self, name: str) -> Path | None:
-        """The image file of a frame, or a smaller copy: of ``images`` datasets (DL3DV) may bring ``images_4`` alone."""
+        """The image file of a frame, or a smaller copy: some datasets bring ``images_4`` instead of ``images``."""
         found = self._image_called(name)
         path = PurePosixPath(name)
         if found is not None or path.parent.name != "images" or is_folder(self._folder / path.parent):
@@ -269,13 +272,13 @@ class _Reader:
         if frame.get("is_fisheye", self._document.get("is_fisheye")):
             name = "OPENCV_FISHEYE"
         if name in _FISHEYE:
-            return "OPENCV_FISHEYE", tuple(self._number(frame, key, 0.0) for key in _KANNALA_BRANDT)
+            return "OPENCV_FISHEYE", self._coefficients(frame, _KANNALA_BRANDT)
         if name not in _PERSPECTIVE:
             raise self._refusal(
                 f"the camera_model {name} is not supported",
                 "undistort the photographs, or export with OPENCV or OPENCV_FISHEYE",
             )
-        distortion = tuple(self._number(frame, key, 0.0) for key in _BROWN)
+        distortion = self._coefficients(frame, _BROWN)
         if not any(distortion):
             return "PINHOLE", ()
         if not any(distortion[4:]):
@@ -285,6 +288,16 @@ class _Reader:
                 f"k4 of {name or 'OPENCV'} is not supported", "calibrate without k4, or undistort the photographs"
             )
         return "FULL_OPENCV", distortion
+
+    def _coefficients(self, frame: dict[str, Any], keys: Sequence[str]) -> tuple[float, ...]:
+        """The distortion parameters `keys`; 0 where the file says nothing of one."""
+        listed = frame.get(_LIST, self._document.get(_LIST))
+        if listed is None:
+            return tuple(self._number(frame, key, 0.0) for key in keys)
+        if not isinstance(listed, list) or len(listed) > len(_LISTED):
+            raise self._refusal(f"{_LIST} is not a list of {', '.join(_LISTED)}")
+        given = {**dict.fromkeys(keys, 0.0), **dict(zip(_LISTED, listed, strict=False))}
+        return tuple(self._number(given, key, 0.0) for key in keys)
 
     def _add_points(self, model: SourceModel) -> None:
         name = self._document.get("ply_file_path")

@@ -186,6 +186,8 @@ def test_names_without_extension_and_split_files(tmp_path: Path) -> None:
         ),
         ({"is_fisheye": True, "k1": 0.05}, "OPENCV_FISHEYE", [0.05, 0, 0, 0]),
         ({"camera_model": "SIMPLE_RADIAL", "k1": -0.1}, "SIMPLE_RADIAL", [-0.1]),
+        ({"distortion_params": [0.06, -0.08, 0, 0, -0.004, 0.003]}, "OPENCV", [0.06, -0.08, -0.004, 0.003]),
+        ({"is_fisheye": True, "distortion_params": [0.05, -0.02]}, "OPENCV_FISHEYE", [0.05, -0.02, 0, 0]),
     ],
 )
 def test_distortion_is_that_of_the_colmap_model(
@@ -411,6 +413,9 @@ def test_cut_file_is_refused(tmp_path: Path, part: float) -> None:
         ({"fl_x": 80.0, "frames": frames(shots(1))}, "only one view"),
         ({"fl_x": 80.0, "frames": [f | {"motion_blur": [1, "x"]} for f in frames(shots(2))]}, "not two numbers"),
         ({"fl_x": 80.0, "frames": [f | {"motion_blur": [math.nan, 1]} for f in frames(shots(2))]}, "not two numbers"),
+        ({"fl_x": 80.0, "distortion_params": 0.1, "frames": frames(shots(2))}, "distortion_params is not a list of k1"),
+        ({"fl_x": 80.0, "distortion_params": [0.1] * 7, "frames": frames(shots(2))}, "distortion_params is not a list"),
+        ({"fl_x": 80.0, "distortion_params": ["a"], "frames": frames(shots(2))}, "k1 is 'a'"),
         ({"fl_x": 80.0, "ply_file_path": 3, "frames": frames(shots(2))}, "ply_file_path"),
         ({"fl_x": 80.0, "ply_file_path": "../p.ply", "frames": frames(shots(2))}, "leads out of the capture folder"),
     ],
