@@ -20,7 +20,7 @@ from .inspection import start_inspection
 from .messages import sentence, show_problem
 from .quality import QUALITIES
 from .scene.splats import is_splats
-from .scene.turntable import Turntable
+from .scene.turntable import USUAL_HEIGHT, Turntable
 
 _CVD_WORDS = {
     "protan": ("Protan", "L cones missing or shifted: red looks dark and resembles green"),
@@ -306,7 +306,7 @@ class TurntableProperties(bpy.types.PropertyGroup):
         description="Height of the camera above the subject's centre, as a multiple of the radius",
         soft_min=-1.0,
         soft_max=2.0,
-        default=0.25,
+        default=USUAL_HEIGHT,
     )
     focal_length: bpy.props.FloatProperty(
         name="Focal Length",

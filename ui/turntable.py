@@ -8,11 +8,11 @@ from ..cvdgs_addon.scene.turntable import rendering_changes, turntable_of
 from .display import say_bystanders, say_unsuitable_view
 from .layout import GaussiansPanel, say, split_column
 
-# Properties of the camera's path, with the panel's words where the photographs decide: by 0, or without a check mark.
+# Properties of the camera's path, with the panel's words where 0 lets the photographs decide.
 _PATH = {
     "frames": None,
     "radius": "Radius (0: auto)",
-    "height": "Height: auto",
+    "height": None,
     "focal_length": "Focal Length (0: auto)",
     "arc": "Arc (0: auto)",
 }
@@ -30,12 +30,10 @@ class CVDGS_PT_turntable(GaussiansPanel, bpy.types.Panel):
         column = layout.column(align=True)
         for name, text in _PATH.items():
             row = column.row(align=True)
-            if name == "height":  # 0 is a height like any other
-                row.prop(chosen, "has_height", text="")
-                row = row.row(align=True)
-                row.enabled = chosen.has_height
-                text = None if chosen.has_height else text
-            row.prop(chosen, name, text=text)
+            if name == "height":  # 0 is a height like any other, so a box decides
+                row.prop(chosen, "has_height", text="" if chosen.has_height else None)
+            if name != "height" or chosen.has_height:
+                row.prop(chosen, name, text=text)
         has_rig = turntable_of(context.scene) is not None
         row = layout.row(align=True)
         row.operator("cvdgs.add_turntable", text="Update Turntable" if has_rig else None, icon="CON_FOLLOWPATH")

@@ -34,8 +34,9 @@ _SURROUNDED = math.radians(100.0)  # a gap between photographs up to this is a p
 _LEAST_ARC = math.radians(20.0)  # less shows no shape
 _NAME = "Turntable"
 _LENS = 50.0  # mm, where there are no photographs: Blender's own
-# Of a camera from a subject without photographs: in radii of its core, and above it as a share of that.
-_RADII_AWAY, _ABOVE = 2.5, 0.25
+USUAL_HEIGHT = 0.25
+"""Of a camera above a subject without photographs, as a share of the radius."""
+_RADII_AWAY = 2.5  # of such a camera, in radii of the subject's core
 _POLL_SECONDS = 0.5  # between looks at whether a render still goes on
 _NUMBER = "####"  # of a picture in its file name
 
@@ -274,7 +275,7 @@ def _usual_height(places: NDArray[np.float64], radius: float) -> float:
 
     From higher up or lower down the camera would look past what they show.
     """
-    return float(np.median(places[:, 2])) / radius if radius else _ABOVE
+    return float(np.median(places[:, 2])) / radius if radius else USUAL_HEIGHT
 
 
 def _way_around(places: NDArray[np.float64], arc: float) -> tuple[float, float]:

@@ -406,7 +406,9 @@ def test_the_photographs_decide_the_height_until_one_is_chosen(addon, run_folder
     scene.cvdgs.turntable.height = 0.5
     bpy.ops.cvdgs.add_turntable()
     assert turntable_of(scene).location == place
+    assert "height" not in drawn(CVDGS_PT_turntable).properties
     scene.cvdgs.turntable.has_height = True
+    assert "height" in drawn(CVDGS_PT_turntable).properties
     bpy.ops.cvdgs.add_turntable()
     assert turntable_of(scene).location.z == pytest.approx(0.5 * place.x)
 
