@@ -36,6 +36,7 @@ from ..color.spaces import (
 )
 from ..runtime.protocol import Reporter
 from ..runtime.threads import one_thread
+from .descent import Adam
 from .lut import ColorLut, interpolate
 from .pairs import Alphas, Images, PairSampling, sample_neighbours, sample_pairs
 
@@ -126,7 +127,7 @@ def fit_lut(
     generator = np.random.default_rng(seed)
     neighbours = torch.from_numpy(sample_neighbours(images, _NEIGHBOURS, generator, alphas)).float() / 255.0
     residual = initial_residual(observer, settings.nodes, settings.initial_shift).requires_grad_()
-    optimizer = torch.optim.Adam([residual], lr=settings.learning_rate)
+    optimizer = Adam([residual])
     rounds = [settings.steps] + [settings.relaxation_steps] * settings.relaxations
     done = 0
     with one_thread():
@@ -137,9 +138,7 @@ def fit_lut(
             samples = sample_pairs(images, steps * settings.pairs, generator, settings.sampling, alphas)
             for batch in torch.from_numpy(samples).view(steps, settings.pairs, 2, 3):
                 loss = _objective(residual, batch.float() / 255.0, observer, settings, naturalness_weight)
-                optimizer.zero_grad()
-                loss.backward()
-                optimizer.step()
+                optimizer.descend(loss, settings.learning_rate)
                 done += 1
                 reporter.progress(_STAGE, done / sum(rounds), f"loss {loss.item():.3f}")
     reporter.progress(_STAGE, 1.0)

@@ -19,6 +19,7 @@ from torch import Tensor
 from ...color.simulation import Observer
 from ...runtime.protocol import Reporter
 from ...runtime.threads import one_thread
+from ..descent import Adam
 from ..lut_fit import initial_residual
 from ..pairs import Alphas, Images
 from .network import SceneNetwork, features
@@ -250,12 +251,11 @@ class _Fit:
         for shift in self._settings.shifts:
             network = SceneNetwork(self._observer)
             network.table.data.copy_(initial_residual(self._observer, network.table.shape[0], shift))
-            optimiser = torch.optim.Adam([network.table], self._settings.start_rate)
+            optimiser = Adam([network.table])
             for step in range(self._settings.start_steps):
                 view = self._views[step % len(self._views)]
-                self._descend(
-                    optimiser, network, view.objective(view.shown(network, whole=False), self._settings.start_weight)
-                )
+                loss = view.objective(view.shown(network, whole=False), self._settings.start_weight)
+                self._descend(optimiser, network, loss, self._settings.start_rate)
             with torch.no_grad():
                 shown = [(view.objective, view.shown(network, whole=False)) for view in self._views]
                 score = sum(float(objective(one, self._settings.start_weight)) for objective, one in shown)
@@ -264,21 +264,17 @@ class _Fit:
 
     def _optimise(self, network: SceneNetwork, parameters: Sequence[Tensor], steps: int, *, whole: bool) -> None:
         """Adam on one view a step, while the weight of naturalness follows the budget."""
-        optimiser = torch.optim.Adam(parameters, self._settings.rate, _BETAS)
+        optimiser = Adam(parameters, _BETAS)
         for step in range(steps):
             rate = self._settings.rate * min(1.0, (step + 1) / self._settings.ramp, 2.0 * (1.0 - step / steps) + 0.02)
-            for group in optimiser.param_groups:
-                group["lr"] = rate
             view = self._views[self._generator.integers(len(self._views))]
             shown = view.shown(network, whole=whole)
             ease = min(max(self._weight / _LAX_WEIGHT, _LEAST_EASE), 1.0)
-            self._descend(optimiser, network, view.objective(shown, self._weight, ease))
+            self._descend(optimiser, network, view.objective(shown, self._weight, ease), rate)
             self._follow_budget(view.objective.change(shown))
 
-    def _descend(self, optimiser: torch.optim.Optimizer, network: SceneNetwork, loss: Tensor) -> None:
-        optimiser.zero_grad()
-        (loss + self._settings.roughness * network.table_roughness()).backward()
-        optimiser.step()
+    def _descend(self, optimiser: Adam, network: SceneNetwork, loss: Tensor, rate: float) -> None:
+        optimiser.descend(loss + self._settings.roughness * network.table_roughness(), rate)
         self._done += 1
         self._reporter.progress(STAGE, self._done / self._total)
 
