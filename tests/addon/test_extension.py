@@ -8,12 +8,12 @@ import subprocess
 import sys
 import tomllib
 import zipfile
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
 import cvdgs
+from cvdgs.core.runtime.process import find_python
 
 ROOT = Path(cvdgs.__file__).parent
 BUILDER = ROOT / "scripts" / "build_extension.py"
@@ -101,8 +101,6 @@ def test_the_zip_holds_the_package_and_only_that(extension):
     assert not [name for name in names if "__pycache__" in name or "left_over" in name]
 
 
-worker = pytest.mark.skipif(find_spec("torch") is None, reason="needs what the worker needs")
-
 IMPORT_ALL = """
 import importlib, os, pathlib, sys
 root = pathlib.Path(sys.argv[1])
@@ -118,16 +116,14 @@ os._exit(0)
 """
 
 
-@worker
 def test_nothing_that_the_worker_imports_is_left_out(installed):
-    result = subprocess.run([sys.executable, "-I", "-c", IMPORT_ALL, installed], capture_output=True, text=True)
+    result = subprocess.run([find_python(), "-I", "-c", IMPORT_ALL, installed], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
 
 
-@worker
 def test_the_worker_runs_from_the_zip_alone(installed):
     request = json.dumps({"job": "inspect", "capture": str(installed / "core" / "demo" / "showroom")})
-    command = [sys.executable, installed / "core" / "__main__.py"]
+    command = [find_python(), installed / "core" / "__main__.py"]
     alone = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     result = subprocess.run(
         command, input=f"{request}\n", capture_output=True, text=True, cwd=installed.parent, env=alone

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import bpy
@@ -243,8 +242,6 @@ def test_a_wrong_folder_is_refused_with_what_to_do(addon, tmp_path):
     assert not bpy.ops.cvdgs.look_through.poll()
 
 
-@pytest.mark.skipif("torch" not in sys.modules and not __import__("importlib").util.find_spec("torch"),
-                    reason="the worker's libraries are in another environment")  # fmt: skip
 def test_the_real_worker_prepares_the_demo(addon, tmp_path):
     demo = Path(importing.__file__).resolve().parents[1] / "core" / "demo" / "showroom"
     folder = tmp_path / "demo"
