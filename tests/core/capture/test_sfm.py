@@ -189,6 +189,7 @@ def test_names_may_hold_spaces_and_lie_in_folders(tmp_path: Path) -> None:
     assert (capture.estimate.photographs, capture.estimate.placed, capture.estimate.sheet) == (10, 10, None)
 
 
+@pytest.mark.slow
 def test_progress_goes_on_from_step_to_step_and_the_time_is_forecast(tmp_path: Path) -> None:
     class Recorder(Reporter):
         def __init__(self) -> None:
@@ -269,6 +270,7 @@ def test_dark_blurred_frames_are_placed_by_the_features_that_even_contrast_shows
     assert capture.views[0].camera.fx == pytest.approx(480.0, rel=0.03)
 
 
+@pytest.mark.slow
 def test_strays_are_left_out_shown_and_named(tmp_path: Path) -> None:
     for path in sorted((SHOWROOM / "images").iterdir())[::4]:
         shutil.copy(path, tmp_path)

@@ -158,6 +158,7 @@ def test_of_a_video_that_is_too_long_the_beginning_is_used_and_it_is_not_called_
     assert look.film.frames[-1].time <= 1.0
 
 
+@pytest.mark.slow
 def test_frames_far_apart_are_found_between_key_frames_that_are_farther(tmp_path: Path) -> None:
     def configure(stream: av.VideoStream) -> None:
         stream.options = {"crf": "14", "preset": "ultrafast", "g": "1000", "sc_threshold": "0"}

@@ -69,8 +69,9 @@ def worker_of(workers: Workers) -> int:
     return workers._current._process.pid
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)  # three runs with fresh processes on a busy machine
-@pytest.mark.parametrize("share", [0.15, pytest.param(0.7, marks=pytest.mark.slow)], ids=["coarse", "late"])
+@pytest.mark.parametrize("share", [0.15, 0.7], ids=["coarse", "late"])
 def test_a_run_whose_worker_was_killed_goes_on_and_ends_with_the_same_bytes(capture, uninterrupted, tmp_path, share):
     out, workers = tmp_path / "out", Workers()
     kill = training_at(share, lambda: os.kill(worker_of(workers), signal.SIGKILL))

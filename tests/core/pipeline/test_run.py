@@ -1,20 +1,25 @@
-"""The whole run up to Blender, through the command line and the worker, on the embedded demo at thumbnail size."""
+"""The whole run up to Blender on the embedded demo at thumbnail size, most of it through the command line."""
 
 import json
 import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from cvdgs.core.bootstrap import ROOT
 from cvdgs.core.capture.reader import read_capture
 from cvdgs.core.demo import SHOWROOM
 from cvdgs.core.enhance import enhance_bytes, make_enhancer
 from cvdgs.core.files.images import read_png
+from cvdgs.core.pipeline import run as pipeline
 from cvdgs.core.runs.report import SCHEMA
+from cvdgs.core.runtime.protocol import Reporter
+from cvdgs.core.settings import Layer, Settings
 from cvdgs.core.splats.io.ply import read_ply
 
 VIEWS = 40
@@ -120,34 +125,43 @@ def test_the_enhancement_helps_and_the_photographs_come_first(finished, report):
     assert 0.5 < np.abs(before.astype(float) - after).mean() < 40
 
 
-def test_severity_zero_and_no_enhancer_leave_the_photographs_as_they_are(tmp_path):
-    run(SHOWROOM, tmp_path / "out", "--max-size", "64", "--iterations", "2", "--severity", "0", "--holdout", "0")
+def made(out: Path, layer: Layer, **options: Any) -> dict[str, Any]:
+    """The report of a run of two steps on small photographs, in this process."""
+    out.mkdir()
+    settings = Settings(str(SHOWROOM), str(out), layers=(layer,), blend=False, max_size=64, iterations=2, **options)
+    return pipeline.run(settings, out, Reporter())
+
+
+def first_photograph(out: Path, layer: str) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """As it was given, and enhanced."""
+    path = min((out / "capture" / "images").glob("*.png"))
+    return read_png(path), read_png(out / "enhanced" / layer / path.name)
+
+
+def test_severity_zero_leaves_the_photographs_as_they_are_and_no_view_need_be_held_out(tmp_path):
+    report = made(tmp_path / "out", Layer("deutan", 0.0), holdout=0)
     for path in (tmp_path / "out" / "capture" / "images").glob("*.png"):
         np.testing.assert_array_equal(
             read_png(path), read_png(tmp_path / "out" / "enhanced" / "deutan-0.0" / path.name)
         )
-    report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["capture"]["test"] == 0
     assert "reconstruction" in report["notes"]
 
 
 def test_the_trained_network_enhances_a_run_too(tmp_path):
-    run(SHOWROOM, tmp_path / "out", "--max-size", "64", "--iterations", "2", "--enhancer", "cgan", "--cvd", "protan")
-    path = next((tmp_path / "out" / "capture" / "images").glob("*.png"))
-    enhanced = read_png(tmp_path / "out" / "enhanced" / "protan-1.0" / path.name)
-    assert 0.5 < np.abs(read_png(path).astype(float) - enhanced).mean() < 40
+    made(tmp_path / "out", Layer("protan", 1.0), enhancer="cgan")
+    photograph, enhanced = first_photograph(tmp_path / "out", "protan-1.0")
+    assert 0.5 < np.abs(photograph.astype(float) - enhanced).mean() < 40
     assert list((tmp_path / "out").glob("*.cube"))  # what a table alone can do
 
 
 def test_a_network_fitted_to_the_scene_is_kept_in_the_run_and_enhances_its_photographs_again(tmp_path):
     out = tmp_path / "out"
-    options = ("--enhancer", "scene", "--change-budget", "2", "--cvd", "tritan")
-    run(SHOWROOM, out, "--max-size", "64", "--iterations", "2", *options)
+    made(out, Layer("tritan", 1.0), enhancer="scene", change_budget=2.0)
     assert (out / "layer.tritan-1.0.cube").is_file()
     enhancer = make_enhancer(str(out / "layer.tritan-1.0.safetensors"), "tritan", 1.0)
     assert enhancer.fitted.budget == 2.0
-    path = next((out / "capture" / "images").glob("*.png"))
-    photograph, enhanced = (read_png(one) for one in (path, out / "enhanced" / "tritan-1.0" / path.name))
+    photograph, enhanced = first_photograph(out, "tritan-1.0")
     np.testing.assert_array_equal(enhance_bytes(enhancer, photograph[..., :3]), enhanced)
     assert np.abs(photograph.astype(float) - enhanced).mean() > 0.5
 

@@ -64,6 +64,7 @@ def test_a_driver_that_cannot_be_used_is_one_line(driver, tmp_path, version, ini
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_runs_do_without_it_and_the_doctor_says_why(driver, tmp_path):
     environment = driver(12080)
     options = ("--max-size", "64", "--iterations", "5", "--gaussians", "500", "--no-blend")

@@ -49,6 +49,7 @@ def test_the_page_marks_what_does_not_hold(tmp_path):
     assert (tmp_path / "claims.csv").is_file()
 
 
+@pytest.mark.slow
 def test_the_shape_of_the_result_holds_in_a_run_of_seconds(tmp_path):
     claims = measure_claims(CaptureFolder(DEMO, SHOWROOM, SIZE), STEPS, tmp_path, Reporter())
     assert len(claims) == 3

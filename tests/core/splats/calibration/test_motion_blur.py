@@ -168,6 +168,7 @@ def test_a_scene_is_sharper_than_the_smeared_photographs_it_is_made_of():
     assert plain.smears == {}
 
 
+@pytest.mark.slow
 def test_sharp_photographs_are_taken_as_they_are():
     scene = ball()
     views = photographs(scene, count=30, size=96)

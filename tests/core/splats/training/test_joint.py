@@ -93,6 +93,7 @@ def test_the_multi_view_loss_brings_the_sides_together(scene, views):
     assert errors[0] < errors[1] < 3.0
 
 
+@pytest.mark.slow
 def test_what_moves_has_no_part_in_the_last_part_either():
     """Whatever it shows then: it is painted over between the two parts."""
     found, fitted = [], []

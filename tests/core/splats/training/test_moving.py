@@ -90,6 +90,7 @@ def test_what_moves_is_found_and_the_scene_gains_by_leaving_it_out(gaussians: Ga
     assert result.decision["moving"].startswith("left out")
 
 
+@pytest.mark.slow
 def test_where_nothing_moves_the_scene_is_the_same_bit_by_bit(gaussians: Gaussians, clean: list[View]) -> None:
     training, judging = parts(clean)
     without, with_plan = (trained(training, judging, gaussians, plan)[0] for plan in (None, PLAN))

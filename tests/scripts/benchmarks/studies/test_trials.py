@@ -44,6 +44,7 @@ def drifting(trials) -> dict[str, Trial]:
     return {mode: trials.try_recipe(replace(recipe, label=mode, mode=mode)) for mode in ("post", "joint", "layers")}
 
 
+@pytest.mark.slow
 def test_what_is_enhanced_afterwards_drifts_and_what_is_fitted_to_all_views_does_not(drifting):
     post = drifting["post"]
     assert post.rwe > 2.0 * post.rwe_unenhanced

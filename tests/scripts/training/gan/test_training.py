@@ -69,6 +69,7 @@ def test_an_interrupted_training_ends_where_an_uninterrupted_one_does(tmp_path, 
         assert [int(row["step"]) for row in csv.DictReader(file)] == [2, 4]
 
 
+@pytest.mark.slow
 def test_training_improves_on_the_scenes_it_sees(tmp_path, pairs):
     settings = replace(QUICK, steps=24, window=1, rate=4e-3, average_decay=0.5, log_every=24)
     seen = [Pairs(pairs, 0)[0]]
