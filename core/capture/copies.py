@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Sequence
 from pathlib import Path, PurePosixPath
 
 from ..errors import InputError
-from ..files.untrusted import is_file, is_folder
-from ..intake.kinds import HEIF_EXTENSIONS, RAW_EXTENSIONS
+from ..files.untrusted import is_file, is_folder, opened
+from ..intake.kinds import HEIF_EXTENSIONS, MAX_VIDEO_BYTES, RAW_EXTENSIONS
 from ..intake.video import read_video_header
-from .files import IMAGE_EXTENSIONS, resolve_inside
+from .files import IMAGE_EXTENSIONS, natural_key, resolve_inside
 
 _REDUCED = re.compile(r"images_[0-9]+")
 # Google's Pixels: PXL_1.RAW-01.COVER.jpg, or PXL_1.RAW-01.jpg, and PXL_1.RAW-02.ORIGINAL.dng are one photograph.
@@ -19,6 +20,7 @@ _PIXEL = re.compile(r"\.RAW-[0-9]+(\.MP)?(\.COVER|\.ORIGINAL)?$")
 # An iPhone's IMG_E1234.JPG is IMG_1234.HEIC as somebody has edited it: cropped, or in other colours.
 _EDITED = re.compile(r"IMG_E([0-9]{4})")
 _LIVE_SECONDS = 5.0  # an iPhone films 1.5 s before a photograph and 1.5 s behind it
+_START_BYTES = 1 << 16  # in which photographs of one size differ, as a rule
 
 
 def without_copies(folder: Path, names: Sequence[str]) -> list[str]:
@@ -78,6 +80,42 @@ def _in_one_format(names: Iterable[str]) -> list[str]:
         shot, kind = _shot(name), _kind(path)
         kept[shot] = max(kind, kept.get(shot, kind), key=lambda kind: (counts[kind], *_rank(kind)))
     return [name for name, path in paths.items() if _kind(path) == kept[_shot(name)]]
+
+
+def without_repeats(folder: Path, names: Sequence[str]) -> list[str]:
+    """`names` without what is another file byte for byte, as a browser's IMG_1 (1).jpg is; the shortest name stays.
+
+    Raises:
+        InputError: a file cannot be read.
+    """
+    paths = sorted((folder / name for name in names), key=lambda path: (len(str(path)), natural_key(str(path))))
+    alike = [paths]
+    for trait in (_size, _start, _digest):  # the next one of those alone that agree so far
+        alike = [group for together in alike for group in _grouped(together, trait)]
+    repeats = {path for group in alike for path in group[1:]}
+    return [name for name in names if folder / name not in repeats]
+
+
+def _grouped(paths: Iterable[Path], trait: Callable[[Path], Hashable]) -> list[list[Path]]:
+    """Those of `paths` that share a trait, in order; not those of a false one, as empty files have."""
+    groups: dict[Hashable, list[Path]] = {}
+    for path in paths:
+        groups.setdefault(trait(path), []).append(path)
+    return [group for shared, group in groups.items() if shared and len(group) > 1]
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size
+
+
+def _start(path: Path) -> bytes:
+    with opened(path, most_bytes=MAX_VIDEO_BYTES) as file:
+        return file.read(_START_BYTES)
+
+
+def _digest(path: Path) -> bytes:
+    with opened(path, most_bytes=MAX_VIDEO_BYTES) as file:
+        return hashlib.file_digest(file, "sha256").digest()
 
 
 def in_other_formats(photographs: Iterable[str], copies: Iterable[str]) -> dict[str, str]:

@@ -30,7 +30,7 @@ from ..intake.raw import Development, exif_of_raw
 from ..intake.selection import choose
 from ..intake.video import MAX_SECONDS, Look, extract, look_through
 from ..runtime.protocol import Reporter
-from .copies import in_other_formats, without_copies, without_live_photos
+from .copies import in_other_formats, without_copies, without_live_photos, without_repeats
 from .files import (
     FOREIGN_EXTENSIONS,
     FRAMES_FILE,
@@ -163,7 +163,6 @@ def find_material(path: Path) -> Material:
     names = without_copies(path, [name for name in found if name not in previews])
     filmed = [name for name in videos if name not in previews]
     filmed = without_live_photos(path, filmed, found) if len(names) > 1 else filmed
-    copies = sorted({*found, *videos} - {*names, *filmed}, key=natural_key)
     what = remedy = ""
     if not names and not videos:
         unreadable = list_images(path, FOREIGN_EXTENSIONS)
@@ -179,6 +178,8 @@ def find_material(path: Path) -> Material:
         raise InputError(what, where=path, remedy=remedy)
     for name in (*names, *filmed):
         resolve_inside(path, name, where=path, root=path)
+    names, filmed = without_repeats(path, names), without_repeats(path, filmed)
+    copies = sorted({*found, *videos} - {*names, *filmed}, key=natural_key)
     return Material(path, tuple(names), tuple(filmed), depths, tuple(copies), tuple(sorted(masks, key=natural_key)))
 
 

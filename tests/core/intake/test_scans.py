@@ -50,16 +50,17 @@ def test_depth_maps_among_photographs_are_none_and_are_counted(tmp_path: Path, p
 def test_photographs_that_are_called_like_depth_maps_or_are_of_floats_are_photographs(
     tmp_path: Path, names: str
 ) -> None:
-    for name in names.split():
-        save(tmp_path / name, WALL / np.float32(255.0) if name.endswith((".exr", ".tif")) else WALL)
+    for number, name in enumerate(names.split()):
+        picture = np.roll(WALL, number, axis=0)
+        save(tmp_path / name, picture / np.float32(255.0) if name.endswith((".exr", ".tif")) else picture)
     assert sorted(find_material(tmp_path).photographs) == names.split()
 
 
 def test_what_an_app_has_rendered_or_made_small_is_no_photograph_and_is_named(tmp_path: Path) -> None:
     polycam, scanner = tmp_path / "polycam", tmp_path / "scanner"
     for number in (1, 2):
-        save(polycam / "keyframes" / "images" / f"{number}.jpg", WALL)
-        save(scanner / f"frame_0000{number}.jpg", WALL)
+        save(polycam / "keyframes" / "images" / f"{number}.jpg", WALL[number:])
+        save(scanner / f"frame_0000{number}.jpg", WALL[number:])
     save(polycam / "thumbnail.jpg", WALL[:32, :32])
     (polycam / "polycam.mp4").touch()
     save(scanner / "thumb_00001.jpg", WALL[:32, :32])
@@ -73,7 +74,7 @@ def test_what_an_app_has_rendered_or_made_small_is_no_photograph_and_is_named(tm
 
 def test_photographs_and_videos_that_are_called_like_previews_of_none_are_used(tmp_path: Path) -> None:
     save(tmp_path / "thumb_1.jpg", WALL)
-    save(tmp_path / "thumbnail.jpg", WALL)
+    save(tmp_path / "thumbnail.jpg", WALL[1:])
     (tmp_path / "polycam.mp4").touch()
     material = find_material(tmp_path)
     assert (material.photographs, material.videos) == (("thumb_1.jpg", "thumbnail.jpg"), ("polycam.mp4",))
