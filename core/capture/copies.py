@@ -15,10 +15,16 @@ from ..intake.video import read_video_header
 from .files import IMAGE_EXTENSIONS, natural_key, resolve_inside
 
 _REDUCED = re.compile(r"images_[0-9]+")
-# Google's Pixels: PXL_1.RAW-01.COVER.jpg, or PXL_1.RAW-01.jpg, and PXL_1.RAW-02.ORIGINAL.dng are one photograph.
-_PIXEL = re.compile(r"\.RAW-[0-9]+(\.MP)?(\.COVER|\.ORIGINAL)?$")
-# An iPhone's IMG_E1234.JPG is IMG_1234.HEIC as somebody has edited it: cropped, or in other colours.
-_EDITED = re.compile(r"IMG_E([0-9]{4})")
+# Google's Pixels: PXL_1.RAW-01.COVER.jpg, or PXL_1.RAW-01.jpg, and PXL_1.RAW-02.ORIGINAL.dng are one photograph, and so
+# are PXL_1.MP.jpg and PXL_1.dng.
+_PIXEL = re.compile(r"(\.RAW-[0-9]+(\.MP)?(\.COVER|\.ORIGINAL)?|\.MP)$")
+# What telephones make of a photograph, and how that is called: an iPhone's IMG_E1234.JPG is IMG_1234.HEIC as somebody
+# has edited it (cropped, or in other colours), and a Pixel's portraits have a blurred background.
+_EDITED = (
+    (re.compile(r"IMG_E([0-9]{4})"), r"IMG_\1"),
+    (re.compile(r"(.+\.PORTRAIT)-01\.COVER"), r"\1-02.ORIGINAL"),
+    (re.compile(r"(.+\.PORTRAIT)"), r"\1.ORIGINAL"),
+)
 _LIVE_SECONDS = 5.0  # an iPhone films 1.5 s before a photograph and 1.5 s behind it
 _START_BYTES = 1 << 16  # in which photographs of one size differ, as a rule
 
@@ -27,7 +33,7 @@ def without_copies(folder: Path, names: Sequence[str]) -> list[str]:
     """The photographs `names` in `folder`, each once.
 
     Left out are smaller copies (``images_2`` beside ``images``, in datasets), what ``corrected_images`` beside
-    ``images`` has undistorted (Polycam), what an iPhone has edited, and further formats of one photograph.
+    ``images`` has undistorted (Polycam), what a telephone has edited, and further formats of one photograph.
     """
     folders = {parent for name in names for parent in PurePosixPath(name).parents}
     shots = set(map(_shot, names))
@@ -48,8 +54,8 @@ def reduced_folders(images: Path) -> list[Path]:
 
 def _is_edited(name: str, shots: Collection[PurePosixPath]) -> bool:
     path = PurePosixPath(name)
-    edited = _EDITED.fullmatch(path.stem)
-    return edited is not None and path.with_name(f"IMG_{edited[1]}") in shots
+    found = ((edited.fullmatch(path.stem), original) for edited, original in _EDITED)
+    return any(match is not None and path.with_name(match.expand(original)) in shots for match, original in found)
 
 
 def _shot(name: str) -> PurePosixPath:
