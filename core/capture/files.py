@@ -22,7 +22,7 @@ from ..runs.report import is_run
 
 # What is read and what telephones, cameras, scanners and renderers write.
 IMAGE_EXTENSIONS = (
-    *(".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm"),
+    *(".jpg", ".jpeg", ".jfif", ".png", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm"),
     *HEIF_EXTENSIONS,
     *RAW_EXTENSIONS,
 )

@@ -270,6 +270,13 @@ def test_of_files_that_are_the_same_byte_for_byte_one_is_used_and_the_others_are
     assert warning.message.endswith(f"files that show photographs once more are left out: {', '.join(copies)}")
 
 
+def test_photographs_that_a_browser_on_windows_has_saved_are_used(tmp_path: Path) -> None:
+    for number, name in enumerate(("1.jpg", "2.jfif", "3.JFIF")):
+        Image.fromarray(photograph(number)).save(tmp_path / name, "JPEG")
+    assert find_material(tmp_path).photographs == ("1.jpg", "2.jfif", "3.JFIF")
+    assert read_header(tmp_path / "3.JFIF").upright_size == (96, 64)
+
+
 def test_photographs_of_the_same_size_and_the_same_beginning_are_two(tmp_path: Path) -> None:
     first, second = np.zeros((2, 200, 200, 3), np.uint8)
     second[-1] = 255
