@@ -240,6 +240,32 @@ def test_points_are_in_the_frame_of_the_poses_whatever_was_applied(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
+    "name", ["/home/jane/scene/sparse_pc.ply", "C:\\scenes\\sparse_pc.ply", "//server/scenes/sparse_pc.ply"]
+)
+def test_points_that_a_file_of_another_machine_names_are_those_beside_it_or_none(tmp_path: Path, name: str) -> None:
+    write_transforms(tmp_path, shots(3), {**intrinsics(pinhole()), "ply_file_path": name, "frames": frames(shots(3))})
+    without = inspect_capture(tmp_path)
+    assert (without.views, without.points) == (3, 0)
+    (message,) = [warning.message for warning in without.warnings if warning.name == "missing-points"]
+    assert name in message
+    write_point_cloud(tmp_path / "sparse_pc.ply", np.ones((5, 3), np.float32), np.zeros((5, 3), np.uint8))
+    found = inspect_capture(tmp_path)
+    assert found.points == 5
+    assert "missing-points" not in [warning.name for warning in found.warnings]
+
+
+def test_points_of_another_capture_are_not_read(tmp_path: Path) -> None:
+    elsewhere, root = tmp_path / "elsewhere.ply", tmp_path / "capture"
+    write_point_cloud(elsewhere, np.ones((5, 3), np.float32), np.zeros((5, 3), np.uint8))
+    document = {**intrinsics(pinhole()), "ply_file_path": str(elsewhere), "frames": frames(shots(3))}
+    write_transforms(root, shots(3), document)
+    assert inspect_capture(root).points == 0
+    (root / "elsewhere.ply").symlink_to(elsewhere)
+    with pytest.raises(InputError, match="leads out of the capture folder"):
+        inspect_capture(root)
+
+
+@pytest.mark.parametrize(
     ("kind", "stored"),
     [("u1", [0, 128, 255]), ("u2", [0, 128 * 257, 65535]), ("f4", [0.0, 128 / 255, 1.0]), ("i4", [-1, 128, 300])],
 )
