@@ -47,7 +47,7 @@ from .foreign import way_round
 from .images import read_pixels
 from .masks import FoundMasks, find_masks, masks_among
 from .model import CaptureWarning
-from .scans import depth_maps_among, previews_among
+from .scans import depth_maps_among, previews_among, textures_among
 
 Renaming = Callable[[str], str]
 
@@ -159,7 +159,7 @@ def find_material(path: Path) -> Material:
     found = [name for name in names if not (depths and name in depth_maps)]
     masks = masks_among([*found, *videos])
     found = [name for name in found if name not in masks]
-    previews = previews_among([*found, *videos])
+    previews = previews_among([*found, *videos]) | textures_among(path, found)
     names = without_copies(path, [name for name in found if name not in previews])
     filmed = [name for name in videos if name not in previews]
     filmed = without_live_photos(path, filmed, found) if len(names) > 1 else filmed

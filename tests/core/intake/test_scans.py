@@ -72,6 +72,26 @@ def test_what_an_app_has_rendered_or_made_small_is_no_photograph_and_is_named(tm
         assert warning.message.endswith(f"files that show photographs once more are left out: {named}")
 
 
+def test_textures_of_a_mesh_beside_its_photographs_are_no_photographs_and_are_named(tmp_path: Path) -> None:
+    for number, name in enumerate(("1.jpg", "2.jpg", "texture_2.jpg")):
+        save(tmp_path / name, WALL[number:])
+    textures = ("mesh/textures/a b.png", "mesh/texture_0.jpg", "mesh/texture_1.jpg", "mesh/texture_2.jpg")
+    for number, name in enumerate(textures):
+        save(tmp_path / name, np.roll(WALL, number, axis=1))
+    lines = (
+        "newmtl first",
+        "Kd 1 1 1",
+        "map_Kd texture_0.jpg",
+        "map_Kd -s 1 1 1 texture_1.jpg",
+        "map_Ks texture_2.jpg",
+        "bump textures\\a b.png",
+    )
+    (tmp_path / "mesh" / "scan.mtl").write_text("\r\n".join(lines))
+    material = find_material(tmp_path)
+    assert material.photographs == ("1.jpg", "2.jpg", "texture_2.jpg")
+    assert sorted(material.copies) == sorted(textures)
+
+
 def test_photographs_and_videos_that_are_called_like_previews_of_none_are_used(tmp_path: Path) -> None:
     save(tmp_path / "thumb_1.jpg", WALL)
     save(tmp_path / "thumbnail.jpg", WALL[1:])
