@@ -91,8 +91,8 @@ def test_models_behind_links_are_not_looked_for(tmp_path: Path) -> None:
 
 
 def test_of_captures_side_by_side_none_is_taken(tmp_path: Path) -> None:
-    for name in ("monday", "tuesday"):
-        write_colmap(tmp_path / name, shots(3))
+    for name, focal in (("monday", 80.0), ("tuesday", 90.0)):
+        write_colmap(tmp_path / name, shots(3, pinhole(focal=focal)))
     with pytest.raises(InputError) as error:
         inspect_capture(tmp_path)
     assert "2 captures with cameras are in it: monday, tuesday - give the folder of one of them" in str(error.value)
