@@ -131,6 +131,15 @@ def test_masks_in_a_folder_called_mask_in_upper_case_are_named(tmp_path: Path) -
     assert masks_of(material).misplaced == ["Mask/1.png", "Mask/2.png"]
 
 
+@pytest.mark.parametrize("scan", ["", "scan65/"])
+def test_masks_of_neus_are_no_photographs_and_are_named(tmp_path: Path, scan: str) -> None:
+    masks = [f"{scan}mask/{number:03d}.png" for number in range(2)]
+    make_files(tmp_path, " ".join([f"{scan}image/000000.png {scan}image/000001.png", *masks]))
+    material = find_material(tmp_path)
+    assert material.photographs == (f"{scan}image/000000.png", f"{scan}image/000001.png")
+    assert masks_of(material).misplaced == masks
+
+
 @pytest.mark.parametrize("folder", ["images", "images/left", "photos"])
 def test_masks_in_the_folder_of_their_photographs_are_used(tmp_path: Path, folder: str) -> None:
     make_files(tmp_path, f"{folder}/1.jpg {folder}/2.jpg {folder}/masks/1.png {folder}/masks/3.png")
