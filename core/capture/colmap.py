@@ -209,10 +209,10 @@ def _image_folder(found: ColmapFolder, read: ColmapModel) -> Path:
     usual = [found.root / name for name in (*IMAGE_FOLDERS, *downscaled, ".")]
     # Photographs beside a model in a folder of its own are those that it was made of, or undistorted for it.
     root = found.root.resolve()
-    beside = [
-        parent / name for parent in found.model.resolve().parents for name in IMAGE_FOLDERS if root in parent.parents
-    ]
-    other = [path for path in _subfolders(found.root) if not any(word in path.name.lower() for word in _NO_PHOTOGRAPHS)]
+    above = [parent for parent in found.model.resolve().parents if root in parent.parents]
+    beside = [parent / name for parent in above for name in IMAGE_FOLDERS]
+    named = [path for parent in (found.root, *above) for path in _subfolders(parent)]
+    other = [path for path in named if not any(word in path.name.lower() for word in _NO_PHOTOGRAPHS)]
 
     def held(folder: Path) -> int:
         return sum(is_file(folder / name.replace("\\", "/")) for name in names)

@@ -58,6 +58,8 @@ def test_every_layout_gives_the_same_capture(tmp_path: Path, text: bool, old: bo
         ("dense/0/sparse", "dense/0/images"),
         ("distorted/sparse/0", "input"),
         ("sparse/0", "Photos"),
+        ("scene/sparse/0", "scene/Photos"),
+        ("scene/sparse/0", "scene/images_2"),
     ],
 )
 def test_models_and_photographs_of_other_programs_are_found(
