@@ -29,8 +29,8 @@ from .masks import masks_among
 from .shared_lens import describe, may_share_lens, share_lens
 from .source import SourceModel, SourceView, rigid_pose
 
-# Elsewhere, as in ``dense/0/sparse`` of COLMAP's reconstructor, it is looked for.
-SEARCHED_DEPTH = 3
+# Elsewhere it is looked for: ``dense/0/sparse`` of COLMAP's reconstructor, ``data/scene/colmap/sparse/0`` of a project.
+SEARCHED_DEPTH = 5
 # Of folders with pictures of the photographs' names that are none.
 _NO_PHOTOGRAPHS = ("mask", "depth", "normal", "segment")
 MAX_ANAMORPHISM = 10.0  # anamorphic lenses squeeze by 2; beyond this the file is wrong

@@ -60,6 +60,7 @@ def test_every_layout_gives_the_same_capture(tmp_path: Path, text: bool, old: bo
         ("sparse/0", "Photos"),
         ("scene/sparse/0", "scene/Photos"),
         ("scene/sparse/0", "scene/images_2"),
+        ("data/scene/colmap/sparse/0", "data/scene/images"),
     ],
 )
 def test_models_and_photographs_of_other_programs_are_found(

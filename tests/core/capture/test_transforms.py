@@ -54,9 +54,10 @@ def test_the_file_itself_is_accepted(tmp_path: Path) -> None:
     assert len(read_capture(tmp_path / "other.json", max_size=None).views) == 3
 
 
-def test_a_camera_file_in_a_folder_below_is_found(tmp_path: Path) -> None:
+@pytest.mark.parametrize("below", ["room/scene", "shop/data/processed/room/scene"])
+def test_a_camera_file_in_a_folder_below_is_found(tmp_path: Path, below: str) -> None:
     photographs = shots(3)
-    write_transforms(tmp_path / "parent" / "room" / "scene", photographs)
+    write_transforms(tmp_path / "parent" / below, photographs)
     (tmp_path / "parent" / "README.txt").write_text("a room")
     archive = Path(shutil.make_archive(str(tmp_path / "room"), "zip", tmp_path / "parent"))
     for given in (tmp_path / "parent", archive):
