@@ -28,11 +28,14 @@ from .files import (
 from .masks import masks_among
 from .shared_lens import describe, may_share_lens, share_lens
 from .source import SourceModel, SourceView, rigid_pose
+from .undistort import is_pinhole
 
 # Elsewhere it is looked for: ``dense/0/sparse`` of COLMAP's reconstructor, ``data/scene/colmap/sparse/0`` of a project.
 SEARCHED_DEPTH = 5
 # Of folders with pictures of the photographs' names that are none.
 _NO_PHOTOGRAPHS = ("mask", "depth", "normal", "segment")
+# In the names of folders with photographs whose distortion is gone: ScanNet++'s resized_undistorted_images.
+_UNDISTORTED = "undistort"
 MAX_ANAMORPHISM = 10.0  # anamorphic lenses squeeze by 2; beyond this the file is wrong
 
 
@@ -111,7 +114,9 @@ def read_colmap(found: ColmapFolder, reporter: Reporter | None = None, *, adjust
     if adjusted and may_share_lens(read) and (lens := share_lens(read)) and lens.views:
         model.warn("shared-lens", describe(lens, found.model))
         read = lens.model
-    add_model(model, read, _image_folder(found, read), found.root)
+    folder = _image_folder(found, read)
+    _refuse_undistorted(folder, read, found.model)
+    add_model(model, read, folder, found.root)
     return model
 
 
@@ -229,6 +234,14 @@ def _image_folder(found: ColmapFolder, read: ColmapModel) -> Path:
             if best is not None and count(best):
                 return best
     return next(folder for folder in usual if folder.is_dir())
+
+
+def _refuse_undistorted(folder: Path, read: ColmapModel, where: Path) -> None:
+    """Refuse photographs that are called undistorted, of cameras that are not: they would be undistorted once more."""
+    if _UNDISTORTED in folder.name.lower() and not all(map(is_pinhole, read.cameras.values())):
+        what = f"its cameras have distortion, but the photographs ({folder.name}) are undistorted"
+        remedy = "give the original photographs, or with --cameras the cameras of these"
+        raise InputError(what, where=where, remedy=remedy)
 
 
 def _check_model(read: ColmapModel, where: Path) -> None:
