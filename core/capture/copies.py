@@ -13,6 +13,7 @@ from ..files.untrusted import is_file, is_folder, opened
 from ..intake.kinds import HEIF_EXTENSIONS, MAX_VIDEO_BYTES, RAW_EXTENSIONS
 from ..intake.video import read_video_header
 from .files import IMAGE_EXTENSIONS, natural_key, resolve_inside
+from .images import read_header
 
 _REDUCED = re.compile(r"images_[0-9]+")
 # Google's Pixels: PXL_1.RAW-01.COVER.jpg, or PXL_1.RAW-01.jpg, and PXL_1.RAW-02.ORIGINAL.dng are one photograph, and so
@@ -152,6 +153,18 @@ def without_live_photos(folder: Path, videos: Sequence[str], photographs: Iterab
     """
     places = {PurePosixPath(name).with_suffix("") for name in photographs}
     return [name for name in videos if PurePosixPath(name).with_suffix("") not in places or not _is_short(folder, name)]
+
+
+def frames_among(folder: Path, photographs: Iterable[str], videos: Iterable[str]) -> list[str]:
+    """Which of the `photographs` are frames of the `videos`, as it seems: of the size of one, and of no camera's data.
+
+    Raises:
+        InputError: a photograph or a video cannot be used.
+    """
+    films = [read_video_header(folder / name) for name in videos]
+    sizes = {(film.width, film.height) for film in films}
+    headers = ((name, read_header(folder / name)) for name in photographs)
+    return [name for name, header in headers if header.upright_size in sizes and not header.taken_with]
 
 
 def _is_short(folder: Path, name: str) -> bool:

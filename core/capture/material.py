@@ -30,7 +30,7 @@ from ..intake.raw import Development, exif_of_raw
 from ..intake.selection import choose
 from ..intake.video import MAX_SECONDS, Look, extract, look_through
 from ..runtime.protocol import Reporter
-from .copies import in_other_formats, without_copies, without_live_photos, without_repeats
+from .copies import frames_among, in_other_formats, without_copies, without_live_photos, without_repeats
 from .files import (
     FOREIGN_EXTENSIONS,
     FRAMES_FILE,
@@ -201,7 +201,7 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter, si
         originals = dict(zip(names, material.photographs, strict=True))
         warnings = [*_copies_warning(material), *_depth_warning(material, material.depths)]
         return Photographs(folder, names, originals=originals, warnings=warnings)
-    made = Photographs(workspace, [], warnings=_copies_warning(material))
+    made = Photographs(workspace, [], warnings=[*_copies_warning(material), *_frames_warning(material)])
     frames = _extract_frames(material, made, reporter, size)
     _convert_photographs(material, kinds, made, reporter)
     made.originals.update(zip(made.names, material.photographs, strict=True))
@@ -359,6 +359,13 @@ def _copies_warning(material: Material) -> list[CaptureWarning]:
         return []
     what = f"{material.folder}: files that show photographs once more are left out: {quote_first(material.copies)}"
     return [CaptureWarning("copies", what)]
+
+
+def _frames_warning(material: Material) -> list[CaptureWarning]:
+    frames = frames_among(material.folder, material.photographs, material.videos) if material.videos else []
+    what = f"{len(frames)} photographs seem to be frames of a video beside them: {quote_first(frames)}"
+    remedy = "give one of the two, or they count twice"
+    return [CaptureWarning("video-frames", f"{material.folder}: {what}; {remedy}")] if frames else []
 
 
 def _depth_warning(material: Material, count: int) -> list[CaptureWarning]:

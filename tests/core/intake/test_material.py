@@ -401,6 +401,23 @@ def test_log_video_is_told_from_hdr_and_from_ordinary_video(tmp_path: Path, tran
     assert [warning.name for warning in made.warnings] == ([name] if name else [])
 
 
+def test_frames_beside_their_video_are_told_from_photographs(tmp_path: Path) -> None:
+    film = [window(WALL, 50 + 6 * step) for step in range(RATE * 2)]
+    for folder in ("in/frames", "out", "again"):
+        (tmp_path / folder).mkdir(parents=True)
+    write_video(tmp_path / "in" / "walk.mp4", film)
+    camera = Image.Exif()
+    camera[0x0110] = "Acme One"
+    Image.fromarray(film[0]).save(tmp_path / "in" / "1.jpg", exif=camera)
+    save(tmp_path / "in" / "2.jpg", photograph())
+    assert make_photographs(find_material(tmp_path / "in"), tmp_path / "out", Reporter()).warnings == []
+    for number, frame in enumerate(film[:2]):
+        save(tmp_path / "in" / "frames" / f"{number}.png", frame)
+    (warning,) = make_photographs(find_material(tmp_path / "in"), tmp_path / "again", Reporter()).warnings
+    assert warning.name == "video-frames"
+    assert "2 photographs seem to be frames of a video beside them: frames/0.png, frames/1.png" in warning.message
+
+
 def test_all_frames_of_a_video_have_its_mask_and_photographs_their_own(tmp_path: Path) -> None:
     for name in ("a.mp4", "b.mp4"):
         write_video(tmp_path / name, [window(WALL, 50 + 6 * step) for step in range(RATE * 2)])
