@@ -20,9 +20,12 @@ _REDUCED = re.compile(r"images_[0-9]+")
 # are PXL_1.MP.jpg and PXL_1.dng.
 _PIXEL = re.compile(r"(\.RAW-[0-9]+(\.MP)?(\.COVER|\.ORIGINAL)?|\.MP)$")
 # What telephones make of a photograph, and how that is called: an iPhone's IMG_E1234.JPG is IMG_1234.HEIC as somebody
-# has edited it (cropped, or in other colours), and a Pixel's portraits have a blurred background.
+# has edited it (cropped, or in other colours), Google Photos calls that IMG_1-edited.jpg where it is downloaded and
+# PXL_1~2.jpg on a Pixel, whose portraits have a blurred background.
 _EDITED = (
     (re.compile(r"IMG_E([0-9]{4})"), r"IMG_\1"),
+    (re.compile(r"(.+)-edited"), r"\1"),
+    (re.compile(r"(PXL_.+)~[0-9]+"), r"\1"),
     (re.compile(r"(.+\.PORTRAIT)-01\.COVER"), r"\1-02.ORIGINAL"),
     (re.compile(r"(.+\.PORTRAIT)"), r"\1.ORIGINAL"),
 )

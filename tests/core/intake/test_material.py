@@ -227,6 +227,8 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
         ("P1.PORTRAIT-01.COVER.jpg P1.PORTRAIT-02.ORIGINAL.jpg P2.jpg", "P1.PORTRAIT-02.ORIGINAL.jpg P2.jpg"),
         ("P1.PORTRAIT.ORIGINAL.jpg P1.PORTRAIT.jpg P2.PORTRAIT.jpg", "P1.PORTRAIT.ORIGINAL.jpg P2.PORTRAIT.jpg"),
         ("IMG_0001.HEIC IMG_0002.HEIC IMG_E0002.HEIC IMG_E0003.JPG", "IMG_0001.HEIC IMG_0002.HEIC IMG_E0003.JPG"),
+        ("IMG_1.jpg IMG_1-edited.jpg IMG_2-edited.jpg", "IMG_1.jpg IMG_2-edited.jpg"),
+        ("PXL_1.jpg PXL_1~2.jpg PXL_2~2.jpg IMG_1.jpg IMG_1~2.jpg", "IMG_1.jpg IMG_1~2.jpg PXL_1.jpg PXL_2~2.jpg"),
         ("IMG_0001.JPG IMG_E0001.JPG a/IMG_E0001.JPG", "IMG_0001.JPG a/IMG_E0001.JPG"),
     ],
 )
