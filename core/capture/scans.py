@@ -1,4 +1,4 @@
-"""What scanners and datasets put beside their photographs: depth maps, previews of the scan, textures of its mesh."""
+"""What scanners, cameras and datasets put beside photographs: depth maps, previews, textures of a mesh."""
 
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ _KEYFRAMES = "keyframes"
 _RENDERED = frozenset(("polycam.mp4", "thumbnail.jpg"))
 # 3D Scanner App's thumb_00000.jpg is a small frame_00000.jpg.
 _SMALL, _WHOLE = "thumb_", "frame_"
+# On the cards of Sony's cameras, pictures and small copies of the clips in M4ROOT/CLIP.
+_OF_CLIPS = re.compile(r"(^|/)M4ROOT/(THMBNL|SUB)/", re.IGNORECASE)
 
 # Wavefront's materials of a mesh (OBJ) and the lines in them that name pictures, which options may precede.
 _MATERIALS = (".mtl",)
@@ -52,13 +54,14 @@ def _is_made_of_depths(path: Path) -> bool:
 
 
 def previews_among(names: Sequence[str]) -> set[str]:
-    """Which of the pictures and videos `names` show the scan as an app has rendered it, or a photograph once more."""
+    """Which of the pictures and videos `names` show the scan as an app has rendered it, or another one once more."""
     paths = {name: PurePosixPath(name) for name in names}
     scanned = {above.parent for path in paths.values() for above in path.parents if above.name == _KEYFRAMES}
     return {
         name
         for name, path in paths.items()
-        if (path.parent in scanned and path.name in _RENDERED)
+        if _OF_CLIPS.search(name)
+        or (path.parent in scanned and path.name in _RENDERED)
         or (path.name.startswith(_SMALL) and str(path.with_name(path.name.replace(_SMALL, _WHOLE, 1))) in paths)
     }
 

@@ -72,6 +72,16 @@ def test_what_an_app_has_rendered_or_made_small_is_no_photograph_and_is_named(tm
         assert warning.message.endswith(f"files that show photographs once more are left out: {named}")
 
 
+def test_of_a_cameras_whole_card_the_photographs_and_clips_are_used(tmp_path: Path) -> None:
+    used = ("DCIM/100MSDCF/DSC00001.JPG", "DCIM/100MSDCF/DSC00002.JPG", "PRIVATE/M4ROOT/CLIP/C0001.MP4")
+    left_out = ("PRIVATE/M4ROOT/SUB/C0001S03.MP4", "PRIVATE/M4ROOT/THMBNL/C0001T01.JPG")
+    for name in (*used, *left_out):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    material = find_material(tmp_path)
+    assert (material.photographs, material.videos, material.copies) == (used[:2], used[2:], left_out)
+
+
 def test_textures_of_a_mesh_beside_its_photographs_are_no_photographs_and_are_named(tmp_path: Path) -> None:
     for number, name in enumerate(("1.jpg", "2.jpg", "texture_2.jpg")):
         save(tmp_path / name, WALL[number:])
