@@ -28,11 +28,14 @@ from .files import (
 from .masks import masks_among
 from .shared_lens import describe, may_share_lens, share_lens
 from .source import SourceModel, SourceView, rigid_pose
+from .undistort import is_pinhole
 
-# Elsewhere, as in ``dense/0/sparse`` of COLMAP's reconstructor, it is looked for.
-SEARCHED_DEPTH = 3
+# Elsewhere it is looked for: ``dense/0/sparse`` of COLMAP's reconstructor, ``data/scene/colmap/sparse/0`` of a project.
+SEARCHED_DEPTH = 5
 # Of folders with pictures of the photographs' names that are none.
 _NO_PHOTOGRAPHS = ("mask", "depth", "normal", "segment")
+# In the names of folders with photographs whose distortion is gone: ScanNet++'s resized_undistorted_images.
+_UNDISTORTED = "undistort"
 MAX_ANAMORPHISM = 10.0  # anamorphic lenses squeeze by 2; beyond this the file is wrong
 
 
@@ -111,7 +114,9 @@ def read_colmap(found: ColmapFolder, reporter: Reporter | None = None, *, adjust
     if adjusted and may_share_lens(read) and (lens := share_lens(read)) and lens.views:
         model.warn("shared-lens", describe(lens, found.model))
         read = lens.model
-    add_model(model, read, _image_folder(found, read), found.root)
+    folder = _image_folder(found, read)
+    _refuse_undistorted(folder, read, found.model)
+    add_model(model, read, folder, found.root)
     return model
 
 
@@ -209,10 +214,10 @@ def _image_folder(found: ColmapFolder, read: ColmapModel) -> Path:
     usual = [found.root / name for name in (*IMAGE_FOLDERS, *downscaled, ".")]
     # Photographs beside a model in a folder of its own are those that it was made of, or undistorted for it.
     root = found.root.resolve()
-    beside = [
-        parent / name for parent in found.model.resolve().parents for name in IMAGE_FOLDERS if root in parent.parents
-    ]
-    other = [path for path in _subfolders(found.root) if not any(word in path.name.lower() for word in _NO_PHOTOGRAPHS)]
+    above = [parent for parent in found.model.resolve().parents if root in parent.parents]
+    beside = [parent / name for parent in above for name in IMAGE_FOLDERS]
+    named = [path for parent in (found.root, *above) for path in _subfolders(parent)]
+    other = [path for path in named if not any(word in path.name.lower() for word in _NO_PHOTOGRAPHS)]
 
     def held(folder: Path) -> int:
         return sum(is_file(folder / name.replace("\\", "/")) for name in names)
@@ -229,6 +234,14 @@ def _image_folder(found: ColmapFolder, read: ColmapModel) -> Path:
             if best is not None and count(best):
                 return best
     return next(folder for folder in usual if folder.is_dir())
+
+
+def _refuse_undistorted(folder: Path, read: ColmapModel, where: Path) -> None:
+    """Refuse photographs that are called undistorted, of cameras that are not: they would be undistorted once more."""
+    if _UNDISTORTED in folder.name.lower() and not all(map(is_pinhole, read.cameras.values())):
+        what = f"its cameras have distortion, but the photographs ({folder.name}) are undistorted"
+        remedy = "give the original photographs, or with --cameras the cameras of these"
+        raise InputError(what, where=where, remedy=remedy)
 
 
 def _check_model(read: ColmapModel, where: Path) -> None:

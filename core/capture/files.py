@@ -13,7 +13,14 @@ from pathlib import Path, PurePath, PurePosixPath
 
 from ..errors import InputError
 from ..files.untrusted import is_encodable, is_file, is_folder, is_there, read_json
-from ..intake.kinds import FOREIGN_VIDEO_EXTENSIONS, HEIF_EXTENSIONS, RAW_EXTENSIONS, VIDEO_EXTENSIONS
+from ..intake.kinds import (
+    ARCHIVE_EXTENSION,
+    FOREIGN_ARCHIVE_EXTENSIONS,
+    FOREIGN_VIDEO_EXTENSIONS,
+    HEIF_EXTENSIONS,
+    RAW_EXTENSIONS,
+    VIDEO_EXTENSIONS,
+)
 from ..intake.panoramas import PANORAMA_EXTENSIONS
 from ..runs.enhanced import METRICS_NAME, enhanced_files
 from ..runs.folder import files_of_a_run
@@ -22,7 +29,7 @@ from ..runs.report import is_run
 
 # What is read and what telephones, cameras, scanners and renderers write.
 IMAGE_EXTENSIONS = (
-    *(".jpg", ".jpeg", ".png", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm"),
+    *(".jpg", ".jpeg", ".jfif", ".png", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".tga", ".hdr", ".ppm"),
     *HEIF_EXTENSIONS,
     *RAW_EXTENSIONS,
 )
@@ -43,12 +50,13 @@ FRAMES_FILE = "frames.json"
 from the beginning of the video of that name. Photographs are not in it.
 """
 
-# What cameras and editors leave beside them and is not read.
+# What cameras and editors leave beside them and is not read; a zip is where it is given itself.
 SPLAT_EXTENSION = ".ply"
 FOREIGN_EXTENSIONS = (
-    *(".jxl", ".gif", ".psd", ".raf", ".rw2", ".orf", ".pef", ".r3d"),
+    *(".jxl", ".gif", ".psd", ".raf", ".rw2", ".orf", ".pef", ".srw", ".nrw", ".rwl", ".3fr", ".gpr", ".r3d"),
     *PANORAMA_EXTENSIONS,
     *FOREIGN_VIDEO_EXTENSIONS,
+    *(ARCHIVE_EXTENSION, *FOREIGN_ARCHIVE_EXTENSIONS),
 )
 
 # What Windows leaves where somebody has looked at a folder, in lower case; what other systems leave is hidden.

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files.untrusted import is_file, opened
-from ..intake.kinds import FOREIGN_VIDEO_EXTENSIONS
+from ..intake.kinds import ARCHIVE_EXTENSION, FOREIGN_ARCHIVE_EXTENSIONS, FOREIGN_VIDEO_EXTENSIONS
 from ..intake.panoramas import PANORAMA_EXTENSIONS, RECORD3D_REMEDY
 from ..intake.panoramas import REMEDY as PANORAMA_REMEDY
 
@@ -23,6 +23,8 @@ _MOST_BYTES = 64 << 30  # of a file of which no more is read
 _REMEDIES = {
     **dict.fromkeys(PANORAMA_EXTENSIONS, f"360° pictures are not supported: {PANORAMA_REMEDY}"),
     **dict.fromkeys(FOREIGN_VIDEO_EXTENSIONS, "videos of this format are not read: convert it to MP4 (H.264)"),
+    **dict.fromkeys(FOREIGN_ARCHIVE_EXTENSIONS, "unpack it, and give the folder"),
+    ARCHIVE_EXTENSION: "give the zip itself, or unpack it",
     ".r3d": f"Record3D's depth is not supported: {RECORD3D_REMEDY}",
 }
 
@@ -58,7 +60,7 @@ _KINDS = (
 
 
 def way_round(path: Path) -> str:
-    """What to do with a file of a scanner or a 360° camera, by its name; empty for others."""
+    """What to do with an archive, or a file of a scanner or a 360° camera, by its name; empty for others."""
     return _REMEDIES.get(path.suffix.lower(), "")
 
 

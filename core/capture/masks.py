@@ -32,6 +32,7 @@ _WHOLLY = 0.999  # of a pixel, or of its neighbourhood: a share of a moving thin
 _BACK = {6: 8, 8: 6}  # the EXIF orientations that do not undo themselves, and those that undo them
 _EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 _MISNAMED_FOLDER = "mask"
+_BESIDE_MISNAMED = "image"  # in NeuS's data, where image/000001.png has the mask mask/001.png
 # In the folder of their photograph, {stem}{suffix}: COLMAP's, RealityScan's two, Metashape's and instant-ngp's, which
 # are white where nothing is looked at.
 _INVERTED = "dynamic_mask_"
@@ -101,13 +102,16 @@ def find_masks(capture: Path, photographs: Mapping[str, Path]) -> FoundMasks:
 def masks_among(names: Sequence[str]) -> set[str]:
     """Which of the pictures `names`, relative to a capture, are by their names masks of others of them.
 
-    They lie beside their photograph, or in a folder called ``mask``. What has no photograph is one itself.
+    They lie beside their photograph, or in a folder called ``mask``, whatever they are called if ``image`` is beside
+    that. What else has no photograph is one itself.
     """
     paths = {name: PurePosixPath(name) for name in names}
     folders = {path.parent for path in paths.values()}
     misnamed = {folder for folder in folders if _MISNAMED_FOLDER in (part.lower() for part in folder.parts)}
     others = [path for path in paths.values() if path.parent not in misnamed]
     wanted = {path.as_posix().lower() for path in _lying_beside(paths.values())}
+    named = [path for path in paths.values() if path.parent.name.lower() == _MISNAMED_FOLDER]
+    wanted.update(path.as_posix().lower() for path in named if path.parent.with_name(_BESIDE_MISNAMED) in folders)
     if misnamed:
         places = (place for path in others for place in _places(path, PurePosixPath()))
         wanted.update(

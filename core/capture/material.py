@@ -30,7 +30,7 @@ from ..intake.raw import Development, exif_of_raw
 from ..intake.selection import choose
 from ..intake.video import MAX_SECONDS, Look, extract, look_through
 from ..runtime.protocol import Reporter
-from .copies import in_other_formats, without_copies, without_live_photos
+from .copies import frames_among, in_other_formats, without_copies, without_live_photos, without_repeats
 from .files import (
     FOREIGN_EXTENSIONS,
     FRAMES_FILE,
@@ -47,7 +47,7 @@ from .foreign import way_round
 from .images import read_pixels
 from .masks import FoundMasks, find_masks, masks_among
 from .model import CaptureWarning
-from .scans import depth_maps_among, previews_among
+from .scans import depth_maps_among, previews_among, textures_among
 
 Renaming = Callable[[str], str]
 
@@ -159,11 +159,10 @@ def find_material(path: Path) -> Material:
     found = [name for name in names if not (depths and name in depth_maps)]
     masks = masks_among([*found, *videos])
     found = [name for name in found if name not in masks]
-    previews = previews_among([*found, *videos])
+    previews = previews_among([*found, *videos]) | textures_among(path, found)
     names = without_copies(path, [name for name in found if name not in previews])
     filmed = [name for name in videos if name not in previews]
     filmed = without_live_photos(path, filmed, found) if len(names) > 1 else filmed
-    copies = sorted({*found, *videos} - {*names, *filmed}, key=natural_key)
     what = remedy = ""
     if not names and not videos:
         unreadable = list_images(path, FOREIGN_EXTENSIONS)
@@ -179,6 +178,8 @@ def find_material(path: Path) -> Material:
         raise InputError(what, where=path, remedy=remedy)
     for name in (*names, *filmed):
         resolve_inside(path, name, where=path, root=path)
+    names, filmed = without_repeats(path, names), without_repeats(path, filmed)
+    copies = sorted({*found, *videos} - {*names, *filmed}, key=natural_key)
     return Material(path, tuple(names), tuple(filmed), depths, tuple(copies), tuple(sorted(masks, key=natural_key)))
 
 
@@ -200,7 +201,7 @@ def make_photographs(material: Material, workspace: Path, reporter: Reporter, si
         originals = dict(zip(names, material.photographs, strict=True))
         warnings = [*_copies_warning(material), *_depth_warning(material, material.depths)]
         return Photographs(folder, names, originals=originals, warnings=warnings)
-    made = Photographs(workspace, [], warnings=_copies_warning(material))
+    made = Photographs(workspace, [], warnings=[*_copies_warning(material), *_frames_warning(material)])
     frames = _extract_frames(material, made, reporter, size)
     _convert_photographs(material, kinds, made, reporter)
     made.originals.update(zip(made.names, material.photographs, strict=True))
@@ -358,6 +359,13 @@ def _copies_warning(material: Material) -> list[CaptureWarning]:
         return []
     what = f"{material.folder}: files that show photographs once more are left out: {quote_first(material.copies)}"
     return [CaptureWarning("copies", what)]
+
+
+def _frames_warning(material: Material) -> list[CaptureWarning]:
+    frames = frames_among(material.folder, material.photographs, material.videos) if material.videos else []
+    what = f"{len(frames)} photographs seem to be frames of a video beside them: {quote_first(frames)}"
+    remedy = "give one of the two, or they count twice"
+    return [CaptureWarning("video-frames", f"{material.folder}: {what}; {remedy}")] if frames else []
 
 
 def _depth_warning(material: Material, count: int) -> list[CaptureWarning]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import Any
 
 import numpy as np
@@ -305,7 +305,11 @@ class _Reader:
             return
         if not isinstance(name, str):
             raise self._refusal("ply_file_path is not a file name")
-        path = resolve_inside(self._file.parent, relative_name(self._file.parent, name), where=self._file)
+        folder = self._file.parent
+        wanted = relative_name(folder, name)
+        if PureWindowsPath(wanted).anchor:  # a path on the machine that wrote the file, from where all was copied
+            wanted = PureWindowsPath(wanted).name or wanted
+        path = resolve_inside(folder, wanted, where=self._file)
         if not is_file(path):
             model.warn("missing-points", f"{self._file}: the point file {name} is missing")
             return

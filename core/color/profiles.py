@@ -127,6 +127,10 @@ _P3_COLUMNS = ((0.51512, 0.24119, -0.00105), (0.29198, 0.69225, 0.04189), (0.157
 DISPLAY_P3 = _matrix_profile("Display P3", _P3_COLUMNS, _curve_of_srgb())
 """For what says by a number alone that it is: its primaries by Bradford, and sRGB's curve."""
 
+_BT2020_COLUMNS = ((0.67348, 0.27904, -0.00193), (0.16567, 0.67534, 0.02998), (0.12505, 0.04561, 0.79685))
+BT2020 = _matrix_profile("BT.2020", _BT2020_COLUMNS, _curve_of_srgb())
+"""The same of what is not HDR, whose curve is taken as sRGB's, as that of BT.709 is."""
+
 # Adobe RGB (1998) Color Image Encoding, version 2005-05: the primaries in the ICC's connection space, and the exponent.
 _ADOBE_COLUMNS = ((0.60974, 0.31111, 0.01947), (0.20528, 0.62567, 0.06087), (0.14919, 0.06322, 0.74457))
 _ADOBE_GAMMA = 2 + 51 / 256

@@ -13,6 +13,7 @@ VIDEO_EXTENSIONS = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".3gp", ".m
 FOREIGN_VIDEO_EXTENSIONS = (".wmv", ".mpg", ".mpeg", ".ts", ".flv", ".vob", ".ogv")
 """Of videos that are not read; those of camcorders and DVDs among them are interlaced, as a rule."""
 ARCHIVE_EXTENSION = ".zip"
+FOREIGN_ARCHIVE_EXTENSIONS = (".7z", ".rar", ".tar", ".gz")
 MAX_VIDEO_BYTES = 64 << 30  # an hour of 4K at 100 Mbit/s has 45 GB
 
 _START_BYTES = 32

@@ -1,8 +1,8 @@
 """A decoded frame as an upright sRGB picture.
 
 Y'CbCr is turned into R'G'B' with the matrix that the frame names (ITU-T H.273; BT.709, BT.601, BT.2020).
-Display-referred BT.709 is taken as sRGB, as every player does; HLG and PQ are tone-mapped (`color.hdr`), Display P3 is
-converted.
+Display-referred BT.709 is taken as sRGB, as every player does; HLG and PQ are tone-mapped (`color.hdr`), Display P3 and
+BT.2020 are converted.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from PIL import Image
 from torch import Tensor
 
 from ..color.hdr import REFERENCE_WHITE, TRANSFERS, to_light, tone_map
-from ..color.profiles import DISPLAY_P3, convert_to_srgb
+from ..color.profiles import BT2020, DISPLAY_P3, convert_to_srgb
 
 # Weights of red and blue in luma, by H.273's number of the matrix.
 _BT601, _BT709, _BT2020 = (0.299, 0.114), (0.2126, 0.0722), (0.2627, 0.0593)
@@ -26,7 +26,7 @@ _BT2020_MATRIX = 9
 _UNKNOWN = (0, 2)  # transfer characteristics of which nothing is said
 _HD_HEIGHT = 720  # from here on what says nothing is BT.709
 _FULL_RANGE = 2
-_DISPLAY_P3_PRIMARIES = 12
+_PROFILES = {9: BT2020, 12: DISPLAY_P3}  # by H.273's number of the primaries
 _SMALL_SIDE = 240  # pixels
 _PLANAR = {"yuv420p": 8, "yuvj420p": 8, "yuv422p": 8, "yuvj422p": 8, "yuv444p": 8, "yuvj444p": 8} | {
     f"yuv{kind}p{bits}le": bits for kind in (420, 422, 444) for bits in (10, 12)
@@ -60,8 +60,9 @@ def frame_colors(frame: Any, white: float = REFERENCE_WHITE, aspect: float = 1.0
             tensor = torch.from_numpy(pixels).permute(2, 0, 1).float() / 255.0
             pixels = (tone_map(tensor, transfer, white) * 255.0).round().to(torch.uint8).permute(1, 2, 0).numpy()
     pixels = np.ascontiguousarray(pixels)
-    if not transfer and int(frame.color_primaries or 0) == _DISPLAY_P3_PRIMARIES:
-        convert_to_srgb(pixels, DISPLAY_P3)
+    profile = _PROFILES.get(int(frame.color_primaries or 0))
+    if profile and not (transfer or is_log(frame)):
+        convert_to_srgb(pixels, profile)
     size = square_size(frame.width, frame.height, aspect)
     if size != (frame.width, frame.height):
         pixels = np.array(Image.fromarray(pixels).resize(size, Image.Resampling.BICUBIC))

@@ -19,6 +19,8 @@ from cvdgs.core.runtime.protocol import Reporter
 
 from .make_captures import (
     PlanePoints,
+    frames,
+    intrinsics,
     pinhole,
     reconstruction,
     save,
@@ -26,7 +28,9 @@ from .make_captures import (
     shots,
     turned,
     warnings_of,
+    with_model,
     write_colmap,
+    write_transforms,
 )
 
 
@@ -58,6 +62,9 @@ def test_every_layout_gives_the_same_capture(tmp_path: Path, text: bool, old: bo
         ("dense/0/sparse", "dense/0/images"),
         ("distorted/sparse/0", "input"),
         ("sparse/0", "Photos"),
+        ("scene/sparse/0", "scene/Photos"),
+        ("scene/sparse/0", "scene/images_2"),
+        ("data/scene/colmap/sparse/0", "data/scene/images"),
     ],
 )
 def test_models_and_photographs_of_other_programs_are_found(
@@ -81,6 +88,26 @@ def test_undistorted_photographs_belong_to_the_model_beside_them(tmp_path: Path)
     assert capture.views[0].source.resolve().is_relative_to(tmp_path.resolve() / "dense")
 
 
+@pytest.mark.parametrize("model", ["OPENCV", "OPENCV_FISHEYE", "PINHOLE"])
+def test_undistorted_photographs_are_not_undistorted_once_more(tmp_path: Path, model: str) -> None:
+    """A ScanNet++ scene of which these alone were downloaded."""
+    lens = pinhole() if model == "PINHOLE" else with_model(model, [0.1, 0.05, 0.0, 0.0])
+    write_colmap(tmp_path, shots(3, lens), model_folder="dslr/colmap", text=True, images=False)
+    save_images(tmp_path / "dslr" / "resized_undistorted_images", shots(3))
+    for given in (tmp_path, tmp_path / "dslr"):
+        if model == "PINHOLE":
+            assert inspect_capture(given).views == 3
+        else:
+            with pytest.raises(InputError, match=r"have distortion, but the photographs \(resized_undistorted_images"):
+                inspect_capture(given)
+    save_images(tmp_path / "dslr" / "resized_images", shots(3, lens))
+    assert inspect_capture(tmp_path).views == 3
+    cameras = {**intrinsics(pinhole()), "frames": frames(shots(3), "")}
+    write_transforms(tmp_path, shots(3), cameras, name="transforms_undistorted.json", images=False)
+    undistorted, file = tmp_path / "dslr" / "resized_undistorted_images", tmp_path / "transforms_undistorted.json"
+    assert inspect_capture(undistorted, cameras=str(file)).views == 3
+
+
 def test_models_behind_links_are_not_looked_for(tmp_path: Path) -> None:
     photographs = shots(3)
     write_colmap(tmp_path / "elsewhere", photographs, model_folder="model", images=False)
@@ -91,8 +118,8 @@ def test_models_behind_links_are_not_looked_for(tmp_path: Path) -> None:
 
 
 def test_of_captures_side_by_side_none_is_taken(tmp_path: Path) -> None:
-    for name in ("monday", "tuesday"):
-        write_colmap(tmp_path / name, shots(3))
+    for name, focal in (("monday", 80.0), ("tuesday", 90.0)):
+        write_colmap(tmp_path / name, shots(3, pinhole(focal=focal)))
     with pytest.raises(InputError) as error:
         inspect_capture(tmp_path)
     assert "2 captures with cameras are in it: monday, tuesday - give the folder of one of them" in str(error.value)

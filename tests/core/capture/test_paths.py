@@ -336,11 +336,24 @@ def test_empty_folder_says_what_to_give(tmp_path: Path) -> None:
 
 
 def test_photographs_of_a_format_that_is_not_read_are_named(tmp_path: Path) -> None:
-    for name in ("IMG_0002.psd", "IMG_0001.RAF", "IMG_0003.jxl", "notes.txt"):
+    for name in ("IMG_0002.psd", "IMG_0001.RAF", "IMG_0003.NRW", "notes.txt"):
         (tmp_path / name).write_text("")
     message = refused(tmp_path)
-    assert "only IMG_0001.RAF, IMG_0002.psd, IMG_0003.jxl" in message
+    assert "only IMG_0001.RAF, IMG_0002.psd, IMG_0003.NRW" in message
     assert "as JPEG, PNG or TIFF" in message
+
+
+@pytest.mark.parametrize(
+    ("names", "remedy"),
+    [
+        ("Photos-001.zip Photos-002.zip", "give the zip itself, or unpack it"),
+        ("shop.7z", "unpack it, and give the folder"),
+    ],
+)
+def test_a_folder_with_nothing_but_archives_says_so(tmp_path: Path, names: str, remedy: str) -> None:
+    for name in names.split():
+        (tmp_path / name).write_text("")
+    assert f"no photographs that can be read, only {', '.join(names.split())} - {remedy}" in refused(tmp_path)
 
 
 def test_a_sequence_of_splats_is_told_from_a_capture(tmp_path: Path) -> None:

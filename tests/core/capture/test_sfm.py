@@ -149,15 +149,14 @@ def test_photographs_are_numbered_by_camera_and_a_video_has_one(tmp_path: Path) 
 def test_zoomed_photographs_have_a_camera_of_their_own(
     tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, ending: str
 ) -> None:
-    pixels = np.full((64, 96, 3), 90, np.uint8)
-
-    def take(name: str, equivalent: int = 0, zoom: float = 0.0) -> str:
+    def take(number: int, equivalent: int = 0, zoom: float = 0.0) -> str:
+        pixels = np.full((64, 96, 3), 90 + number, np.uint8)
         tags = Image.Exif()
         tags[0x010F], tags[0x0110] = "Acme", "Acme One"
         further = tags.get_ifd(0x8769)
         further[0x920A], further[0xA405] = IFDRational(57, 10), equivalent
         further[0xA404] = IFDRational(round(zoom * 1000), 1000)
-        path = tmp_path / f"{name}.{ending}"
+        path = tmp_path / f"{number}.{ending}"
         if ending == "dng":
             focal, ratio = [57, 10], [round(zoom * 1000), 1000]
             exif = [(0x920A, RATIONAL, focal), (0xA404, RATIONAL, ratio), (0xA405, SHORT, [equivalent])]
@@ -169,7 +168,7 @@ def test_zoomed_photographs_have_a_camera_of_their_own(
         return path.name
 
     lenses = ((24, 0.0), (48, 0.0), (24, 1.0), (24, 2.0), (24, 1.001), (0, 2.0), (48, 0.0))
-    names = [take(f"{number}", *lens) for number, lens in enumerate(lenses)]
+    names = [take(number, *lens) for number, lens in enumerate(lenses)]
     assert number_cameras(tmp_path, names, {}) == [0, 1, 0, 2, 0, 3, 1]
     made = make_photographs(find_material(tmp_path), tmp_path_factory.mktemp("made"), Reporter())
     assert number_cameras(made.folder, made.names, {}) == [0, 1, 0, 2, 0, 3, 1], "as estimation has them"

@@ -54,9 +54,10 @@ def test_the_file_itself_is_accepted(tmp_path: Path) -> None:
     assert len(read_capture(tmp_path / "other.json", max_size=None).views) == 3
 
 
-def test_a_camera_file_in_a_folder_below_is_found(tmp_path: Path) -> None:
+@pytest.mark.parametrize("below", ["room/scene", "shop/data/processed/room/scene"])
+def test_a_camera_file_in_a_folder_below_is_found(tmp_path: Path, below: str) -> None:
     photographs = shots(3)
-    write_transforms(tmp_path / "parent" / "room" / "scene", photographs)
+    write_transforms(tmp_path / "parent" / below, photographs)
     (tmp_path / "parent" / "README.txt").write_text("a room")
     archive = Path(shutil.make_archive(str(tmp_path / "room"), "zip", tmp_path / "parent"))
     for given in (tmp_path / "parent", archive):
@@ -237,6 +238,32 @@ def test_points_are_in_the_frame_of_the_poses_whatever_was_applied(tmp_path: Pat
     np.testing.assert_array_equal(capture.points, points[[0, 2]])
     np.testing.assert_array_equal(capture.point_colors, colors[[0, 2]])
     assert "unusable-points" in warnings_of(capture)
+
+
+@pytest.mark.parametrize(
+    "name", ["/home/jane/scene/sparse_pc.ply", "C:\\scenes\\sparse_pc.ply", "//server/scenes/sparse_pc.ply"]
+)
+def test_points_that_a_file_of_another_machine_names_are_those_beside_it_or_none(tmp_path: Path, name: str) -> None:
+    write_transforms(tmp_path, shots(3), {**intrinsics(pinhole()), "ply_file_path": name, "frames": frames(shots(3))})
+    without = inspect_capture(tmp_path)
+    assert (without.views, without.points) == (3, 0)
+    (message,) = [warning.message for warning in without.warnings if warning.name == "missing-points"]
+    assert name in message
+    write_point_cloud(tmp_path / "sparse_pc.ply", np.ones((5, 3), np.float32), np.zeros((5, 3), np.uint8))
+    found = inspect_capture(tmp_path)
+    assert found.points == 5
+    assert "missing-points" not in [warning.name for warning in found.warnings]
+
+
+def test_points_of_another_capture_are_not_read(tmp_path: Path) -> None:
+    elsewhere, root = tmp_path / "elsewhere.ply", tmp_path / "capture"
+    write_point_cloud(elsewhere, np.ones((5, 3), np.float32), np.zeros((5, 3), np.uint8))
+    document = {**intrinsics(pinhole()), "ply_file_path": str(elsewhere), "frames": frames(shots(3))}
+    write_transforms(root, shots(3), document)
+    assert inspect_capture(root).points == 0
+    (root / "elsewhere.ply").symlink_to(elsewhere)
+    with pytest.raises(InputError, match="leads out of the capture folder"):
+        inspect_capture(root)
 
 
 @pytest.mark.parametrize(

@@ -28,11 +28,16 @@ from .test_video_files import cut
 WALL = wall()
 
 
+def photograph(number: int = 0) -> np.ndarray:
+    """(64, 96, 3), another one for every number."""
+    return WALL[number : 64 + number, :96]
+
+
 def test_plain_photographs_stay_where_they_are(tmp_path: Path) -> None:
     (tmp_path / "images").mkdir()
     (tmp_path / "masks").mkdir()
-    for name in ("images/2.jpg", "images/10.jpg", "masks/2.png"):
-        Image.fromarray(WALL[:64, :64]).save(tmp_path / name)
+    for number, name in enumerate(("images/2.jpg", "images/10.jpg", "masks/2.png")):
+        save(tmp_path / name, photograph(number))
     made = make_photographs(find_material(tmp_path), tmp_path / "out", Reporter())
     assert (made.folder, made.names) == (tmp_path / "images", ["2.jpg", "10.jpg"])
     assert not (tmp_path / "out").exists()
@@ -47,7 +52,7 @@ def test_masks_in_any_folder_are_masks_and_no_photographs(tmp_path: Path, images
     for number in (1, 2):
         for name in (f"{images}/{number}.jpg", f"{masks}/{number}{ending}"):
             (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-            Image.fromarray(WALL[:64, :64]).save(tmp_path / name)
+            save(tmp_path / name, photograph(number))
     material = find_material(tmp_path)
     assert material.photographs == (f"{images}/1.jpg", f"{images}/2.jpg")
     found = masks_of(material)
@@ -124,6 +129,15 @@ def test_masks_in_a_folder_called_mask_in_upper_case_are_named(tmp_path: Path) -
     material = find_material(tmp_path)
     assert material.photographs == ("1.jpg", "2.jpg")
     assert masks_of(material).misplaced == ["Mask/1.png", "Mask/2.png"]
+
+
+@pytest.mark.parametrize("scan", ["", "scan65/"])
+def test_masks_of_neus_are_no_photographs_and_are_named(tmp_path: Path, scan: str) -> None:
+    masks = [f"{scan}mask/{number:03d}.png" for number in range(2)]
+    make_files(tmp_path, " ".join([f"{scan}image/000000.png {scan}image/000001.png", *masks]))
+    material = find_material(tmp_path)
+    assert material.photographs == (f"{scan}image/000000.png", f"{scan}image/000001.png")
+    assert masks_of(material).misplaced == masks
 
 
 @pytest.mark.parametrize("folder", ["images", "images/left", "photos"])
@@ -209,7 +223,12 @@ def test_a_mixed_folder_becomes_one_set_of_photographs(tmp_path: Path) -> None:
             "P1.RAW-01.COVER.jpg P2.RAW-01.MP.COVER.jpg P3.jpg",
         ),
         ("P1.RAW-01.jpg P1.RAW-02.ORIGINAL.dng P2.jpg", "P1.RAW-01.jpg P2.jpg"),
+        ("P1.MP.jpg P1.dng P2.MP.jpg", "P1.MP.jpg P2.MP.jpg"),
+        ("P1.PORTRAIT-01.COVER.jpg P1.PORTRAIT-02.ORIGINAL.jpg P2.jpg", "P1.PORTRAIT-02.ORIGINAL.jpg P2.jpg"),
+        ("P1.PORTRAIT.ORIGINAL.jpg P1.PORTRAIT.jpg P2.PORTRAIT.jpg", "P1.PORTRAIT.ORIGINAL.jpg P2.PORTRAIT.jpg"),
         ("IMG_0001.HEIC IMG_0002.HEIC IMG_E0002.HEIC IMG_E0003.JPG", "IMG_0001.HEIC IMG_0002.HEIC IMG_E0003.JPG"),
+        ("IMG_1.jpg IMG_1-edited.jpg IMG_2-edited.jpg", "IMG_1.jpg IMG_2-edited.jpg"),
+        ("PXL_1.jpg PXL_1~2.jpg PXL_2~2.jpg IMG_1.jpg IMG_1~2.jpg", "IMG_1.jpg IMG_1~2.jpg PXL_1.jpg PXL_2~2.jpg"),
         ("IMG_0001.JPG IMG_E0001.JPG a/IMG_E0001.JPG", "IMG_0001.JPG a/IMG_E0001.JPG"),
     ],
 )
@@ -244,10 +263,43 @@ def test_smaller_and_uncorrected_copies_in_folders_do_not_count(tmp_path: Path, 
     assert bool(material.copies) == ("images_old" not in names)
 
 
+def test_of_files_that_are_the_same_byte_for_byte_one_is_used_and_the_others_are_named(tmp_path: Path) -> None:
+    folder = tmp_path / "in"
+    for number, name in enumerate(("IMG_1.jpg", "IMG_2.jpg", "day 2/IMG_1.jpg")):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        save(folder / name, photograph(number))
+    write_video(folder / "walk.mp4", [window(WALL, 50 + 6 * step) for step in range(RATE)])
+    copies = {"IMG_1 (1).jpg": "IMG_1.jpg", "backup/IMG_2.jpg": "IMG_2.jpg", "walk - Copy.mp4": "walk.mp4"}
+    (folder / "backup").mkdir()
+    for copy, original in copies.items():
+        (folder / copy).write_bytes((folder / original).read_bytes())
+    material = find_material(folder)
+    assert sorted(material.photographs) == ["IMG_1.jpg", "IMG_2.jpg", "day 2/IMG_1.jpg"]
+    assert material.videos == ("walk.mp4",)
+    (tmp_path / "out").mkdir()
+    (warning,) = make_photographs(material, tmp_path / "out", Reporter()).warnings
+    assert warning.message.endswith(f"files that show photographs once more are left out: {', '.join(copies)}")
+
+
+def test_photographs_that_a_browser_on_windows_has_saved_are_used(tmp_path: Path) -> None:
+    for number, name in enumerate(("1.jpg", "2.jfif", "3.JFIF")):
+        Image.fromarray(photograph(number)).save(tmp_path / name, "JPEG")
+    assert find_material(tmp_path).photographs == ("1.jpg", "2.jfif", "3.JFIF")
+    assert read_header(tmp_path / "3.JFIF").upright_size == (96, 64)
+
+
+def test_photographs_of_the_same_size_and_the_same_beginning_are_two(tmp_path: Path) -> None:
+    first, second = np.zeros((2, 200, 200, 3), np.uint8)
+    second[-1] = 255
+    for name, picture in (("1.bmp", first), ("2.bmp", second)):
+        Image.fromarray(picture).save(tmp_path / name)
+    assert find_material(tmp_path).photographs == ("1.bmp", "2.bmp")
+
+
 def test_the_videos_of_live_photos_are_not_used(tmp_path: Path) -> None:
     (tmp_path / "film").mkdir()
-    for name in ("IMG_1", "IMG_2", "walk"):
-        save(tmp_path / f"{name}.jpg", WALL[:64, :96])
+    for number, name in enumerate(("IMG_1", "IMG_2", "walk")):
+        save(tmp_path / f"{name}.jpg", photograph(number))
     for name, seconds in (("IMG_1.MOV", 2), ("film/IMG_2.mov", 2), ("walk.mp4", 6)):
         write_video(tmp_path / name, [window(WALL, 50)] * (RATE * seconds))
     (tmp_path / "IMG_2.mp4").touch()
@@ -269,9 +321,9 @@ def test_photographs_that_are_left_out_are_named(tmp_path: Path, kind: str) -> N
     (tmp_path / "out").mkdir()
     for number in range(3):
         if kind == "dng":
-            write_dng(tmp_path / "in" / f"{number}.dng", np.full((64, 96, 3), 0.3))
+            write_dng(tmp_path / "in" / f"{number}.dng", np.full((64, 96, 3), 0.3 + 0.1 * number))
         for ending in ("jpg", "png") if kind == "jpg" else ("jpg",):
-            save(tmp_path / "in" / f"{number}.{ending}", WALL[:64, :96])
+            save(tmp_path / "in" / f"{number}.{ending}", photograph(number))
     made = make_photographs(find_material(tmp_path / "in"), tmp_path / "out", Reporter())
     assert list(made.originals.values()) == [f"{number}.{kind}" for number in range(3)]
     (warning,) = made.warnings
@@ -286,7 +338,7 @@ def test_photographs_in_a_folder_called_like_a_video_do_not_meet_its_frames(tmp_
     out.mkdir()
     write_video(mixed / "walk.mp4", [window(WALL, 50 + 6 * step) for step in range(RATE * 2)])
     for number in range(RATE * 2):
-        save(mixed / "Walk" / f"{number:06d}.jpg", WALL[100:164, :96])
+        save(mixed / "Walk" / f"{number:06d}.jpg", photograph(number))
     made = make_photographs(find_material(mixed), out, Reporter())
     assert {name.split("/")[0] for name in made.times} == {"walk-frames"}
     assert all(read_header(out / name).width == WIDTH for name in made.times)
@@ -296,9 +348,9 @@ def test_photographs_in_a_folder_called_like_a_video_do_not_meet_its_frames(tmp_
 @pytest.mark.parametrize("out", ["", "out"])
 def test_results_of_a_run_among_its_photographs_are_no_photographs(tmp_path: Path, out: str) -> None:
     made = ("capture/images/1.png", "renders/original/1.png", "turntable/original/1.png")
-    for path in (tmp_path / "1.jpg", tmp_path / "2.jpg", *(tmp_path / out / name for name in made)):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        save(path, WALL[:64, :64])
+    for number, name in enumerate(("1.jpg", "2.jpg", *(f"{out}/{name}" for name in made))):
+        (tmp_path / name.lstrip("/")).parent.mkdir(parents=True, exist_ok=True)
+        save(tmp_path / name.lstrip("/"), photograph(number))
     assert len(find_material(tmp_path).photographs) > 2
     (tmp_path / out / "report.json").write_text(json.dumps({"schema": SCHEMA}))
     assert find_material(tmp_path).photographs == ("1.jpg", "2.jpg")
@@ -345,10 +397,27 @@ def test_log_video_is_told_from_hdr_and_from_ordinary_video(tmp_path: Path, tran
 
     write_video(tmp_path / "x.mp4", [window(WALL, 50), window(WALL, 80)], configure=configure)
     for number in range(2):
-        save(tmp_path / f"{number}.jpg", WALL[:64, :96])
+        save(tmp_path / f"{number}.jpg", photograph(number))
     (tmp_path / "out").mkdir()
     made = make_photographs(find_material(tmp_path), tmp_path / "out", Reporter())
     assert [warning.name for warning in made.warnings] == ([name] if name else [])
+
+
+def test_frames_beside_their_video_are_told_from_photographs(tmp_path: Path) -> None:
+    film = [window(WALL, 50 + 6 * step) for step in range(RATE * 2)]
+    for folder in ("in/frames", "out", "again"):
+        (tmp_path / folder).mkdir(parents=True)
+    write_video(tmp_path / "in" / "walk.mp4", film)
+    camera = Image.Exif()
+    camera[0x0110] = "Acme One"
+    Image.fromarray(film[0]).save(tmp_path / "in" / "1.jpg", exif=camera)
+    save(tmp_path / "in" / "2.jpg", photograph())
+    assert make_photographs(find_material(tmp_path / "in"), tmp_path / "out", Reporter()).warnings == []
+    for number, frame in enumerate(film[:2]):
+        save(tmp_path / "in" / "frames" / f"{number}.png", frame)
+    (warning,) = make_photographs(find_material(tmp_path / "in"), tmp_path / "again", Reporter()).warnings
+    assert warning.name == "video-frames"
+    assert "2 photographs seem to be frames of a video beside them: frames/0.png, frames/1.png" in warning.message
 
 
 def test_all_frames_of_a_video_have_its_mask_and_photographs_their_own(tmp_path: Path) -> None:

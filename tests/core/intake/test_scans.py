@@ -50,16 +50,17 @@ def test_depth_maps_among_photographs_are_none_and_are_counted(tmp_path: Path, p
 def test_photographs_that_are_called_like_depth_maps_or_are_of_floats_are_photographs(
     tmp_path: Path, names: str
 ) -> None:
-    for name in names.split():
-        save(tmp_path / name, WALL / np.float32(255.0) if name.endswith((".exr", ".tif")) else WALL)
+    for number, name in enumerate(names.split()):
+        picture = np.roll(WALL, number, axis=0)
+        save(tmp_path / name, picture / np.float32(255.0) if name.endswith((".exr", ".tif")) else picture)
     assert sorted(find_material(tmp_path).photographs) == names.split()
 
 
 def test_what_an_app_has_rendered_or_made_small_is_no_photograph_and_is_named(tmp_path: Path) -> None:
     polycam, scanner = tmp_path / "polycam", tmp_path / "scanner"
     for number in (1, 2):
-        save(polycam / "keyframes" / "images" / f"{number}.jpg", WALL)
-        save(scanner / f"frame_0000{number}.jpg", WALL)
+        save(polycam / "keyframes" / "images" / f"{number}.jpg", WALL[number:])
+        save(scanner / f"frame_0000{number}.jpg", WALL[number:])
     save(polycam / "thumbnail.jpg", WALL[:32, :32])
     (polycam / "polycam.mp4").touch()
     save(scanner / "thumb_00001.jpg", WALL[:32, :32])
@@ -71,9 +72,39 @@ def test_what_an_app_has_rendered_or_made_small_is_no_photograph_and_is_named(tm
         assert warning.message.endswith(f"files that show photographs once more are left out: {named}")
 
 
+def test_of_a_cameras_whole_card_the_photographs_and_clips_are_used(tmp_path: Path) -> None:
+    used = ("DCIM/100MSDCF/DSC00001.JPG", "DCIM/100MSDCF/DSC00002.JPG", "PRIVATE/M4ROOT/CLIP/C0001.MP4")
+    left_out = ("PRIVATE/M4ROOT/SUB/C0001S03.MP4", "PRIVATE/M4ROOT/THMBNL/C0001T01.JPG")
+    for name in (*used, *left_out):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    material = find_material(tmp_path)
+    assert (material.photographs, material.videos, material.copies) == (used[:2], used[2:], left_out)
+
+
+def test_textures_of_a_mesh_beside_its_photographs_are_no_photographs_and_are_named(tmp_path: Path) -> None:
+    for number, name in enumerate(("1.jpg", "2.jpg", "texture_2.jpg")):
+        save(tmp_path / name, WALL[number:])
+    textures = ("mesh/textures/a b.png", "mesh/texture_0.jpg", "mesh/texture_1.jpg", "mesh/texture_2.jpg")
+    for number, name in enumerate(textures):
+        save(tmp_path / name, np.roll(WALL, number, axis=1))
+    lines = (
+        "newmtl first",
+        "Kd 1 1 1",
+        "map_Kd texture_0.jpg",
+        "map_Kd -s 1 1 1 texture_1.jpg",
+        "map_Ks texture_2.jpg",
+        "bump textures\\a b.png",
+    )
+    (tmp_path / "mesh" / "scan.mtl").write_text("\r\n".join(lines))
+    material = find_material(tmp_path)
+    assert material.photographs == ("1.jpg", "2.jpg", "texture_2.jpg")
+    assert sorted(material.copies) == sorted(textures)
+
+
 def test_photographs_and_videos_that_are_called_like_previews_of_none_are_used(tmp_path: Path) -> None:
     save(tmp_path / "thumb_1.jpg", WALL)
-    save(tmp_path / "thumbnail.jpg", WALL)
+    save(tmp_path / "thumbnail.jpg", WALL[1:])
     (tmp_path / "polycam.mp4").touch()
     material = find_material(tmp_path)
     assert (material.photographs, material.videos) == (("thumb_1.jpg", "thumbnail.jpg"), ("polycam.mp4",))

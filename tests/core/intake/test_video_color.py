@@ -126,6 +126,20 @@ def test_a_frame_of_display_p3_becomes_srgb() -> None:
     assert np.abs(stored[20, 20] / 255.0 - expected).max() > 5.0 / 255
 
 
+@pytest.mark.parametrize("transfer", [1, 14, 15], ids=["BT.709", "BT.2020, 10 bits", "BT.2020, 12 bits"])
+def test_a_frame_of_bt2020_that_is_not_hdr_becomes_srgb(transfer: int) -> None:
+    frame = planes_frame(120, 110, 150, "yuv420p")
+    frame.colorspace, frame.color_trc = 9, transfer
+    stored = frame_colors(frame)[20, 20] / 255.0
+    frame.color_primaries = 9
+    matrix = colour.matrix_RGB_to_RGB(
+        colour.RGB_COLOURSPACES["ITU-R BT.2020"], colour.RGB_COLOURSPACES["sRGB"], chromatic_adaptation_transform=None
+    )
+    expected = colour.models.eotf_inverse_sRGB(matrix @ colour.models.eotf_sRGB(stored))
+    assert np.abs(frame_colors(frame)[20, 20] / 255.0 - expected).max() < 1.5 / 255
+    assert np.abs(stored - expected).max() > 5.0 / 255
+
+
 def blue_differences(across: int, down: int) -> av.VideoFrame:
     """A frame whose blue differences rise from 80 by so much from column to column and row to row of their plane."""
     frame = planes_frame(120, 128, 128, "yuv420p")

@@ -277,15 +277,15 @@ def test_what_is_no_usable_video_is_refused_in_one_line(
 
 
 def test_a_video_with_a_photographs_name_is_refused(tmp_path: Path) -> None:
-    for name in ("1.jpg", "2.jpg"):
-        write_video(tmp_path / "x.mp4", WALK).rename(tmp_path / name)
+    for number in (1, 2):
+        write_video(tmp_path / "x.mp4", WALK[number:]).rename(tmp_path / f"{number}.jpg")
     assert "1.jpg: is a video with a photograph's name - name it .mp4" in refused(tmp_path)
 
 
 def test_a_video_a_folder_of_them_and_a_zip_are_captures(tmp_path: Path) -> None:
     (tmp_path / "rooms").mkdir()
     first = write_video(tmp_path / "rooms" / "a.mp4", WALK)
-    write_video(tmp_path / "rooms" / "b.mov", WALK)
+    write_video(tmp_path / "rooms" / "b.mov", WALK[::-1])
     Image.fromarray(WALK[0]).save(tmp_path / "rooms" / "c.jpg")
     archive = write_zip(tmp_path / "x.zip", {f"r/{file.name}": file.read_bytes() for file in first.parent.iterdir()})
     for path, photographs, videos in ((first, 0, 1), (tmp_path / "rooms", 1, 2), (archive, 1, 2)):
