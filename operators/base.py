@@ -11,6 +11,10 @@ from ..core.runtime.supervisor import WorkerDefect
 from ..cvdgs_addon.messages import in_panel_words
 from ..cvdgs_addon.shown import NOTHING_TO_SHOW, RUN_UNKNOWN, shown_run, shown_splats
 
+NOT_REPEATED: set[str] = set()
+"""Options of an operator that works in the background after a click: Shift+R repeats what Blender has registered by
+`execute`, which waits for the end.
+"""
 LINKED = "Linked from another file: Object > Relations > Make Local > Selected Objects and Data first"
 
 

@@ -18,7 +18,7 @@ from ..cvdgs_addon.scene.import_capture import ImportOptions, capture_of, place_
 from ..cvdgs_addon.scene.placement import Placing, Up, is_capture, metres_of_unit
 from ..cvdgs_addon.scene.ruler import add_ruler, ends_of, measure
 from ..cvdgs_addon.shown import shown_splats
-from .base import Action
+from .base import NOT_REPEATED, Action
 
 _UP_ITEMS = (
     ("AUTO", "Automatic", "The mean of the cameras' up directions, unless that is close to +Z already"),
@@ -33,6 +33,7 @@ class CVDGS_OT_inspect_capture(Action, bpy.types.Operator):
 
     bl_idname = "cvdgs.inspect_capture"
     bl_label = "Inspect Capture"
+    bl_options = NOT_REPEATED
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str:
