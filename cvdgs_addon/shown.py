@@ -13,7 +13,7 @@ from .scene.splats import LAYER_BEFORE_UNDO, get_input, is_splats, layer_names, 
 
 NOTHING_TO_SHOW = "Start a run or load a finished one first"
 INSTANCE = "{name} shows Gaussians that are linked as an instance: Object > Library Override > Make first"
-SWALLOWED = "{name} holds Gaussians that are not drawn, as after joining them to a mesh (Ctrl+J) - undo it"
+SWALLOWED = "{name} holds Gaussians, but not the modifier that draws them, as after joining (Ctrl+J) - undo it"
 RUN_UNKNOWN = "The run that these Gaussians came from is unknown - load the run again"
 
 

@@ -32,7 +32,7 @@ class Action:
     def poll(cls, context: bpy.types.Context) -> bool:
         reason = cls.missing(context)
         if reason:
-            cls.poll_message_set(reason)  # type: ignore[attr-defined]
+            cls.poll_message_set(in_panel_words(reason))  # type: ignore[attr-defined]
         return not reason
 
     def act(self, context: bpy.types.Context) -> set[str] | None:

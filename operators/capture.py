@@ -202,7 +202,7 @@ class CVDGS_OT_measure(_OfCapture, bpy.types.Operator):
 
 
 class CVDGS_OT_look_through(Action, bpy.types.Operator):
-    """Look through the next camera of the capture, at the resolution of its photograph"""
+    """Look through another camera of the capture, and set the render size to that of its photograph"""
 
     bl_idname = "cvdgs.look_through"
     bl_label = "Look Through"
