@@ -61,11 +61,13 @@ def _simulate(changed: bpy.types.PropertyGroup, _context: bpy.types.Context) -> 
 
 
 def _apply_simulation(scene: bpy.types.Scene) -> None:
-    """Put in force what `scene` says of the simulation, or tell why that is not possible."""
+    """Put in force what `scene` says of the simulation; where that is not possible, tell why and untick it."""
     try:
         apply_simulation(scene)
     except InputError as error:
         remove_simulation(scene)
+        for where in ("in_renders", "in_viewport"):
+            scene.cvdgs.simulate.property_unset(where)  # setting it would call this again
         show_problem("Simulate CVD", str(error))
 
 

@@ -176,6 +176,7 @@ PARTS: tuple[_Part, ...] = (
     _Handler("blend_import_post", _take_in),
     _Handler("load_post", match_linked),
     _Handler("depsgraph_update_post", match_after_change),
+    _Handler("frame_change_post", match_after_change),  # the only event where a window changes to another scene
     _Handler("render_init", match_before_render),
     _Handler("depsgraph_update_post", hide_again),
     _Handler("redo_post", _show_layers_again),

@@ -7,12 +7,13 @@ import bpy
 from ..core.runs.layout import ORIGINAL
 from .scene.origin import run_of
 from .scene.recolor import source_layer
-from .scene.splat_attributes import color_attribute
+from .scene.splat_attributes import Attribute, color_attribute
 from .scene.splat_nodes import Input
 from .scene.splats import LAYER_BEFORE_UNDO, get_input, is_splats, layer_names, show_layer
 
 NOTHING_TO_SHOW = "Start a run or load a finished one first"
 INSTANCE = "{name} shows Gaussians that are linked as an instance: Object > Library Override > Make first"
+SWALLOWED = "{name} holds Gaussians, but not the modifier that draws them, as after joining (Ctrl+J) - undo it"
 RUN_UNKNOWN = "The run that these Gaussians came from is unknown - load the run again"
 
 
@@ -26,11 +27,17 @@ def shown_splats(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def why_nothing_is_shown(scene: bpy.types.Scene) -> str:
-    """What to do where `scene` has no Gaussians of its own; *Link* makes an Empty that shows a collection of them."""
+    """What to do where `scene` has no Gaussians of its own.
+
+    *Link* makes an Empty that shows a collection of them; Blender's *Join* keeps the active object's modifiers only.
+    """
     instances = {found.instance_collection: found.name for found in scene.objects if found.instance_collection}
     for collection, name in instances.items():
         if any(map(is_splats, collection.all_objects)):
             return INSTANCE.format(name=name)
+    for found in scene.objects:
+        if found.type == "MESH" and {Attribute.FRAME, Attribute.RANK} <= set(found.data.attributes.keys()):
+            return SWALLOWED.format(name=found.name)
     return NOTHING_TO_SHOW
 
 

@@ -11,6 +11,10 @@ from ..core.runtime.supervisor import WorkerDefect
 from ..cvdgs_addon.messages import in_panel_words
 from ..cvdgs_addon.shown import NOTHING_TO_SHOW, RUN_UNKNOWN, shown_run, shown_splats
 
+NOT_REPEATED: set[str] = set()
+"""Options of an operator that works in the background after a click: Shift+R repeats what Blender has registered by
+`execute`, which waits for the end.
+"""
 LINKED = "Linked from another file: Object > Relations > Make Local > Selected Objects and Data first"
 
 
@@ -28,7 +32,7 @@ class Action:
     def poll(cls, context: bpy.types.Context) -> bool:
         reason = cls.missing(context)
         if reason:
-            cls.poll_message_set(reason)  # type: ignore[attr-defined]
+            cls.poll_message_set(in_panel_words(reason))  # type: ignore[attr-defined]
         return not reason
 
     def act(self, context: bpy.types.Context) -> set[str] | None:

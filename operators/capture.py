@@ -18,7 +18,7 @@ from ..cvdgs_addon.scene.import_capture import ImportOptions, capture_of, place_
 from ..cvdgs_addon.scene.placement import Placing, Up, is_capture, metres_of_unit
 from ..cvdgs_addon.scene.ruler import add_ruler, ends_of, measure
 from ..cvdgs_addon.shown import shown_splats
-from .base import Action
+from .base import NOT_REPEATED, Action
 
 _UP_ITEMS = (
     ("AUTO", "Automatic", "The mean of the cameras' up directions, unless that is close to +Z already"),
@@ -33,6 +33,7 @@ class CVDGS_OT_inspect_capture(Action, bpy.types.Operator):
 
     bl_idname = "cvdgs.inspect_capture"
     bl_label = "Inspect Capture"
+    bl_options = NOT_REPEATED
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str:
@@ -201,7 +202,7 @@ class CVDGS_OT_measure(_OfCapture, bpy.types.Operator):
 
 
 class CVDGS_OT_look_through(Action, bpy.types.Operator):
-    """Look through the next camera of the capture, at the resolution of its photograph"""
+    """Look through another camera of the capture, and set the render size to that of its photograph"""
 
     bl_idname = "cvdgs.look_through"
     bl_label = "Look Through"

@@ -194,7 +194,7 @@ class CVDGS_OT_hide_other_gaussians(NeedsGaussians, bpy.types.Operator):
 
 
 class CVDGS_OT_place_beside(NeedsGaussians, bpy.types.Operator):
-    """Move these Gaussians, with their cameras, beside those of all other runs"""
+    """Move these Gaussians, with their cameras, beside all others; a duplicate moves alone"""
 
     bl_idname = "cvdgs.place_beside"
     bl_label = "Place Beside"

@@ -24,7 +24,7 @@ class CVDGS_OT_make_environment(Action, bpy.types.Operator):
         if ACTIVITY.running(environment.MAKE_JOB):
             return "The worker is already being set up"
         if is_complete(environment.environment_folder()):  # setting up begins, and a failure ends, with deleting it
-            return "Remove the worker first"
+            return "The worker is set up; Remove Worker first to set it up anew"
         return "" if bpy.app.online_access else "Allow Online Access in Preferences > System > Network first"
 
     def act(self, _context: bpy.types.Context) -> None:

@@ -12,7 +12,7 @@ from ..cvdgs_addon import making
 from ..cvdgs_addon.activity import ACTIVITY
 from ..cvdgs_addon.folders import normalised_folder
 from ..cvdgs_addon.shown import shown_run
-from .base import Action, NeedsRun
+from .base import NOT_REPEATED, Action, NeedsRun
 
 
 class CVDGS_OT_make_cvd_friendly(Action, bpy.types.Operator):
@@ -20,6 +20,7 @@ class CVDGS_OT_make_cvd_friendly(Action, bpy.types.Operator):
 
     bl_idname = "cvdgs.make_cvd_friendly"
     bl_label = "Make CVD-friendly"
+    bl_options = NOT_REPEATED
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str:
@@ -42,6 +43,7 @@ class CVDGS_OT_resume_run(Action, bpy.types.Operator):
 
     bl_idname = "cvdgs.resume_run"
     bl_label = "Resume"
+    bl_options = NOT_REPEATED
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str:

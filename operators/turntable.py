@@ -19,7 +19,7 @@ from ..cvdgs_addon.scene.turntable import (
     turntable_of,
 )
 from ..cvdgs_addon.shown import shown_splats
-from .base import Action, NeedsGaussians
+from .base import NOT_REPEATED, Action, NeedsGaussians
 
 
 class CVDGS_OT_add_turntable(NeedsGaussians, bpy.types.Operator):
@@ -51,7 +51,7 @@ class CVDGS_OT_render_turntable(_NeedsTurntable, bpy.types.Operator):
 
     bl_idname = "cvdgs.render_turntable"
     bl_label = "Render Turntable"
-    bl_options = {"REGISTER"}
+    bl_options = NOT_REPEATED
 
     def act(self, context: bpy.types.Context) -> None:
         folder = _folder(context)

@@ -19,7 +19,7 @@ _THUMBNAILS_A_ROW = 2
 
 
 class CVDGS_PT_capture(SidePanel, bpy.types.Panel):
-    """Photographs with known cameras."""
+    """The photographs, video or zip to start from."""
 
     bl_idname = "CVDGS_PT_capture"
     bl_label = "Capture"
@@ -44,7 +44,7 @@ class CVDGS_PT_capture(SidePanel, bpy.types.Panel):
         elif capture.inspected:
             _draw_summary(layout, context, capture)
         else:
-            say(layout, context, "Not read yet: press the button beside the folder", "INFO")
+            say(layout, context, "Not read yet: press the arrows beside the folder", "INFO")
 
 
 def _draw_summary(layout: bpy.types.UILayout, context: bpy.types.Context, capture: bpy.types.PropertyGroup) -> None:
@@ -69,7 +69,7 @@ def _material(capture: bpy.types.PropertyGroup) -> str:
 
 
 class CVDGS_PT_import_capture(SidePanel, bpy.types.Panel):
-    """The capture's cameras as Blender's."""
+    """The capture's cameras, photographs and points in Blender, upright and in their true size."""
 
     bl_idname = "CVDGS_PT_import_capture"
     bl_parent_id = "CVDGS_PT_capture"

@@ -58,6 +58,8 @@ def _draw_hints(layout: bpy.types.UILayout, context: bpy.types.Context, splats: 
         say(layout, context, "Linked from another file, so what you set here is not saved", "LINKED")
     if is_joined(splats.data):
         complain(layout, context, f"{JOINED} - {HOW_TO_JOIN}")
+    elif len(splats.data.polygons):
+        complain(layout, context, "A mesh that was joined with these Gaussians (Ctrl+J) is not drawn - undo it")
     shading = context.space_data.shading if context.space_data is not None else None
     is_preview = display.form_of(splats) is Form.PREVIEW
     if shading is not None and shading.type == "SOLID" and not (is_preview and shading.color_type == "VERTEX"):

@@ -46,7 +46,7 @@ class CVDGS_PT_report(GaussiansPanel, bpy.types.Panel):
 
 
 class CVDGS_PT_export(GaussiansPanel, bpy.types.Panel):
-    """Splat files and LUTs."""
+    """Splat files, a web page, glTF, USD and the colour mapping, for other programs."""
 
     bl_idname = "CVDGS_PT_export"
     bl_label = "Export"

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 
 import bpy
 
-from .bystanders import surfaces
+from .bystanders import is_instance_of_gaussians, surfaces
 from .catcher import catchers_of, is_catcher_handle, keep_catchers
 from .native_splats import is_native_splats
 from .render_settings import Engine, engine_settings
@@ -230,7 +230,12 @@ def _catchers_among(scene: bpy.types.Scene, rendered: set[bpy.types.Object]) -> 
 
 
 def _is_of_gaussians(candidate: bpy.types.Object) -> bool:
-    return is_splats(candidate) or is_sparse_points(candidate) or is_native_splats(candidate)
+    return (
+        is_splats(candidate)
+        or is_sparse_points(candidate)
+        or is_native_splats(candidate)
+        or is_instance_of_gaussians(candidate)
+    )
 
 
 def _fill(collection: bpy.types.Collection, wanted: Iterable[bpy.types.Object]) -> bool:

@@ -39,12 +39,18 @@ def surfaces(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
 def is_surface(candidate: bpy.types.Object) -> bool:
     """Whether `candidate` is not of the Gaussians, and what renders show, or an instance of a collection."""
     if candidate.type == "EMPTY":
-        return candidate.instance_type == "COLLECTION"
+        return candidate.instance_type == "COLLECTION" and not is_instance_of_gaussians(candidate)
     return (
         candidate.type in _SURFACES
         and not (is_splats(candidate) or is_sparse_points(candidate))
         and not is_native_splats(candidate)  # `Object.children` goes through all objects of the file
     )
+
+
+def is_instance_of_gaussians(candidate: bpy.types.Object) -> bool:
+    """Whether `candidate` is an instance of a run, such as *Link* makes, with nothing else in it to be seen."""
+    collection = candidate.instance_collection
+    return collection is not None and _shows_gaussians_alone(candidate) and any(map(is_splats, collection.all_objects))
 
 
 def has_rigid_bodies(scene: bpy.types.Scene) -> bool:

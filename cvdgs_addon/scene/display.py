@@ -127,7 +127,7 @@ def match_display(scene: bpy.types.Scene) -> None:
     """Let the Gaussians' colours suit the scene's view transform: encoded for Raw, light for the others."""
     shown = display_of(scene)
     is_light = shown is Display.SCENE_LINEAR
-    for candidate in scene.objects:
+    for candidate in _shown_in(scene):
         if is_splats(candidate):
             set_input(candidate, Input.SCENE_LINEAR, is_light)
         elif is_sparse_points(candidate):
@@ -142,9 +142,9 @@ def match_display(scene: bpy.types.Scene) -> None:
 
 def match_brought(brought: Iterable[bpy.types.Object]) -> None:
     """Let what came from other files, whose view transforms may be others, suit the scenes that have it now."""
-    scenes = {scene for found in brought if is_splats(found) or is_sparse_points(found) for scene in found.users_scene}
-    for scene in scenes:
-        if scene.library is None and not follows_another(scene):
+    ours = {found for found in brought if is_splats(found) or is_sparse_points(found)}
+    for scene in bpy.data.scenes if ours else ():
+        if scene.library is None and not follows_another(scene) and not ours.isdisjoint(_shown_in(scene)):
             match_display(scene)
 
 
@@ -172,6 +172,13 @@ def match_after_change(scene: bpy.types.Scene, *_: object) -> None:
     is_alone = all(window.scene == scene for window in bpy.context.window_manager.windows)
     if is_alone or scene.get(_SHOWN):
         match_before_render(scene)
+
+
+def _shown_in(scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
+    """The objects of `scene`, and those of collections that it has as instances, such as *Link* makes."""
+    yield from scene.objects
+    for collection in {found.instance_collection for found in scene.objects if found.instance_collection}:
+        yield from collection.all_objects
 
 
 def _splats_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:

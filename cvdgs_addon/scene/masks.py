@@ -171,7 +171,7 @@ def edit_points(splats: bpy.types.Object) -> None:
     if context.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
     if splats.name not in context.view_layer.objects or not splats.visible_get():
-        raise InputError("it is hidden", where=splats.name, remedy="show the object first")
+        raise InputError("it is hidden", where=splats.name, remedy="show it, or tick its collection in the Outliner")
     for other in context.selected_objects:
         other.select_set(False)
     splats.select_set(True)

@@ -58,15 +58,16 @@ def hide_gaussians(scene: bpy.types.Scene, hidden: Sequence[bpy.types.Object]) -
 
 
 def place_beside(scene: bpy.types.Scene, splats: bpy.types.Object) -> None:
-    """Move `splats`, with the capture that they belong to, along +X until they are clear of all others."""
+    """Move `splats` along +X until they are clear of all others, with their capture where it is theirs alone."""
     bpy.context.view_layer.update()
-    own = _sphere(splats)
-    spheres = list(filter(None, map(_sphere, _others(scene, splats))))
+    own, others = _sphere(splats), _others(scene, splats)
+    spheres = list(filter(None, map(_sphere, others)))
     if own is None or not spheres:
         return
     end = max(sphere.center.x + sphere.radius for sphere in spheres)
     shift = mathutils.Vector((end + (1.0 + _GAP) * own.radius - own.center.x, 0.0, 0.0))
-    root = splats.parent or splats
+    is_shared = any(other.parent == splats.parent for other in others)  # by a duplicate, which would move along
+    root = splats if is_shared or splats.parent is None else splats.parent
     root.matrix_world = mathutils.Matrix.Translation(shift) @ world_of(root)
 
 

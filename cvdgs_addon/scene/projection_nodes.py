@@ -165,12 +165,28 @@ class Splat:
         pixel_area = write.math("MULTIPLY", self._pixel(camera.pixel_angle_x), self._pixel(camera.pixel_angle_y))
         growth = write.math("MULTIPLY", dilation, pixel_area)
         variance = write.vector_math("MULTIPLY", self.scale, self.scale)
-        grown = write.vector_math("ADD", variance, write.combine(growth, growth, growth))
+        grown = write.vector_math("ADD", variance, write.combine(*self._in_own_units(growth)))
         roots = write.combine(*(write.math("SQRT", component) for component in write.separate(grown)))
         radii = write.output("ShaderNodeVectorMath", roots, self.reach, operation="SCALE")
         shape = write.output("FunctionNodeCombineTransform", _ORIGIN, self.rotation, radii)
         to_center = write.output("FunctionNodeCombineTransform", self.position)
         return write.multiply_matrices(to_center, self.frame, shape)
+
+    def _in_own_units(self, variance: Value) -> list[Value]:
+        """What becomes `variance` in camera space across each of the Gaussian's axes once object and frame resize it.
+
+        By the planes across the axes, which turn by the inverse transpose: what is thin is a disc, and its thickness
+        counts. Where the map is uneven and shears, what is thin along two axes still differs a little.
+        """
+        write = self._write
+        to_camera = write.multiply_matrices(self._camera.from_object, self.frame)
+        normals = write.output("FunctionNodeTransposeMatrix", write.output("FunctionNodeInvertMatrix", to_camera))
+        resized = []
+        for axis in (_X, _Y, _Z):
+            direction = write.output("FunctionNodeRotateVector", axis, self.rotation)
+            across = write.output("FunctionNodeTransformDirection", direction, normals)
+            resized.append(write.math("MULTIPLY", variance, write.vector_math("DOT_PRODUCT", across, across)))
+        return resized
 
     def disc(self, dilation: Value) -> Value:
         """Matrix that takes the unit disc to the Gaussian's projection, in the plane of its depth."""

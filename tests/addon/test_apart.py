@@ -289,6 +289,18 @@ def test_collections_that_are_not_rendered_are_left_out(scene, how):
     assert not set(run.objects) & set(shown.objects)
 
 
+def test_an_instance_of_gaussians_is_rendered_as_they_are(scene, tmp_path):
+    bpy.ops.cvdgs.set_up_render()
+    before = render_png(scene, tmp_path / "before.png")
+    instance = bpy.data.objects.new("Instance", None)
+    instance.instance_type, instance.instance_collection = "COLLECTION", bpy.data.collections["run"]
+    scene.collection.objects.link(instance)
+    for layer in scene.view_layers:
+        layer.layer_collection.children["run"].exclude = True
+    bpy.context.view_layer.update()
+    np.testing.assert_array_equal(render_png(scene, tmp_path / "after.png"), before)
+
+
 def test_what_only_a_view_layer_has_that_is_not_ticked_is_left_out(scene):
     proxies = bpy.data.collections.new("proxies")
     scene.collection.children.link(proxies)

@@ -19,7 +19,7 @@ from cvdgs.ui import display as display_panel
 from cvdgs.ui.display import CVDGS_PT_display
 
 from .layouts import drawn
-from .scenes import render_png
+from .scenes import read_png, render_png
 
 
 @pytest.fixture
@@ -253,13 +253,23 @@ def test_gaussians_of_two_scenes_are_rendered_in_colours_that_suit_each(shown, t
     bpy.ops.scene.new(type="LINK_COPY")
     bpy.ops.cvdgs.restore_render()
     assert splats.get_input(shown, Input.SCENE_LINEAR)
-    bpy.ops.render.render(scene=scene.name)
-    assert not splats.get_input(shown, Input.SCENE_LINEAR)
-    shown.update_tag()
-    bpy.context.view_layer.update()
+    scene.render.filepath = str(tmp_path / "after.png")
+    bpy.ops.render.render(scene=scene.name, write_still=True)
+    np.testing.assert_array_equal(read_png(tmp_path / "after.png"), before)
     assert splats.get_input(shown, Input.SCENE_LINEAR), "the window shows the copy"
-    bpy.context.window.scene = scene
-    np.testing.assert_array_equal(render_png(scene, tmp_path / "after.png"), before)
+
+
+def test_a_window_that_changes_to_another_scene_shows_the_colours_that_suit_it(shown):
+    scene, window = bpy.context.scene, bpy.context.window
+    bpy.ops.cvdgs.set_up_render()
+    bpy.ops.scene.new(type="LINK_COPY")
+    copy = window.scene
+    bpy.ops.cvdgs.restore_render()
+    bpy.context.view_layer.update()
+    assert splats.get_input(shown, Input.SCENE_LINEAR)
+    for chosen, is_light in ((scene, False), (copy, True)):
+        window.scene = chosen
+        assert bool(splats.get_input(shown, Input.SCENE_LINEAR)) == is_light
 
 
 def test_the_panel_shows_layers_form_and_what_was_changed(shown):

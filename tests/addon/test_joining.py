@@ -12,6 +12,7 @@ import pytest
 from cvdgs.core.errors import InputError
 from cvdgs.cvdgs_addon.export import read_gaussians
 from cvdgs.cvdgs_addon.joining import join
+from cvdgs.cvdgs_addon.results import show_run
 from cvdgs.cvdgs_addon.scene.masks import Treatment, select, treat_selected
 from cvdgs.cvdgs_addon.scene.placement import found_of, set_metres
 from cvdgs.cvdgs_addon.scene.splat_attributes import Attribute, color_attribute, point_positions, write_attribute
@@ -70,6 +71,19 @@ def test_what_blender_joins_is_not_taken_for_one_run(apart):  # noqa: F811
     assert "Join Runs" in told
     with pytest.raises(InputError, match=r"Ctrl\+J"):
         read_gaussians(first, ORIGINAL, 1.0)
+
+
+@pytest.mark.parametrize("active", ["Gaussians", "mesh"])
+def test_the_panel_tells_where_blender_joins_gaussians_with_a_mesh(addon, run_folder, active):
+    """Of the two only the active one is drawn afterwards."""
+    splats = show_run(str(run_folder), bpy.context.scene)
+    bpy.ops.mesh.primitive_cube_add()
+    splats.select_set(True)
+    assert "Ctrl+J" not in " ".join(drawn(CVDGS_PT_display).texts)
+    if active == "Gaussians":
+        bpy.context.view_layer.objects.active = splats
+    assert bpy.ops.object.join() == {"FINISHED"}
+    assert "Ctrl+J" in " ".join(drawn(CVDGS_PT_display).texts)
 
 
 def test_runs_that_are_rendered_apart_from_lit_objects_are_joined_in_the_artists_scene(apart):  # noqa: F811

@@ -27,6 +27,7 @@ from cvdgs.ui.run import CVDGS_PT_run
 
 from .interpreters import (
     CRASHING,
+    INSPECTING,
     REFUSING,
     REPORT,
     SLEEPING,
@@ -67,6 +68,15 @@ def test_blender_goes_on_while_the_worker_runs(capture, worker):
         ACTIVITY.look()
     assert job.is_running  # nothing has waited for it: it sleeps
     assert not bpy.ops.cvdgs.make_cvd_friendly.poll()
+
+
+def test_shift_r_repeats_nothing_that_goes_on_in_the_background(capture, worker, run_folder):
+    """It would wait for the end, and Blender with it."""
+    worker(INSPECTING)
+    assert bpy.ops.cvdgs.inspect_capture("EXEC_DEFAULT", True) == {"FINISHED"}
+    worker(finishing(run_folder))
+    assert bpy.ops.cvdgs.make_cvd_friendly("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert bpy.context.window_manager.operators.keys() == []
 
 
 def test_a_cancelled_run_ends_soon_and_leaves_nothing(capture, worker, tmp_path):

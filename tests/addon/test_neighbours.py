@@ -90,6 +90,19 @@ def test_a_script_that_has_just_moved_gaussians_can_place_them_beside(two):
     assert in_scene(second)[:, 0].min() > in_scene(first)[:, 0].max()
 
 
+def test_a_duplicate_is_placed_beside_what_it_was_made_of(two):
+    first, second = two
+    bpy.data.objects.remove(first)
+    before = in_scene(second)
+    second.select_set(True)
+    bpy.context.view_layer.objects.active = second
+    bpy.ops.object.duplicate()
+    duplicate = bpy.context.scene.cvdgs.display.target = bpy.context.object
+    bpy.ops.cvdgs.place_beside()
+    np.testing.assert_array_equal(in_scene(second), before)
+    assert in_scene(duplicate)[:, 0].min() > before[:, 0].max()
+
+
 def test_gaussians_with_duplicates_in_them_are_placed_beside(two):
     first, second = two
     for splats in two:

@@ -185,6 +185,14 @@ def test_gaussians_from_another_file_have_the_right_colours_among_lamps(showroom
     assert shown_as_light() == {"showroom Gaussians": True, "shop Gaussians": True}
 
 
+def test_gaussians_that_are_linked_as_an_instance_have_the_right_colours_among_lamps(showroom, tmp_path):
+    bpy.ops.wm.link(directory=f"{showroom}/Collection/", filename="shop", instance_collections=True)
+    assert get_input(bpy.data.objects["shop Gaussians"], Input.SCENE_LINEAR)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "showroom.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "showroom.blend"))
+    assert get_input(bpy.data.objects["shop Gaussians"], Input.SCENE_LINEAR)
+
+
 def test_the_panel_says_how_gaussians_that_are_linked_as_an_instance_can_be_used(showroom):
     bpy.ops.wm.read_homefile(use_empty=True)
     assert "Start a run" in " ".join(drawn(CVDGS_PT_display).texts)

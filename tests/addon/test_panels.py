@@ -152,7 +152,8 @@ def test_a_wrong_folder_is_explained_in_the_panels_words(addon, worker, tmp_path
     assert "'Cameras'" in text
     assert "--cameras" not in text
     assert "cameras" in shown.properties
-    assert not bpy.ops.cvdgs.make_cvd_friendly.poll()
+    with pytest.raises(RuntimeError, match="set 'Cameras' to Automatic"):
+        bpy.ops.cvdgs.make_cvd_friendly()
 
 
 def test_a_video_is_described_and_a_file_can_be_chosen(addon, worker, tmp_path):

@@ -262,6 +262,22 @@ def test_applying_the_transform_changes_nothing(scene, tmp_path, scale):
     assert ewa.psnr(render_png(scene, tmp_path / "after.png"), before) > 50.0
 
 
+@pytest.mark.parametrize("scale", [0.2, 5.0])
+def test_gaussians_from_any_side_are_as_sharp_in_a_resized_object(scene, tmp_path, scale):
+    """The low-pass of ellipsoids is one of pixels, whatever a unit of the object is in the scene."""
+    gaussians = cloud(150, size=0.02)
+    smaller = replace(gaussians, means=gaussians.means / scale, log_scales=gaussians.log_scales - np.log(scale))
+    pictures = []
+    for shown, resized in ((gaussians, 1.0), (smaller, scale)):
+        added = splats.add_gaussians(shown, {}, scene.collection)
+        splats.set_input(added, Input.CAMERA_FACING, False)
+        added.scale = (resized,) * 3
+        pictures.append(render_png(scene, tmp_path / f"{resized}.png"))
+        bpy.data.objects.remove(added)
+    assert pictures[0].max() > 0.1
+    assert ewa.psnr(*pictures) > 45.0
+
+
 def test_deleting_points_deletes_gaussians(scene, tmp_path):
     gaussians = cloud(100)
     added = splats.add_gaussians(gaussians, {}, scene.collection)

@@ -130,6 +130,11 @@ def test_colours_that_cannot_be_simulated_leave_no_half_made_nodes(studio):
     assert studio(SIMULATE, rec709="Nothing that we know")[-2:] == ["False", "0"]
 
 
+def test_a_simulation_that_is_refused_is_not_ticked(studio):
+    ticked = "print(scene.cvdgs.simulate.in_renders, scene.cvdgs.simulate.in_viewport)"
+    assert studio(SIMULATE + ticked, rec709="Nothing that we know")[-1] == "False False"
+
+
 def test_processes_of_a_run_have_blenders_own_colours(monkeypatch):
     """Their pictures are to be those of the trained Gaussians whatever a studio shows on its screens."""
     monkeypatch.setenv("OCIO", "/of/a/studio/config.ocio")

@@ -393,7 +393,8 @@ def test_the_operators_and_the_panel(addon, run_folder, tmp_path):
     with pytest.raises(RuntimeError, match="save the file, or choose another folder"):
         bpy.ops.cvdgs.render_turntable()
     chosen.folder = str(tmp_path / "turn")
-    assert bpy.ops.cvdgs.render_turntable() == {"FINISHED"}
+    assert bpy.ops.cvdgs.render_turntable("EXEC_DEFAULT", True) == {"FINISHED"}
+    assert "CVDGS_OT_render_turntable" not in bpy.context.window_manager.operators, "Shift+R would wait for all images"
     assert len(list(Path(chosen.folder).glob("*.png"))) == 2
     bpy.ops.cvdgs.remove_turntable()
     assert turntable_of(scene) is None

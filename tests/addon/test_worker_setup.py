@@ -111,7 +111,7 @@ def test_a_working_environment_is_not_set_up_again(online, tmp_path):
     environment.start_making(base(tmp_path, CHECKING, MAKING, MADE))
     finished(environment.MAKE_JOB)
     finished(environment.CHECK_JOB)
-    with pytest.raises(RuntimeError, match="Remove the worker first"):
+    with pytest.raises(RuntimeError, match="Remove Worker first"):
         bpy.ops.cvdgs.make_environment()
 
 
