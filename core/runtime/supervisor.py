@@ -55,25 +55,33 @@ def in_console(
         display: shows events, the final result or error included.
         cancelled: gives what to say when the user has cancelled it.
     """
+    with cancelled_by_signals():
+        try:
+            result = work(display)
+        except InputError as error:
+            _tell(display, {"event": "error", "kind": "input", "message": str(error)})
+            return EXIT_INPUT
+        except Cancelled:
+            _tell(display, {"event": "error", "kind": "cancelled", "message": cancelled()})
+            return EXIT_CANCELLED
+        except WorkerDefect as error:
+            _tell(display, {"event": "error", "kind": "defect", "message": str(error)})
+            return EXIT_DEFECT
+    _tell(display, {"event": "result", **result})
+    return EXIT_DONE
+
+
+@contextlib.contextmanager
+def cancelled_by_signals() -> Iterator[None]:
+    """Let Ctrl-C, and what a farm or a service sends to end this process, raise `Cancelled` in the block."""
     cancel = _cancel_once()
     previous = {number: signal.signal(number, cancel) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        result = work(display)
-    except InputError as error:
-        _tell(display, {"event": "error", "kind": "input", "message": str(error)})
-        return EXIT_INPUT
-    except Cancelled:
-        _tell(display, {"event": "error", "kind": "cancelled", "message": cancelled()})
-        return EXIT_CANCELLED
-    except WorkerDefect as error:
-        _tell(display, {"event": "error", "kind": "defect", "message": str(error)})
-        return EXIT_DEFECT
+        yield
     finally:
         for number, handler in previous.items():
             if handler is not None:  # None: set by the program around us (Blender), and Python cannot put it back
                 signal.signal(number, handler)
-    _tell(display, {"event": "result", **result})
-    return EXIT_DONE
 
 
 def _tell(display: Listener, event: Event) -> None:

@@ -293,6 +293,30 @@ def test_cancelled_it_ends_its_processes_and_leaves_nothing_half_written(collect
     assert not (collection.out / "chair" / "run").exists()
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_stopped_while_captures_are_checked_it_was_cancelled_like_at_any_time(collection, number):
+    (collection.add_capture("chair") / "slow").touch()
+    collection.write_batch(ONE)
+    process = collection.start()
+    assert json.loads(process.stdout.readline())["stage"] == "check"
+    process.send_signal(number)
+    output, complaints = process.communicate(timeout=SOON)
+    assert process.returncode == 130
+    assert [json.loads(line)["kind"] for line in output.splitlines()] == ["cancelled"]
+    assert not complaints
+    assert not collection.out.exists()
+
+
+def test_a_worker_that_fails_while_captures_are_checked_is_a_defect(collection):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    (collection.folder / "worker").write_text("#!/bin/sh\nexit 1\n")
+    code, events = collection.run()
+    assert code == 1
+    assert events[-1]["kind"] == "defect"
+    assert "exit code 1" in events[-1]["message"]
+
+
 def test_two_batches_do_not_work_in_the_same_folder(collection):
     collection.add_capture("chair", "sleep 60")
     collection.write_batch(ONE)
