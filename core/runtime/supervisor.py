@@ -9,6 +9,7 @@ import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from typing import TextIO
 
 from ..errors import Cancelled, InputError
@@ -71,17 +72,21 @@ def in_console(
     return EXIT_DONE
 
 
+def cancelled_by_signals() -> AbstractContextManager[None]:
+    """Ctrl-C, and what a farm or a service sends to end this process, raise `Cancelled` in the block."""
+    return handling_signals(_cancel_once(), signal.SIGINT, signal.SIGTERM)
+
+
 @contextlib.contextmanager
-def cancelled_by_signals() -> Iterator[None]:
-    """Let Ctrl-C, and what a farm or a service sends to end this process, raise `Cancelled` in the block."""
-    cancel = _cancel_once()
-    previous = {number: signal.signal(number, cancel) for number in (signal.SIGINT, signal.SIGTERM)}
+def handling_signals(handler: Callable[..., None], *numbers: signal.Signals) -> Iterator[None]:
+    """Let `handler` be called for signals of these `numbers` in the block."""
+    previous = {number: signal.signal(number, handler) for number in numbers}
     try:
         yield
     finally:
-        for number, handler in previous.items():
-            if handler is not None:  # None: set by the program around us (Blender), and Python cannot put it back
-                signal.signal(number, handler)
+        for number, earlier in previous.items():
+            if earlier is not None:  # None: set by the program around us (Blender), and Python cannot put it back
+                signal.signal(number, earlier)
 
 
 def _tell(display: Listener, event: Event) -> None:
