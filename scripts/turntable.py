@@ -119,7 +119,7 @@ def run_batch(options: argparse.Namespace) -> int:
         print_plan(plan, machine, json_events=options.json)
         return EXIT_DONE
     if options.export:
-        return export(plan, options.export)
+        return export(plan, options.export, json_events=options.json)
     return run_in_console(plan, machine, cluster=options.cluster, json_events=options.json)
 
 

@@ -61,8 +61,11 @@ def _run_on(cluster: str, plan: Plan, listen: Listener) -> BatchOutcome:
     return run_on_cluster(plan, cluster, listen)
 
 
-def export(plan: Plan, farm: str) -> int:
+def export(plan: Plan, farm: str, *, json_events: bool) -> int:
     """Write `plan` for a render farm, "openjd" or "flamenco", and say where; returns the exit code.
+
+    Args:
+        json_events: say it as an event.
 
     Raises:
         InputError: it cannot be written.
@@ -70,9 +73,10 @@ def export(plan: Plan, farm: str) -> int:
     from .export import export_flamenco, export_openjd
 
     try:
-        print({"openjd": export_openjd, "flamenco": export_flamenco}[farm](plan))
+        job = {"openjd": export_openjd, "flamenco": export_flamenco}[farm](plan)
     except OSError as error:
         raise _unwritable(plan, error) from None
+    print(json.dumps({"event": "result", "out": str(plan.out), "job": str(job)}) if json_events else job)
     return EXIT_DONE
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from cvdgs.core.batch.task import read_plan
 from cvdgs.core.bootstrap import ROOT
 from cvdgs.core.pipeline.continuation import describe_run
 from cvdgs.core.runtime.resources import CARDS_VARIABLE
@@ -315,6 +316,25 @@ def test_a_worker_that_fails_while_captures_are_checked_is_a_defect(collection):
     assert code == 1
     assert events[-1]["kind"] == "defect"
     assert "exit code 1" in events[-1]["message"]
+
+
+@pytest.mark.parametrize("farm", ["openjd", "flamenco"])
+def test_an_export_has_a_plan_of_its_own_and_a_batch_that_runs_keeps_its(collection, farm):
+    for name in ("chair", "sofa"):
+        collection.add_capture(name)
+    collection.write_batch(ONE)
+    collection.run()
+    running = collection.out / ".batch" / "plan.json"
+    before = running.read_bytes()
+    collection.write_batch(TWO)
+    code, events = collection.run("--export", farm)
+    assert code == 0
+    assert events[-1]["event"] == "result"
+    assert Path(events[-1]["job"]).exists()
+    assert running.read_bytes() == before
+    exported = read_plan(collection.out / farm / "plan.json")
+    assert exported.out == collection.out
+    assert {task.item for task in exported.tasks} == {"chair", "sofa"}
 
 
 def test_two_batches_do_not_work_in_the_same_folder(collection):
