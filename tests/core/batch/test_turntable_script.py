@@ -318,6 +318,19 @@ def test_a_worker_that_fails_while_captures_are_checked_is_a_defect(collection):
     assert "exit code 1" in events[-1]["message"]
 
 
+def test_a_record_that_cannot_be_written_is_no_defect_and_is_not_tried_again(collection):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    (collection.out / ".batch").mkdir(parents=True)
+    (collection.out / ".batch" / "done").write_text("no folder")
+    code, events = collection.run()
+    assert code == 3
+    (failed,) = events[-1]["failed"]
+    assert failed["message"].startswith(str(collection.out / ".batch" / "done"))
+    assert failed["message"].endswith(" - free space or check the permissions, then run again")
+    assert not [event for event in events if event.get("name") == "task-retried"]
+
+
 @pytest.mark.parametrize("farm", ["openjd", "flamenco"])
 def test_an_export_has_a_plan_of_its_own_and_a_batch_that_runs_keeps_its(collection, farm):
     for name in ("chair", "sofa"):
@@ -454,6 +467,16 @@ def test_the_example_is_a_batch_that_can_be_planned(tmp_path):
     assert told.returncode == 0, told.stderr
     assert "showroom.train" in told.stdout
     assert subprocess.run([sys.executable, script, "--example", example], timeout=60).returncode == 2
+
+
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere the size of a file has no limit to set")
+def test_an_example_that_does_not_fit_leaves_no_half_of_it(tmp_path):
+    command = [sys.executable, str(ROOT / "scripts" / "turntable.py"), "--example", str(tmp_path / "example.toml")]
+    limited = ["sh", "-c", 'ulimit -f 1 && exec "$@"', "sh", *command]
+    told = subprocess.run(limited, capture_output=True, text=True, timeout=60)
+    assert told.returncode == 2
+    assert "example.toml: cannot be written" in told.stderr
+    assert os.listdir(tmp_path) == []
 
 
 def test_inside_blender_its_arguments_follow_the_double_dash(collection):
