@@ -25,7 +25,7 @@ import bootstrap
 bootstrap.load()
 from cvdgs.core.batch.batch_file import read_batch
 from cvdgs.core.batch.console import CHECK_STAGE as INSPECTION
-from cvdgs.core.batch.console import check_captures, export, print_plan, run_in_console, start_display
+from cvdgs.core.batch.console import check_captures, export, print_answer, print_plan, run_in_console, start_display
 from cvdgs.core.batch.example import write_example
 from cvdgs.core.batch.plan import make_plan
 from cvdgs.core.batch.task import Plan
@@ -85,7 +85,7 @@ def main(arguments: list[str]) -> int:
             plan_file = Path(options.plan)
             return run_task_in_console(plan_file, options.task, json_events=as_json, parent=options.parent)
         if options.example:
-            print(write_example(Path(options.example)))
+            print_answer(str(write_example(Path(options.example))))
             return EXIT_DONE
         _require(options.batch and options.out, "a batch file and --out are needed")
         return run_batch(options)

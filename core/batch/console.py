@@ -68,7 +68,7 @@ def export(plan: Plan, farm: str, *, json_events: bool) -> int:
         json_events: say it as an event.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: it cannot be written, or the answer cannot.
     """
     from .export import export_flamenco, export_openjd
 
@@ -76,7 +76,8 @@ def export(plan: Plan, farm: str, *, json_events: bool) -> int:
         job = {"openjd": export_openjd, "flamenco": export_flamenco}[farm](plan)
     except OSError as error:
         raise _unwritable(plan, error) from None
-    print(json.dumps({"event": "result", "out": str(plan.out), "job": str(job)}) if json_events else job)
+    event = {"event": "result", "out": str(plan.out), "job": str(job)}
+    print_answer(json.dumps(event) if json_events else str(job))
     return EXIT_DONE
 
 
@@ -86,12 +87,21 @@ def print_plan(plan: Plan, machine: Resources, *, json_events: bool) -> None:
     Raises:
         InputError: the disk that stdout leads to is full.
     """
+    print_answer("\n".join(_plan_lines(plan, machine, json_events=json_events)))
+
+
+def print_answer(text: str) -> None:
+    """Print on stdout what was asked for.
+
+    Raises:
+        InputError: the disk that stdout leads to is full.
+    """
     try:
-        print("\n".join(_plan_lines(plan, machine, json_events=json_events)), flush=True)
+        print(text, flush=True)
     except OSError as error:
         lead_nowhere(sys.stdout)
         if not isinstance(error, BrokenPipeError):  # whoever reads the beginning alone (``| head``) has had it
-            what = f"the plan cannot be written ({error.strerror})"
+            what = f"cannot be written ({error.strerror})"
             raise InputError(what, where="stdout", remedy="free space, or choose another file") from None
 
 

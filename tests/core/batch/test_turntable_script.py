@@ -415,30 +415,32 @@ def test_a_task_whose_disk_is_full_says_so(collection):
     assert "No space left on device" in events[-1]["failed"][0]["message"]
 
 
-def dry_run(collection, stdout) -> subprocess.Popen:
-    """A plan for people, printed to `stdout`."""
+def answering(collection, stdout, *options: str) -> subprocess.Popen:
+    """A command whose answer is printed to `stdout`."""
     collection.add_capture("chair")
     batch = collection.write_batch(ONE)
-    script = str(ROOT / "scripts" / "turntable.py")
-    command = [sys.executable, script, str(batch), "--out", str(collection.out), "--dry-run"]
+    command = [sys.executable, str(ROOT / "scripts" / "turntable.py"), str(batch), "--out", str(collection.out)]
     environment = {**os.environ, **collection.variables}
-    return subprocess.Popen(command, env=environment, stdout=stdout, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen([*command, *options], env=environment, stdout=stdout, stderr=subprocess.PIPE, text=True)
 
 
-def test_a_dry_run_whose_reader_has_gone_ends_without_a_word(collection):
-    process = dry_run(collection, subprocess.PIPE)
+@pytest.mark.parametrize("options", [["--dry-run"], ["--export", "openjd"]])
+def test_an_answer_whose_reader_has_gone_ends_without_a_word(collection, options):
+    process = answering(collection, subprocess.PIPE, *options)
     process.stdout.close()
     assert process.stderr.read() == ""
     assert process.wait(timeout=60) == 0
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
-def test_a_dry_run_onto_a_full_disk_is_one_line(collection):
+@pytest.mark.parametrize("options", [["--dry-run"], ["--export", "openjd"], ["--example", "example.toml"]])
+def test_an_answer_onto_a_full_disk_is_one_line(collection, monkeypatch, options):
+    monkeypatch.chdir(collection.folder)
     with open("/dev/full", "w") as full:
-        process = dry_run(collection, full)
+        process = answering(collection, full, *options)
         complaint = process.communicate(timeout=60)[1]
     assert process.returncode == 2
-    assert complaint.startswith("turntable.py: stdout: the plan cannot be written (No space left on device)")
+    assert complaint.startswith("turntable.py: stdout: cannot be written (No space left on device)")
     assert complaint.count("\n") == 1
 
 
