@@ -16,6 +16,7 @@ import argparse
 import contextlib
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "core"))
@@ -24,16 +25,17 @@ import bootstrap
 bootstrap.load()
 from cvdgs.core.batch.batch_file import read_batch
 from cvdgs.core.batch.console import CHECK_STAGE as INSPECTION
-from cvdgs.core.batch.console import check_captures, export, print_plan, run_in_console, start_display
+from cvdgs.core.batch.console import check_captures, export, print_answer, print_plan, run_in_console, start_display
 from cvdgs.core.batch.example import write_example
 from cvdgs.core.batch.plan import make_plan
 from cvdgs.core.batch.task import Plan
 from cvdgs.core.batch.task_process import run_task_in_console
 from cvdgs.core.batch.toml_reader import UnusableFile
-from cvdgs.core.errors import Cancelled, InputError
+from cvdgs.core.errors import Cancelled, InputError, one_line
 from cvdgs.core.runtime.cli import OneLineParser, script_arguments
 from cvdgs.core.runtime.resources import Resources, this_machine
 from cvdgs.core.runtime.supervisor import (
+    CANCELLED,
     EXIT_CANCELLED,
     EXIT_DEFECT,
     EXIT_DONE,
@@ -41,6 +43,7 @@ from cvdgs.core.runtime.supervisor import (
     JsonDisplay,
     Listener,
     WorkerDefect,
+    cancelled_by_signals,
 )
 
 FARMS = ("openjd", "flamenco")
@@ -82,18 +85,19 @@ def main(arguments: list[str]) -> int:
             plan_file = Path(options.plan)
             return run_task_in_console(plan_file, options.task, json_events=as_json, parent=options.parent)
         if options.example:
-            print(write_example(Path(options.example)))
+            print_answer(str(write_example(Path(options.example))))
             return EXIT_DONE
         _require(options.batch and options.out, "a batch file and --out are needed")
         return run_batch(options)
     except InputError as error:
-        complain(error, as_json=as_json)
+        lines = error.lines() if isinstance(error, UnusableFile) else [str(error)]
+        complain("input", lines, as_json=as_json)
         return EXIT_INPUT
     except WorkerDefect as error:
-        complain(InputError(str(error)), as_json=as_json)
+        complain("defect", [one_line(str(error))], as_json=as_json)
         return EXIT_DEFECT
     except (Cancelled, KeyboardInterrupt):
-        complain(InputError("cancelled; nothing was written"), as_json=as_json)
+        complain("cancelled", [CANCELLED], as_json=as_json)
         return EXIT_CANCELLED
 
 
@@ -106,7 +110,8 @@ def run_batch(options: argparse.Namespace) -> int:
     machine = _machine(options)
     batch_file = Path(options.batch)
     batch = read_batch(batch_file)
-    check_captures(batch, batch_file, _inspection_display(options))
+    with cancelled_by_signals():
+        check_captures(batch, batch_file, _inspection_display(options))
     out = Path(options.out).absolute()
     plan: Plan = make_plan(batch, out, machine.gpus)
     _refuse_inside(plan, [item.source for item in batch.items])
@@ -114,17 +119,16 @@ def run_batch(options: argparse.Namespace) -> int:
         print_plan(plan, machine, json_events=options.json)
         return EXIT_DONE
     if options.export:
-        return export(plan, options.export)
+        return export(plan, options.export, json_events=options.json)
     return run_in_console(plan, machine, cluster=options.cluster, json_events=options.json)
 
 
-def complain(error: InputError, *, as_json: bool) -> None:
-    """Say what is unusable; a line for each problem of a file."""
-    lines = list(error.lines()) if isinstance(error, UnusableFile) else [str(error)]
+def complain(kind: str, lines: Iterable[str], *, as_json: bool) -> None:
+    """Say why the batch was not begun: several lines for what is wrong in several places of a file."""
     for line in lines:
         if as_json:
             with contextlib.suppress(Cancelled):  # nobody reads it
-                JsonDisplay(sys.stdout)({"event": "error", "kind": "input", "message": line})
+                JsonDisplay(sys.stdout)({"event": "error", "kind": kind, "message": line})
         else:
             print(f"turntable.py: {line}", file=sys.stderr)
 

@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import Any
 
 from ..capture.files import is_windows_device
-from ..errors import InputError
+from ..errors import InputError, abbreviated
 from ..files.untrusted import is_file, is_there, read_text
 from ..rendering.requests import CameraPath
 from ..runs.layout import DIGITS, ORIGINAL
@@ -54,6 +54,7 @@ _MAX_BYTES = 1 << 20  # of a batch file: thousands of items
 # In one line. Python's reader of TOML takes the square of a key's parts in time; more dots are no key of ours.
 _MAX_DOTS = 32
 _REASONABLE_SYNTAX = "see the start of core/batch/batch_file.py, or scripts/turntable.py --example FILE"
+_BACKSLASHES = "write a path with / or in 'single quotes', because \\ means something else in double ones"
 
 
 def read_batch(path: Path) -> Batch:
@@ -68,9 +69,9 @@ def read_batch(path: Path) -> Batch:
     try:
         values = tomllib.loads(text)
     except ValueError as error:  # also a number of thousands of digits, or a day that no month has
-        raise UnusableFile(path, [_syntax_problem(str(error))]) from None
+        raise UnusableFile(path, [_syntax_problem(str(error), text)]) from None
     except RecursionError:
-        raise UnusableFile(path, [_syntax_problem("lists or tables are nested too deeply")]) from None
+        raise UnusableFile(path, [_syntax_problem("lists or tables are nested too deeply", text)]) from None
     problems: list[str] = []
     batch = _read(TableReader(values, (), problems), path.absolute().parent)
     if problems:
@@ -173,7 +174,18 @@ def _with_source_checked(item: Item, table: TableReader) -> Item:
 
 def _read_path(table: TableReader, key: str, folder: Path) -> Path | None:
     text = table.text(key)
-    return Path(os.path.normpath(folder / text)) if text else None
+    if not text:
+        return None
+    path = Path(os.path.normpath(folder / text))
+    if _has_escapes(text) and not is_there(path):
+        table.add(key, f"{abbreviated(text)} has control characters", _BACKSLASHES)
+        return None
+    return path
+
+
+def _has_escapes(text: str) -> bool:
+    """Whether something like a tab is in `text`, as in the path "C:\\temp" if that is what the file says."""
+    return min(text) < " "
 
 
 def _read_layers(table: TableReader, default: tuple[str, ...]) -> tuple[str, ...]:
@@ -261,11 +273,14 @@ def _refuse_equal_names(items: Iterable[Item], tables: Sequence[TableReader]) ->
             )
 
 
-def _syntax_problem(message: str) -> str:
-    """`message` of Python's reader, which ends with ``(at line 3, column 7)`` where it knows the place."""
-    found = re.search(r"\s*\(at (line \d+), column (\d+)\)", message)
-    place, what = (f"{found[1]}: ", f"{message[: found.start()]} (column {found[2]})") if found else ("", message)
-    return f"{place}not valid TOML: {what} - {_REASONABLE_SYNTAX}"
+def _syntax_problem(message: str, text: str) -> str:
+    """`message` of Python's reader of `text`; it ends with ``(at line 3, column 7)`` where it knows the place."""
+    found = re.search(r"\s*\(at line (\d+), column (\d+)\)", message)
+    if found is None:
+        return f"not valid TOML: {message} - {_REASONABLE_SYNTAX}"
+    number = int(found[1])
+    remedy = _BACKSLASHES if "\\" in text.split("\n")[number - 1] else _REASONABLE_SYNTAX
+    return f"line {number}: not valid TOML: {message[: found.start()]} (column {found[2]}) - {remedy}"
 
 
 _TRAIN_OPTIONS = tuple(name for name, option in OPTIONS.items() if option.in_batch)
@@ -301,6 +316,7 @@ def _checked(name: str, value: Any, folder: Path) -> Any:
         value = os.path.normpath(folder / value)
         exists = is_file if name == "enhancer" else is_there  # a COLMAP model's folder has cameras, too
         if not exists(value):
-            raise InputError(f"no such file: {value}", remedy="name one that exists, relative to the batch file")
+            remedy = _BACKSLASHES if _has_escapes(value) else "name one that exists, relative to the batch file"
+            raise InputError(f"no such file: {value}", remedy=remedy)
     Settings("capture", "out", (Layer("deutan", 1.0),), **{name: value})
     return value

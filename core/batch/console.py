@@ -61,18 +61,23 @@ def _run_on(cluster: str, plan: Plan, listen: Listener) -> BatchOutcome:
     return run_on_cluster(plan, cluster, listen)
 
 
-def export(plan: Plan, farm: str) -> int:
+def export(plan: Plan, farm: str, *, json_events: bool) -> int:
     """Write `plan` for a render farm, "openjd" or "flamenco", and say where; returns the exit code.
 
+    Args:
+        json_events: say it as an event.
+
     Raises:
-        InputError: it cannot be written.
+        InputError: it cannot be written, or the answer cannot.
     """
     from .export import export_flamenco, export_openjd
 
     try:
-        print({"openjd": export_openjd, "flamenco": export_flamenco}[farm](plan))
+        job = {"openjd": export_openjd, "flamenco": export_flamenco}[farm](plan)
     except OSError as error:
         raise _unwritable(plan, error) from None
+    event = {"event": "result", "out": str(plan.out), "job": str(job)}
+    print_answer(json.dumps(event) if json_events else str(job))
     return EXIT_DONE
 
 
@@ -82,12 +87,21 @@ def print_plan(plan: Plan, machine: Resources, *, json_events: bool) -> None:
     Raises:
         InputError: the disk that stdout leads to is full.
     """
+    print_answer("\n".join(_plan_lines(plan, machine, json_events=json_events)))
+
+
+def print_answer(text: str) -> None:
+    """Print on stdout what was asked for.
+
+    Raises:
+        InputError: the disk that stdout leads to is full.
+    """
     try:
-        print("\n".join(_plan_lines(plan, machine, json_events=json_events)), flush=True)
+        print(text, flush=True)
     except OSError as error:
         lead_nowhere(sys.stdout)
         if not isinstance(error, BrokenPipeError):  # whoever reads the beginning alone (``| head``) has had it
-            what = f"the plan cannot be written ({error.strerror})"
+            what = f"cannot be written ({error.strerror})"
             raise InputError(what, where="stdout", remedy="free space, or choose another file") from None
 
 

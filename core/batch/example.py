@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from ..demo import SHOWROOM
 from ..errors import InputError
+from ..files.untrusted import writing_whole
 
 _TEXT = """\
 # A batch of turntables. Try it:
@@ -63,14 +65,10 @@ def write_example(path: Path) -> Path:
     Raises:
         InputError: it exists, or cannot be written.
     """
-    text = _TEXT.format(name=path.name, capture=_quoted(str(SHOWROOM)))
-    try:
-        with open(path, "x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError:
-        raise InputError("already exists", where=path, remedy="choose another name") from None
-    except OSError as error:
-        raise InputError(f"cannot be written ({error.strerror})", where=path, remedy="choose another place") from None
+    if os.path.lexists(path):
+        raise InputError("already exists", where=path, remedy="choose another name")
+    with writing_whole(path) as file:
+        file.write(_TEXT.format(name=path.name, capture=_quoted(str(SHOWROOM))).encode())
     return path
 
 

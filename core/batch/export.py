@@ -20,6 +20,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ..files.untrusted import replacing
 from .task import PLAN_FILE, SCRIPT, Plan, Task, task_command, write_plan
 
 FOLDER = "openjd"
@@ -42,13 +43,15 @@ def export_openjd(plan: Plan) -> Path:
     Raises:
         OSError: it cannot be written.
     """
-    folder = plan.out / FOLDER
-    folder.mkdir(parents=True, exist_ok=True)
-    # A submitted job keeps the plan that it was made from, whatever is planned in the meantime.
-    shutil.copyfile(write_plan(plan), folder / PLAN_FILE)
-    template = folder / TEMPLATE_FILE
-    template.write_text(json.dumps(job_template(plan), indent=1) + "\n", encoding="utf-8")
+    # A submitted job keeps the plan that it was made from, whatever is planned and done here in the meantime.
+    template = write_plan(plan, FOLDER).with_name(TEMPLATE_FILE)
+    _write_json(template, job_template(plan))
     return template
+
+
+def _write_json(path: Path, document: Mapping[str, Any]) -> None:
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 
 def job_template(plan: Plan) -> dict[str, Any]:
@@ -148,13 +151,10 @@ def export_flamenco(plan: Plan) -> Path:
     Raises:
         OSError: they cannot be written.
     """
-    folder = plan.out / FLAMENCO_FOLDER
-    folder.mkdir(parents=True, exist_ok=True)
+    plan_file = write_plan(plan, FLAMENCO_FOLDER)  # of its own, as above
+    folder = plan_file.parent
     shutil.copyfile(_SCRIPT_OF_THE_TYPE, folder / f"{JOB_TYPE}.js")
-    # A submitted job keeps the plan that it was made from, whatever is planned in the meantime.
-    shutil.copyfile(write_plan(plan), folder / PLAN_FILE)
-    job = submitted_job(plan, folder / PLAN_FILE)
-    (folder / JOB_FILE).write_text(json.dumps(job, indent=1) + "\n", encoding="utf-8")
+    _write_json(folder / JOB_FILE, submitted_job(plan, plan_file))
     return folder
 
 

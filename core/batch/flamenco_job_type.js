@@ -2,7 +2,7 @@
 //
 // A job type for Flamenco 3.3 and later, whose workers have the command "exec": each task of a batch of turntables
 // (scripts/turntable.py) as a task of the farm. Put this file into the folder "scripts" next to flamenco-manager. Jobs
-// are not submitted from Blender but written by `turntable.py BATCH.toml --out DIR --export flamenco`, whose message
+// are not submitted from Blender but written by `turntable.py BATCH.toml --out DIR --export flamenco`; docs/batches.md
 // says how to submit one.
 
 const JOB_TYPE = {

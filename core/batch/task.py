@@ -202,13 +202,13 @@ def expand(path: str) -> Sequence[str]:
     return [f"{path[: found.start()]}{n:0{digits}d}{path[found.end() :]}" for n in range(first, last + 1)]
 
 
-def write_plan(plan: Plan) -> Path:
-    """Write `plan` into its folder, whole or not at all; returns the file.
+def write_plan(plan: Plan, folder: str = BATCH_FOLDER) -> Path:
+    """Write `plan` into a `folder` of its batch, whole or not at all; returns the file.
 
     Raises:
         OSError: it cannot be written.
     """
-    path = plan_path(plan.out)
+    path = plan.out / folder / PLAN_FILE
     path.parent.mkdir(parents=True, exist_ok=True)
     tasks = ",\n".join(json.dumps(task.to_dict()) for task in plan.tasks)  # a line each, for people
     text = f'{{"format": {_FORMAT}, "retries": {plan.retries}, "tasks": [\n{tasks}\n]}}\n'

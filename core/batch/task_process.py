@@ -13,11 +13,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TextIO
 
-from ..errors import Cancelled, InputError
+from ..errors import Cancelled, InputError, one_line
+from ..runtime.devices import explain_fault
 from ..runtime.process import GRACE_SECONDS, Event, Job, follow_parent
 from ..runtime.progress import RunProgress
 from ..runtime.resources import CARDS_VARIABLE
-from ..runtime.supervisor import BarDisplay, JsonDisplay, Listener, Log, WorkerDefect, in_console
+from ..runtime.supervisor import BarDisplay, JsonDisplay, Listener, Log, WorkerDefect, WorkerRefusal, in_console
 from .run_task import run_task
 from .scheduler import log_path
 from .task import read_plan, task_command
@@ -53,6 +54,8 @@ def run_task_in_console(plan_file: Path, name: str, *, json_events: bool, parent
             except Exception as error:
                 with contextlib.suppress(OSError):  # that may be what has happened
                     log.line(traceback.format_exc())
+                if explanation := explain_fault(error):
+                    raise WorkerRefusal(one_line(explanation)) from None
                 raise WorkerDefect(f"{type(error).__name__}: {error}".splitlines()[0]) from None
 
     return in_console(work, JsonDisplay(sys.stdout) if json_events else _bar(sys.stderr))

@@ -6,13 +6,15 @@ refusal is an `InputError`.
 
 from __future__ import annotations
 
+import glob
 import json
 import math
 import os
+import secrets
 import stat
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -27,6 +29,7 @@ _COPY_AGAIN = "copy or export the file again"
 # (https://github.com/git-lfs/git-lfs/blob/main/docs/spec.md); such a pointer has less than 1024 bytes.
 _LFS_POINTER = b"version https://git-lfs"
 _LFS_POINTER_BYTES = 1024
+_ABANDONED_SECONDS = 86400.0  # nobody writes one file for a day without touching it
 
 
 def is_file(path: str | Path) -> bool:
@@ -176,15 +179,14 @@ def _size(count: int) -> str:
     return f"{count / 2**20:,.0f} MiB" if count >= 2**20 else f"{count:,} bytes"
 
 
-def partial_file(path: Path, *, contested: bool = False) -> Path:
+def partial_file(path: Path, maker: str = "") -> Path:
     """Where the file `path` is made before it gets its name: hidden beside it, with its ending.
 
     Args:
-        contested: another process may make the same file at the same time; otherwise what was left by a process that
-            was killed is overwritten by the next one.
+        maker: distinguishes those who may make the same file at the same time. Where nobody else does, what was left by
+            a process that was killed is overwritten by the next one.
     """
-    owner = f".{os.getpid()}" if contested else ""
-    return path.with_name(f".{path.stem}{owner}.partial{path.suffix}")
+    return path.with_name(f".{path.stem}{maker and f'.{maker}'}.partial{path.suffix}")
 
 
 @contextmanager
@@ -192,18 +194,28 @@ def replacing(path: Path, *, contested: bool = False) -> Iterator[Path]:
     """A file to make, which takes the name `path` when all went well and is removed when it did not.
 
     Args:
-        contested: as for `partial_file`.
+        contested: another process may make the same file at the same time, on this machine or on another one.
 
     Raises:
         OSError: the system refuses.
     """
-    temporary = partial_file(path, contested=contested)
+    temporary = partial_file(path, secrets.token_hex(4) if contested else "")
     temporary.unlink(missing_ok=True)  # somebody may have put a link there, through which another file would be written
     try:
         yield temporary
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def remove_abandoned(path: Path) -> None:
+    """Delete what processes that were killed while they made the contested file `path`, which is there, have left."""
+    with suppress(OSError):
+        # By the disk's own clock, which is one for all machines that share it.
+        latest = path.stat().st_mtime - _ABANDONED_SECONDS
+        for left in path.parent.glob(partial_file(Path(glob.escape(path.name)), "*").name):
+            if left.lstat().st_mtime < latest:
+                left.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -217,6 +229,7 @@ def writing_whole(path: Path) -> Iterator[BinaryIO]:
         # Nothing keeps two programs from exporting into one file.
         with replacing(path, contested=True) as temporary, open(temporary, "wb") as file:
             yield file
+        remove_abandoned(path)
     except OSError as error:
         raise InputError(
             f"cannot be written ({error.strerror or error})", where=path, remedy="check the folder and its free space"

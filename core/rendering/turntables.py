@@ -21,7 +21,7 @@ def render_turntables(
 ) -> dict[str, Any]:
     """Render the turntable of every layer into ``turntable/<layer>/0001.png`` and so on.
 
-    Turntables of as many pictures by the same engine stay.
+    Turntables of as many pictures by the same engine on the same orbit stay.
 
     Args:
         folder: of the run, with its Gaussians and capture.
@@ -29,7 +29,8 @@ def render_turntables(
         log: receives the progress.
 
     Returns:
-        What the report says of it: the number of pictures of a turn, the layers, and the engine that was asked for.
+        What the report says of it: the number of pictures of a turn, the layers, the engine that was asked for, and the
+        orbit.
 
     Raises:
         InputError: there is no Blender.
@@ -37,7 +38,9 @@ def render_turntables(
         Cancelled: nothing half-written is left.
     """
     layers = [ORIGINAL, *report["layers"]]
-    kept = (report.get(STAGE) or {}).get("engine") == settings.engine  # pictures of two engines do not go together
+    made_by = {"engine": settings.engine, "orbit": vars(Orbit())}  # pictures of two do not go together
+    earlier = report.get(STAGE) or {}
+    kept = {name: earlier.get(name) for name in made_by} == made_by
     there = [layer for layer in layers if kept and _is_there(folder / TURNTABLE_FOLDER / layer, settings.turntable)]
     missing = [layer for layer in layers if layer not in there]
     for done, layer in enumerate(missing):
@@ -58,7 +61,7 @@ def render_turntables(
         )
         listen = _as_part_of_stage(log.event, layer, done, len(missing))
         frames.render(arguments, folder, listen, threads=0, workers=workers, log=log.line)
-    return {"frames": settings.turntable, "layers": layers, "engine": settings.engine}
+    return {"frames": settings.turntable, "layers": layers, **made_by}
 
 
 def _is_there(folder: Path, count: int) -> bool:

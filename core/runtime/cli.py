@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import shutil
+import signal
 import sys
 import time
 import typing
@@ -16,7 +17,7 @@ from ..settings import AUTO, OPTIONS, Settings, flag
 from .devices import explain_fault
 from .progress import format_seconds
 from .protocol import LEAST_SHARE, Reporter
-from .supervisor import EXIT_CANCELLED, EXIT_DONE, EXIT_INPUT, write_while_possible
+from .supervisor import EXIT_CANCELLED, EXIT_DONE, EXIT_INPUT, handling_signals, write_while_possible
 
 
 def script_arguments() -> list[str]:
@@ -28,13 +29,16 @@ def script_arguments() -> list[str]:
 def exit_code(program: str, work: Callable[[], None], *, stopped: str = "stopped") -> int:
     """Do a script's `work`; returns the exit code, with a line on stderr where that is not 0.
 
+    Whoever terminates the process (SIGTERM) stops it like Ctrl-C, so that nothing half-made is left.
+
     Args:
         program: the script's name.
         work: may raise `InputError`, and what faults of the machine raise; a defect of ours goes on as it is.
-        stopped: what is said after Ctrl-C.
+        stopped: what is said after it was stopped.
     """
     try:
-        work()
+        with handling_signals(signal.default_int_handler, signal.SIGTERM):
+            work()
     except InputError as error:
         print(f"{program}: {error}", file=sys.stderr)
         return EXIT_INPUT

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 import re
 import shutil
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
 
-_CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")
+_CONTROL_GROUP = Path("/sys/fs/cgroup")  # where a container sees its own limits
 _STATUS = Path("/proc/self/status")
 _UNKNOWN_MEMORY_MB = 8192  # where the system does not tell
 _MIB = 1 << 20
@@ -62,10 +63,16 @@ def _memory_mb() -> int:
         memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // _MIB
     except (AttributeError, ValueError, OSError):
         return _UNKNOWN_MEMORY_MB
+    limits = [*_limit("memory.max"), *_limit("memory/memory.limit_in_bytes")]  # control groups of version 2 and 1
+    return min([memory, *(limit // _MIB for limit in limits)])
+
+
+def _limit(*files: str) -> list[int]:
+    """The numbers that state a limit of this container; none without one (the word "max", or no such files)."""
     try:
-        return min(memory, int(_CONTAINER_LIMIT.read_text()) // _MIB)
-    except (OSError, ValueError):  # no container, or one without a limit ("max")
-        return memory
+        return [int(number) for name in files for number in (_CONTROL_GROUP / name).read_text().split()]
+    except (OSError, ValueError):
+        return []
 
 
 def card_names(count: int) -> list[str]:
@@ -112,10 +119,14 @@ def _listed_cards() -> tuple[list[str], list[str]]:
 
 
 def available_processors() -> int:
-    """At least one; fewer than the machine has where the process is confined to some of them."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    """At least one; fewer than the machine has where the process is confined to some, or its container to a quota."""
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    # Of time in microseconds, by control groups of version 2 and 1; without a quota, version 1 states -1.
+    for limit in (_limit("cpu.max"), _limit("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")):
+        if len(limit) == 2 and min(limit) > 0:
+            quota, period = limit
+            return min(count, math.ceil(quota / period))
+    return count
 
 
 def return_freed_memory() -> None:

@@ -9,6 +9,7 @@ import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from typing import TextIO
 
 from ..errors import Cancelled, InputError
@@ -55,25 +56,37 @@ def in_console(
         display: shows events, the final result or error included.
         cancelled: gives what to say when the user has cancelled it.
     """
-    cancel = _cancel_once()
-    previous = {number: signal.signal(number, cancel) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        result = work(display)
-    except InputError as error:
-        _tell(display, {"event": "error", "kind": "input", "message": str(error)})
-        return EXIT_INPUT
-    except Cancelled:
-        _tell(display, {"event": "error", "kind": "cancelled", "message": cancelled()})
-        return EXIT_CANCELLED
-    except WorkerDefect as error:
-        _tell(display, {"event": "error", "kind": "defect", "message": str(error)})
-        return EXIT_DEFECT
-    finally:
-        for number, handler in previous.items():
-            if handler is not None:  # None: set by the program around us (Blender), and Python cannot put it back
-                signal.signal(number, handler)
+    with cancelled_by_signals():
+        try:
+            result = work(display)
+        except InputError as error:
+            _tell(display, {"event": "error", "kind": "input", "message": str(error)})
+            return EXIT_INPUT
+        except Cancelled:
+            _tell(display, {"event": "error", "kind": "cancelled", "message": cancelled()})
+            return EXIT_CANCELLED
+        except WorkerDefect as error:
+            _tell(display, {"event": "error", "kind": "defect", "message": str(error)})
+            return EXIT_DEFECT
     _tell(display, {"event": "result", **result})
     return EXIT_DONE
+
+
+def cancelled_by_signals() -> AbstractContextManager[None]:
+    """Ctrl-C, and what a farm or a service sends to end this process, raise `Cancelled` in the block."""
+    return handling_signals(_cancel_once(), signal.SIGINT, signal.SIGTERM)
+
+
+@contextlib.contextmanager
+def handling_signals(handler: Callable[..., None], *numbers: signal.Signals) -> Iterator[None]:
+    """Let `handler` be called for signals of these `numbers` in the block."""
+    previous = {number: signal.signal(number, handler) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, earlier in previous.items():
+            if earlier is not None:  # None: set by the program around us (Blender), and Python cannot put it back
+                signal.signal(number, earlier)
 
 
 def _tell(display: Listener, event: Event) -> None:

@@ -23,7 +23,7 @@ from cvdgs.core.capture.reader import inspect_capture
 from cvdgs.core.enhance.gan.weights import load_generator
 from cvdgs.core.errors import InputError
 from cvdgs.core.files.images import write_png
-from cvdgs.core.files.untrusted import MAX_JSON_BYTES, opened, parse_json, partial_file, read_json, writing_whole
+from cvdgs.core.files.untrusted import MAX_JSON_BYTES, opened, parse_json, partial_file, read_json, replacing
 from cvdgs.core.runs.enhanced import enhanced_files
 from cvdgs.core.runs.folder import RunFolder, remove_layer
 from cvdgs.core.runs.report import read_report
@@ -257,9 +257,9 @@ def test_a_layer_is_not_added_through_a_link_in_a_run_from_elsewhere(tmp_path: P
 
 def test_a_file_is_not_written_through_a_link_that_waits_in_its_folder(tmp_path: Path) -> None:
     (tmp_path / "precious").write_text("mine")
-    partial_file(tmp_path / "scene.ply", contested=True).symlink_to(tmp_path / "precious")
-    with writing_whole(tmp_path / "scene.ply") as file:
-        file.write(b"new")
+    partial_file(tmp_path / "scene.ply").symlink_to(tmp_path / "precious")
+    with replacing(tmp_path / "scene.ply") as temporary:
+        temporary.write_text("new")
     assert (tmp_path / "precious").read_text() == "mine"
     assert not (tmp_path / "scene.ply").is_symlink()
     assert (tmp_path / "scene.ply").read_text() == "new"

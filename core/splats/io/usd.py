@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError
-from ...files.untrusted import replacing
+from ...files.untrusted import remove_abandoned, replacing
 from ..gaussians import Gaussians
 from .layers import first_of, turn_to_y
 from .splat_file import normalised
@@ -64,6 +64,7 @@ def write_usd(path: str | Path, layers: Mapping[str, Gaussians], up: str = "", m
             _fill(pxr, stage, first, variants, up, metres)
             stage.GetRootLayer().Save()
             del stage  # closes the file, which Windows wants before it gets its name
+        remove_abandoned(path)
     except (OSError, pxr.Tf.ErrorException) as error:
         said = getattr(error, "strerror", None) or "OpenUSD refuses"
         raise InputError(

@@ -73,6 +73,8 @@ WORKER = (
     + f"""
 REPORT, LAYER = {REPORT!r}, {LAYER!r}
 if request["job"] == "inspect-all":
+    if any((Path(entry["capture"]) / "slow").exists() for entry in request["captures"]):
+        time.sleep(60.0)
     emit("result", refusals=[None for _ in request["captures"]])
     sys.exit(0)
 settings, folder = request["settings"], Path(request["folder"])

@@ -136,6 +136,11 @@ def test_everything_wrong_is_said_in_one_go_with_its_place(batch):
     [
         ("a = \n", "line 1", "not valid TOML"),
         ("title = 'x'\n\n[items\n", "line 3", "not valid TOML"),
+        ('[[items]]\ncapture = "C:\\Users\\me"\n', "line 2", "in 'single quotes'"),
+        ('[[items]]\ncapture = "D:\\"\n', "line 2", "in 'single quotes'"),
+        ('[[items]]\ncapture = "C:\\temp"\n', "items[1].capture", "in 'single quotes'"),
+        ('[[items]]\nrun = "C:\\new\\run"\n', "items[1].run", "in 'single quotes'"),
+        (ITEM + 'train.enhancer = "C:\\new.safetensors"\n', "items[1].train.enhancer", "in 'single quotes'"),
         ("a = " + "9" * 5000 + "\n", "not valid TOML", "digits"),
         ("a" + ".a" * 40 + " = 1\n", "line 1", "dots"),
         ("title = 'x'\n", "the batch has no items", "add [[items]]"),

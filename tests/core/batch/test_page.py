@@ -118,6 +118,11 @@ def test_original_and_enhanced_play_in_one_video_as_everybody_and_as_the_observe
     assert {("colours", "first"), ("colours", "second"), ("seen", "normal"), ("seen", "observer")} <= values
 
 
+def test_a_turntable_has_the_proportions_of_its_frames(made):
+    (style,) = (division["style"] for division in made.all("div") if "stage" in division.get("class", "").split())
+    assert "--width: 48; --height: 36" in style
+
+
 def test_the_figures_are_those_of_the_runs_report(made):
     for figure in ("36,453 Gaussians", "34.09 dB", "0.654", "0.548", "0.763", "4.3", "1.18", "0.86"):
         assert figure in made.text

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from cvdgs.core.batch.task import read_plan
 from cvdgs.core.bootstrap import ROOT
 from cvdgs.core.pipeline.continuation import describe_run
 from cvdgs.core.runtime.resources import CARDS_VARIABLE
@@ -293,6 +294,62 @@ def test_cancelled_it_ends_its_processes_and_leaves_nothing_half_written(collect
     assert not (collection.out / "chair" / "run").exists()
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_stopped_while_captures_are_checked_it_was_cancelled_like_at_any_time(collection, number):
+    (collection.add_capture("chair") / "slow").touch()
+    collection.write_batch(ONE)
+    process = collection.start()
+    assert json.loads(process.stdout.readline())["stage"] == "check"
+    process.send_signal(number)
+    output, complaints = process.communicate(timeout=SOON)
+    assert process.returncode == 130
+    assert [json.loads(line)["kind"] for line in output.splitlines()] == ["cancelled"]
+    assert not complaints
+    assert not collection.out.exists()
+
+
+def test_a_worker_that_fails_while_captures_are_checked_is_a_defect(collection):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    (collection.folder / "worker").write_text("#!/bin/sh\nexit 1\n")
+    code, events = collection.run()
+    assert code == 1
+    assert events[-1]["kind"] == "defect"
+    assert "exit code 1" in events[-1]["message"]
+
+
+def test_a_record_that_cannot_be_written_is_no_defect_and_is_not_tried_again(collection):
+    collection.add_capture("chair")
+    collection.write_batch(ONE)
+    (collection.out / ".batch").mkdir(parents=True)
+    (collection.out / ".batch" / "done").write_text("no folder")
+    code, events = collection.run()
+    assert code == 3
+    (failed,) = events[-1]["failed"]
+    assert failed["message"].startswith(str(collection.out / ".batch" / "done"))
+    assert failed["message"].endswith(" - free space or check the permissions, then run again")
+    assert not [event for event in events if event.get("name") == "task-retried"]
+
+
+@pytest.mark.parametrize("farm", ["openjd", "flamenco"])
+def test_an_export_has_a_plan_of_its_own_and_a_batch_that_runs_keeps_its(collection, farm):
+    for name in ("chair", "sofa"):
+        collection.add_capture(name)
+    collection.write_batch(ONE)
+    collection.run()
+    running = collection.out / ".batch" / "plan.json"
+    before = running.read_bytes()
+    collection.write_batch(TWO)
+    code, events = collection.run("--export", farm)
+    assert code == 0
+    assert events[-1]["event"] == "result"
+    assert Path(events[-1]["job"]).exists()
+    assert running.read_bytes() == before
+    exported = read_plan(collection.out / farm / "plan.json")
+    assert exported.out == collection.out
+    assert {task.item for task in exported.tasks} == {"chair", "sofa"}
+
+
 def test_two_batches_do_not_work_in_the_same_folder(collection):
     collection.add_capture("chair", "sleep 60")
     collection.write_batch(ONE)
@@ -358,30 +415,32 @@ def test_a_task_whose_disk_is_full_says_so(collection):
     assert "No space left on device" in events[-1]["failed"][0]["message"]
 
 
-def dry_run(collection, stdout) -> subprocess.Popen:
-    """A plan for people, printed to `stdout`."""
+def answering(collection, stdout, *options: str) -> subprocess.Popen:
+    """A command whose answer is printed to `stdout`."""
     collection.add_capture("chair")
     batch = collection.write_batch(ONE)
-    script = str(ROOT / "scripts" / "turntable.py")
-    command = [sys.executable, script, str(batch), "--out", str(collection.out), "--dry-run"]
+    command = [sys.executable, str(ROOT / "scripts" / "turntable.py"), str(batch), "--out", str(collection.out)]
     environment = {**os.environ, **collection.variables}
-    return subprocess.Popen(command, env=environment, stdout=stdout, stderr=subprocess.PIPE, text=True)
+    return subprocess.Popen([*command, *options], env=environment, stdout=stdout, stderr=subprocess.PIPE, text=True)
 
 
-def test_a_dry_run_whose_reader_has_gone_ends_without_a_word(collection):
-    process = dry_run(collection, subprocess.PIPE)
+@pytest.mark.parametrize("options", [["--dry-run"], ["--export", "openjd"]])
+def test_an_answer_whose_reader_has_gone_ends_without_a_word(collection, options):
+    process = answering(collection, subprocess.PIPE, *options)
     process.stdout.close()
     assert process.stderr.read() == ""
     assert process.wait(timeout=60) == 0
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
-def test_a_dry_run_onto_a_full_disk_is_one_line(collection):
+@pytest.mark.parametrize("options", [["--dry-run"], ["--export", "openjd"], ["--example", "example.toml"]])
+def test_an_answer_onto_a_full_disk_is_one_line(collection, monkeypatch, options):
+    monkeypatch.chdir(collection.folder)
     with open("/dev/full", "w") as full:
-        process = dry_run(collection, full)
+        process = answering(collection, full, *options)
         complaint = process.communicate(timeout=60)[1]
     assert process.returncode == 2
-    assert complaint.startswith("turntable.py: stdout: the plan cannot be written (No space left on device)")
+    assert complaint.startswith("turntable.py: stdout: cannot be written (No space left on device)")
     assert complaint.count("\n") == 1
 
 
@@ -410,6 +469,16 @@ def test_the_example_is_a_batch_that_can_be_planned(tmp_path):
     assert told.returncode == 0, told.stderr
     assert "showroom.train" in told.stdout
     assert subprocess.run([sys.executable, script, "--example", example], timeout=60).returncode == 2
+
+
+@pytest.mark.skipif(os.name != "posix", reason="elsewhere the size of a file has no limit to set")
+def test_an_example_that_does_not_fit_leaves_no_half_of_it(tmp_path):
+    command = [sys.executable, str(ROOT / "scripts" / "turntable.py"), "--example", str(tmp_path / "example.toml")]
+    limited = ["sh", "-c", 'ulimit -f 1 && exec "$@"', "sh", *command]
+    told = subprocess.run(limited, capture_output=True, text=True, timeout=60)
+    assert told.returncode == 2
+    assert "example.toml: cannot be written" in told.stderr
+    assert os.listdir(tmp_path) == []
 
 
 def test_inside_blender_its_arguments_follow_the_double_dash(collection):

@@ -36,7 +36,9 @@ def test_a_file_that_nobody_has_made_is_an_error(tmp_path):
 
 def test_a_file_keeps_its_ending_while_it_is_made_and_is_hidden(tmp_path):
     assert partial_file(tmp_path / "a.png") == tmp_path / ".a.partial.png"
-    assert partial_file(tmp_path / "a.png", contested=True) == tmp_path / f".a.{os.getpid()}.partial.png"
+    with replacing(tmp_path / "a.png", contested=True) as temporary:
+        assert temporary.match(".a.*.partial.png")
+        temporary.touch()
 
 
 def test_a_place_that_cannot_be_written_is_the_users_affair(tmp_path):
@@ -45,10 +47,12 @@ def test_a_place_that_cannot_be_written_is_the_users_affair(tmp_path):
         file.write(b"")
 
 
-def test_two_programs_that_export_into_one_file_each_put_a_whole_one_there(tmp_path):
+@pytest.mark.parametrize("on", ["this machine", "another one, where it has the same number"])
+def test_two_programs_that_export_into_one_file_each_put_a_whole_one_there(tmp_path, on):
     path = tmp_path / "scene.ply"
-    program = """
-import sys
+    program = f"""
+import os, sys
+os.getpid = lambda number=os.getpid(): number if {on == "this machine"} else {os.getpid()}
 from pathlib import Path
 from cvdgs.core.files.untrusted import writing_whole
 with writing_whole(Path(sys.argv[1])) as file:
@@ -63,3 +67,17 @@ with writing_whole(Path(sys.argv[1])) as file:
         file.write(b"ours")
     assert path.read_bytes() == b"half of ours"
     assert os.listdir(tmp_path) == ["scene.ply"]
+
+
+def test_what_a_killed_export_left_is_removed_by_one_a_day_later(tmp_path):
+    path, others = tmp_path / "scene [1].ply", tmp_path / ".scene.partial.ply"
+    others.touch()
+    left = [path.with_name(f".scene [1].{maker}.partial.ply") for maker in ("0123abcd", "another")]
+    for file in left:
+        file.write_text("half")
+    os.utime(left[0], (0, 0))
+    os.utime(others, (0, 0))
+    with writing_whole(path) as file:
+        file.write(b"whole")
+    assert set(tmp_path.iterdir()) == {path, others, left[1]}
+    assert path.read_bytes() == b"whole"

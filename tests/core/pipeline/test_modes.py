@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from cvdgs.core.demo import SHOWROOM
+from cvdgs.core.enhance import enhance_bytes, make_enhancer
 from cvdgs.core.files.images import read_png
 from cvdgs.core.splats.io.ply import read_ply
 
@@ -106,6 +107,15 @@ def test_a_layer_is_added_without_touching_what_is_there(post, added):
         np.testing.assert_array_equal(
             getattr(read_ply(added / "splats.ply"), name), getattr(read_ply(added / "splats.protan-1.0.ply"), name)
         )
+
+
+def test_the_photographs_of_a_layer_are_enhanced_by_its_own_strength(added):
+    path = next((added / "capture" / "images").glob("*.png"))
+    photograph, enhanced = (read_png(one) for one in (path, added / "enhanced" / "protan-1.0" / path.name))
+    kept = str(added / "layer.protan-1.0.safetensors")
+    half, full = (make_enhancer(kept, "protan", 1.0, strength=strength) for strength in (0.5, 1.0))
+    np.testing.assert_array_equal(enhance_bytes(half, photograph[..., :3]), enhanced)
+    assert (enhance_bytes(full, photograph[..., :3]) != enhanced).any()
 
 
 def test_a_lost_layer_is_added_again_without_files_of_the_one_that_was_lost(post, tmp_path):

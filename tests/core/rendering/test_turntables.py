@@ -64,7 +64,12 @@ def test_a_turn_is_not_rendered_through_a_link_in_a_run_from_elsewhere(blender, 
 
 def test_every_layer_is_rendered_all_around_in_the_size_of_the_photographs(blender, tmp_path):
     said, _ = turn(tmp_path / "out", 3, "deutan-1.0")
-    assert said == {"frames": 3, "layers": ["original", "deutan-1.0"], "engine": "cycles"}
+    assert said == {
+        "frames": 3,
+        "layers": ["original", "deutan-1.0"],
+        "engine": "cycles",
+        "orbit": {"radius": 0.0, "height": None, "focal_length": 0.0, "arc": 0.0},
+    }
     for layer in said["layers"]:
         folder = tmp_path / "out" / "turntable" / layer
         assert sorted(path.name for path in folder.iterdir()) == ["0001.png", "0002.png", "0003.png"]
@@ -85,6 +90,14 @@ def test_pictures_of_two_engines_do_not_go_together(blender, tmp_path):
     said, _ = turn(tmp_path, 3, "protan-1.0", before=said)
     assert asked_for(blender) == ["original", "original", "protan-1.0"]
     assert said["engine"] == "cycles"
+
+
+def test_pictures_of_an_earlier_version_from_another_height_do_not_go_with_those_of_a_further_layer(blender, tmp_path):
+    said, _ = turn(tmp_path, 3, "deutan-1.0")
+    for earlier in ({**said, "orbit": {**said["orbit"], "height": 0.25}}, {**said, "orbit": None}):
+        (blender / "requests").unlink()
+        turn(tmp_path, 3, "deutan-1.0", "protan-1.0", before=earlier)
+        assert asked_for(blender) == ["original", "deutan-1.0", "protan-1.0"]
 
 
 def test_another_number_of_pictures_is_another_turn(blender, tmp_path):

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from cvdgs.core.runtime import resources
-from cvdgs.core.runtime.resources import CARDS_VARIABLE, card_names, peak_memory_mb, this_machine
+from cvdgs.core.runtime.resources import CARDS_VARIABLE, available_processors, card_names, peak_memory_mb, this_machine
+
+LIMITS = {
+    "memory_v2": "memory.max",
+    "memory_v1": "memory/memory.limit_in_bytes",
+    "cpu_v2": "cpu.max",
+    "quota_v1": "cpu/cpu.cfs_quota_us",
+    "period_v1": "cpu/cpu.cfs_period_us",
+}
+"""Where Linux states a container's limits, by the version of its control groups."""
 
 CHILD = """
 from cvdgs.core.runtime.resources import peak_memory_mb
@@ -67,15 +78,50 @@ def test_freed_memory_between_blocks_that_are_kept_is_given_back() -> None:
     assert kept == 160 * (64 << 10)
 
 
+@pytest.fixture
+def container(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[..., None]:
+    """Lets this process see files as a container's limits."""
+    monkeypatch.setattr(resources, "_CONTROL_GROUP", tmp_path)
+
+    def limit(**files: str) -> None:
+        for name, text in files.items():
+            path = tmp_path / LIMITS[name]
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(f"{text}\n")
+
+    return limit
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no file tells a container's limit")
-@pytest.mark.parametrize("limit", ["max\n", "no number", None])
-def test_a_containers_limit_is_all_the_memory_there_is(monkeypatch, tmp_path: Path, limit: str | None) -> None:
-    file = tmp_path / "memory.max"
-    monkeypatch.setattr(resources, "_CONTAINER_LIMIT", file)
-    file.write_text(f"{100 << 20}\n")
+@pytest.mark.parametrize("version", ["memory_v2", "memory_v1"])
+def test_a_containers_limit_is_all_the_memory_there_is(container, version: str) -> None:
+    unlimited = this_machine().memory_mb
+    assert unlimited > 100
+    container(**{version: str(100 << 20)})
     assert this_machine().memory_mb == 100
-    file.unlink() if limit is None else file.write_text(limit)
-    assert this_machine().memory_mb > 100
+    for none in ("max", "no number", str((1 << 63) - 4096)):
+        container(**{version: none})
+        assert this_machine().memory_mb == unlimited
+
+
+@pytest.mark.parametrize(
+    ("files", "processors"),
+    [
+        ({"cpu_v2": "200000 100000"}, 2),
+        ({"cpu_v2": "150000 100000"}, 2),
+        ({"cpu_v2": "5000 100000"}, 1),
+        ({"cpu_v2": "99900000 100000"}, 64),
+        ({"cpu_v2": "max 100000"}, 64),
+        ({"quota_v1": "300000", "period_v1": "100000"}, 3),
+        ({"quota_v1": "-1", "period_v1": "100000"}, 64),
+        ({"quota_v1": "300000"}, 64),
+        ({}, 64),
+    ],
+)
+def test_a_containers_quota_is_all_the_processors_there_are(monkeypatch, container, files, processors: int) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(64)), raising=False)
+    container(**files)
+    assert available_processors() == this_machine().cores == processors
 
 
 @pytest.mark.parametrize(
