@@ -15,6 +15,7 @@ import stat
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from io import BufferedReader
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -57,7 +58,7 @@ def is_encodable(name: str) -> bool:
 
 
 @contextmanager
-def opened(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) -> Iterator[BinaryIO]:
+def opened(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) -> Iterator[BufferedReader]:
     """The file `path`, open for reading; the caller reads what is there and need not fear that it never ends.
 
     Args:
@@ -91,7 +92,7 @@ def opened(path: str | Path, *, most_bytes: int, remedy: str = _CHECK_PATH) -> I
         raise InputError(f"cannot be read ({error.strerror or error})", where=path, remedy=remedy) from None
 
 
-def _open(path: Path, remedy: str) -> BinaryIO:
+def _open(path: Path, remedy: str) -> BufferedReader:
     # Without O_NONBLOCK, opening a pipe waits until somebody writes to it.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
