@@ -6,7 +6,6 @@ Pixels that are not square (DV, HDV, anamorphic lenses) are made square, and not
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from ..color.hdr import brightness_of, white_of
 from ..errors import InputError
 from ..files.images import write_jpeg
 from ..files.untrusted import opened
+from ..runtime.resources import available_processors
 from ..runtime.threads import one_thread
 from .kinds import MAX_VIDEO_BYTES, is_plain_image, kind_of
 from .motion import WIDTH, Followed, Follower
@@ -257,7 +257,7 @@ def _stream(container: Any, path: Path) -> Any:
         raise InputError(f"{size}, too small", where=path, remedy="give a larger one")
     context.options = {"max_pixels": str(MAX_PIXELS)}
     context.thread_type = "AUTO"
-    context.thread_count = min(os.cpu_count() or 1, _MOST_THREADS)
+    context.thread_count = min(available_processors(), _MOST_THREADS)
     return stream
 
 

@@ -25,6 +25,7 @@ from ..bootstrap import ROOT
 from ..errors import Cancelled, InputError
 from ..files.untrusted import is_file
 from .protocol import parse_event
+from .resources import available_processors, processor_quota
 
 WORKER = ROOT / "core" / "__main__.py"
 BLENDER_WORKER = ROOT / "cvdgs_addon" / "scene" / "worker.py"
@@ -142,6 +143,8 @@ class Job:
         environment |= {"PYTHONUNBUFFERED": "1", "PYTHONIOENCODING": "utf-8"}
         # Spinning OpenMP threads make a step 10-15 times slower beside one busy neighbour.
         environment.setdefault("OMP_WAIT_POLICY", "passive")
+        if processor_quota() is not None:  # which OpenMP does not look at: it would start a thread for each processor
+            environment.setdefault("OMP_NUM_THREADS", str(available_processors()))
         self._log = log
         self._grace_seconds = grace_seconds
         self._queue: queue.Queue[Event | None] = queue.Queue()

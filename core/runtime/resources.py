@@ -121,12 +121,17 @@ def _listed_cards() -> tuple[list[str], list[str]]:
 def available_processors() -> int:
     """At least one; fewer than the machine has where the process is confined to some, or its container to a quota."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    # Of time in microseconds, by control groups of version 2 and 1; without a quota, version 1 states -1.
+    return min(count, processor_quota() or count)
+
+
+def processor_quota() -> int | None:
+    """As many processors as this container has time of, rounded up; None without a limit."""
+    # In microseconds, by control groups of version 2 and 1; without a quota, version 1 states -1.
     for limit in (_limit("cpu.max"), _limit("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")):
         if len(limit) == 2 and min(limit) > 0:
             quota, period = limit
-            return min(count, math.ceil(quota / period))
-    return count
+            return math.ceil(quota / period)
+    return None
 
 
 def return_freed_memory() -> None:

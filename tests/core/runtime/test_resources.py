@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 
 from cvdgs.core.runtime import resources
+from cvdgs.core.runtime.process import Job
 from cvdgs.core.runtime.resources import CARDS_VARIABLE, available_processors, card_names, peak_memory_mb, this_machine
+from cvdgs.core.runtime.supervisor import finish
 
 LIMITS = {
     "memory_v2": "memory.max",
@@ -122,6 +124,14 @@ def test_a_containers_quota_is_all_the_processors_there_are(monkeypatch, contain
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(64)), raising=False)
     container(**files)
     assert available_processors() == this_machine().cores == processors
+
+
+@pytest.mark.parametrize(("files", "threads"), [({"cpu_v2": "100000 100000"}, "1"), ({}, None)])
+def test_a_worker_starts_as_many_threads_as_its_container_may_use(monkeypatch, container, files, threads) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    container(**files)
+    program = "import json, os; print(json.dumps({'event': 'result', 'threads': os.environ.get('OMP_NUM_THREADS')}))"
+    assert finish(Job([sys.executable, "-c", program]), lambda _: None)["threads"] == threads
 
 
 @pytest.mark.parametrize(
