@@ -207,7 +207,7 @@ def test_another_capture_is_refused(run, tmp_path, change, complaint):
 def test_estimated_cameras_stay_and_only_the_photographs_are_counted(run, tmp_path):
     estimated = replace(run, settings=replace(run.settings, sfm=True))
     for i in range(5):
-        write_png(tmp_path / "photos" / f"{i}.png", np.zeros((32, 48, 3), np.uint8))
+        write_png(tmp_path / "photos" / f"{i}.png", np.full((32, 48, 3), i, np.uint8))
     estimated.check_photographs(tmp_path / "photos", Reporter())
     (tmp_path / "photos" / "3.png").unlink()
     with pytest.raises(InputError, match="4 photographs"):
