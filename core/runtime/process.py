@@ -346,11 +346,14 @@ def follow_parent(when_gone: Callable[[], None], parent: int | None = None) -> N
     """Watch from a thread, and call `when_gone` there once the process that started this one has ended.
 
     A killed process cannot say so itself; one that outlives it keeps the machine busy and writes where a new run does.
+    Windows does not tell.
 
     Args:
         when_gone: is to end this process.
         parent: number of the process that started this one, where it may have ended already; None asks the system.
     """
+    if sys.platform == "win32":  # the number stays, and that of an environment's python.exe, which starts another one
+        return
     expected = os.getppid() if parent is None else parent
 
     def watch() -> None:

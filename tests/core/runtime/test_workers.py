@@ -13,7 +13,7 @@ import pytest
 
 from cvdgs.core.errors import Cancelled, InputError
 from cvdgs.core.pipeline.launch import run
-from cvdgs.core.runtime.process import WORKER, Job, Workers
+from cvdgs.core.runtime.process import WORKER, Job, Workers, follow_parent
 from cvdgs.core.runtime.supervisor import finish
 from cvdgs.core.settings import Settings
 
@@ -113,3 +113,11 @@ def test_a_library_that_crashes_at_the_end_does_not_spoil_the_result(tmp_path):
     job = Job(command, {"job": "inspect-all", "captures": [{"capture": str(tmp_path), "cameras": "auto"}]})
     assert [event["event"] for event in job.events()][-1] == "result"
     assert job.wait() == 0
+
+
+def test_windows_which_does_not_tell_of_a_lost_parent_is_not_believed_to_have_told(monkeypatch):
+    """There a virtual environment's python.exe starts another process, whose parent it is."""
+    gone = threading.Event()
+    monkeypatch.setattr(sys, "platform", "win32")
+    follow_parent(gone.set, parent=os.getpid())
+    assert not gone.wait(0.5)
