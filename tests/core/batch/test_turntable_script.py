@@ -501,6 +501,7 @@ def test_inside_blender_its_arguments_follow_the_double_dash(collection):
         (["--plan", "plan.json"], "--task"),
         (["b.toml", "--out", "out", "--cores", "0"], "--cores"),
         (["b.toml", "--out", "out", "--export", "zip"], "--export"),
+        (["b.toml", "--out", "out", "--export", "openjd", "--cluster", "tcp://farm:8786"], "give one"),
     ],
 )
 def test_unusable_arguments_are_one_line_and_exit_code_two(tmp_path, options, said):
