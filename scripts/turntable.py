@@ -88,6 +88,7 @@ def main(arguments: list[str]) -> int:
             print_answer(str(write_example(Path(options.example))))
             return EXIT_DONE
         _require(options.batch and options.out, "a batch file and --out are needed")
+        _require(not (options.cluster and options.export), "--cluster does what --export only writes: give one")
         return run_batch(options)
     except InputError as error:
         lines = error.lines() if isinstance(error, UnusableFile) else [str(error)]

@@ -158,7 +158,8 @@ def check_captures(batch: Batch, path: Path, listen: Listener) -> None:
         return
     items = [batch.items[place] for place in places]
     captures = [{"capture": str(item.capture), "cameras": _cameras_of(item.train)} for item in items]
-    listen({"event": "status", "stage": CHECK_STAGE, "message": f"checking {len(captures)} captures"})
+    message = f"checking {len(captures)} capture{'s' if len(captures) > 1 else ''}"
+    listen({"event": "status", "stage": CHECK_STAGE, "message": message})
     request = {"job": "inspect-all", "captures": captures}
     refusals = finish(Workers().start(request, _log), listen)["refusals"]
     found = zip(places, refusals, strict=True)

@@ -303,7 +303,8 @@ def material_without_cameras(path: Path, cameras: str) -> Material:
         what = f"{count} but no cameras (COLMAP model or transforms.json)"
         remedy = "leave out --cameras given to estimate them"
     elif not material.videos and len(material.photographs) < MIN_VIEWS:
-        what, remedy = "only one photograph", "give at least two, better thirty"
+        copies = f", and {len(material.copies)} more of it" if material.copies else ""
+        what, remedy = f"only one photograph{copies}", "give at least two, better thirty"
     elif len(material.photographs) > MOST_VIEWS:
         what, remedy = f"{count}, the limit is {MOST_VIEWS:,}", "split the capture"
     if what:

@@ -318,19 +318,6 @@ def test_a_worker_that_fails_while_captures_are_checked_is_a_defect(collection):
     assert "exit code 1" in events[-1]["message"]
 
 
-def test_a_record_that_cannot_be_written_is_no_defect_and_is_not_tried_again(collection):
-    collection.add_capture("chair")
-    collection.write_batch(ONE)
-    (collection.out / ".batch").mkdir(parents=True)
-    (collection.out / ".batch" / "done").write_text("no folder")
-    code, events = collection.run()
-    assert code == 3
-    (failed,) = events[-1]["failed"]
-    assert failed["message"].startswith(str(collection.out / ".batch" / "done"))
-    assert failed["message"].endswith(" - free space or check the permissions, then run again")
-    assert not [event for event in events if event.get("name") == "task-retried"]
-
-
 @pytest.mark.parametrize("farm", ["openjd", "flamenco"])
 def test_an_export_has_a_plan_of_its_own_and_a_batch_that_runs_keeps_its(collection, farm):
     for name in ("chair", "sofa"):
@@ -391,16 +378,21 @@ def test_a_dry_run_tells_every_task_and_writes_nothing(collection):
     assert not collection.out.exists()
 
 
-def test_a_task_whose_log_cannot_be_written_says_so(collection):
+@pytest.mark.parametrize(
+    ("folder", "said"),
+    [("logs", "cannot be written ("), ("done", " - free space or check the permissions, then run again")],
+)
+def test_a_task_whose_log_or_record_cannot_be_written_says_so_once(collection, folder, said):
     collection.add_capture("chair")
     collection.write_batch(ONE)
     (collection.out / ".batch").mkdir(parents=True)
-    (collection.out / ".batch" / "logs").write_text("no folder")
+    (collection.out / ".batch" / folder).write_text("no folder")
     code, events = collection.run()
     assert code == 3
     (failed,) = events[-1]["failed"]
-    assert failed["message"].startswith(f"{collection.out / '.batch' / 'logs'}")
-    assert "cannot be written (" in failed["message"]
+    assert failed["message"].startswith(str(collection.out / ".batch" / folder))
+    assert said in failed["message"]
+    assert not [event for event in events if event.get("name") == "task-retried"]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no device that is always full")
@@ -501,6 +493,7 @@ def test_inside_blender_its_arguments_follow_the_double_dash(collection):
         (["--plan", "plan.json"], "--task"),
         (["b.toml", "--out", "out", "--cores", "0"], "--cores"),
         (["b.toml", "--out", "out", "--export", "zip"], "--export"),
+        (["b.toml", "--out", "out", "--export", "openjd", "--cluster", "tcp://farm:8786"], "give one"),
     ],
 )
 def test_unusable_arguments_are_one_line_and_exit_code_two(tmp_path, options, said):

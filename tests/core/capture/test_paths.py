@@ -474,5 +474,14 @@ def test_other_files_are_not_taken_for_cameras(tmp_path: Path) -> None:
 
 def test_one_photograph_is_too_few_for_sfm(tmp_path: Path) -> None:
     save_images(tmp_path, shots(1))
-    with pytest.raises(InputError, match="only one photograph"):
+    with pytest.raises(InputError, match="only one photograph - "):
+        inspect_capture(tmp_path, cameras="estimate")
+
+
+def test_copies_of_one_photograph_are_too_few_and_the_refusal_counts_them(tmp_path: Path) -> None:
+    save_images(tmp_path, shots(1))
+    (photograph,) = tmp_path.iterdir()
+    for number in (1, 2):
+        shutil.copy(photograph, tmp_path / f"{photograph.stem} ({number}){photograph.suffix}")
+    with pytest.raises(InputError, match="only one photograph, and 2 more of it - "):
         inspect_capture(tmp_path, cameras="estimate")
