@@ -33,7 +33,7 @@ RECONSTRUCTION = 2
 """The same of what the trainer makes of the same views."""
 UNRECORDED = "unrecorded"
 STALE = "the recipe has changed since: not comparable with what the code makes now"
-BY_HAND = ("README.md", "observers.md", "timings.md", "training.md")
+BY_HAND = ("README.md", "observers.md", "results.md", "timings.md", "training.md", "tried.md")
 """Pages that no single command makes: entries, a protocol, logs of trainings, and a table with a command a row."""
 SECONDS_PER_MINUTE = 60.0
 _DIGITS = 12
