@@ -171,7 +171,7 @@ class Settings:
     )
     fit: int = _option(
         25,
-        "steps that fit the network which --enhancer cgan predicts; 0 takes the prediction as it is",
+        "steps that fit the network which --enhancer cgan predicts; 0 corrects the prediction by two quick steps",
         metavar="N",
         low=0,
         high=1000,

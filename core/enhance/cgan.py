@@ -12,7 +12,7 @@ from ..runtime.protocol import Reporter
 from ..runtime.threads import one_thread
 from ..settings import Settings
 from .gan.networks import Generator
-from .gan.prediction import predict_networks
+from .gan.prediction import predict_corrected, predict_networks
 from .gan.weights import load_generator, load_shipped
 from .pairs import Alphas, Images
 from .scene.enhancer import SceneNetworkEnhancer
@@ -28,7 +28,7 @@ class CganEnhancer(SceneNetworkEnhancer):
     Args:
         budget: mean ΔE00 by which colours may change; None to take it from the photographs.
         weights: a file of `gan.weights`; None for the shipped one.
-        fit_steps: of the fit; 0 takes the prediction as it is.
+        fit_steps: of the fit; 0 corrects the prediction instead.
 
     Raises:
         InputError: also weights that cannot be used.
@@ -64,7 +64,9 @@ class CganEnhancer(SceneNetworkEnhancer):
             budget = self._budget
             if budget is None:
                 budget = default_budget(images, self._observer, alphas, self._settings)
-            starts = predict_networks(generator, images, self._observer, budget, alphas)
+            scene = (generator, images, self._observer, budget, alphas)
+            # A fit ends no better from corrected predictions.
+            starts = predict_networks(*scene) if self._settings.steps else predict_corrected(*scene)
         self._take(
             fit_network(
                 images,

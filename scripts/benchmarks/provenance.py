@@ -79,9 +79,10 @@ class Provenance:
 
 def enhanced_product() -> tuple[Any, ...]:
     """The revision and the constants of enhancement, and the digest of the weights."""
+    from ...core.enhance.gan.trial import CORRECTION_WEIGHTS
     from ...core.enhance.scene.fit import START_WEIGHTS
 
-    return *_fitted_product(), START_WEIGHTS, weights_of_product()
+    return *_fitted_product(), START_WEIGHTS, CORRECTION_WEIGHTS, weights_of_product()
 
 
 def weights_of_product() -> str:

@@ -16,6 +16,9 @@ One prediction holds for the whole scene, so that all views agree as they do aft
 that look alike can be moved apart in either direction, as a fit tries both, and which is better the objective tells
 better than a generator could guess. Their change is to be scaled to the budget, so the generator decides about colours
 and places only.
+
+Where no fit follows, predictions are corrected: by steps down the objective's gradient whose sizes are learned too, as
+in Meta-SGD (Li et al. 2017).
 """
 
 from __future__ import annotations
@@ -34,6 +37,9 @@ from ..scene.network import SceneNetwork
 from .conditioning import CONDITION_FEATURES
 from .votes import SLOPE, Votes
 
+State = dict[str, Tensor]
+"""The state of a `SceneNetwork` by name."""
+
 DIRECTIONS = (1.0, -1.0)
 """Of the two predictions: along the start that makes visible what an observer loses, and against it."""
 
@@ -45,6 +51,8 @@ _HIDDEN = 128  # between the summary of the views and the code
 _TABLE_SCALE, _PERCEPTRON_SCALE = 0.05, 0.3  # bring both parts of the parameters to the order of 1
 _LAST_SCALE = 0.01  # of the perceptron's last layer at first: next to nothing
 _TABLE = "table"
+_FIRST_RATE = 0.01  # of a correction, at first
+_LEAST_SIZE = 1e-12  # of a gradient
 
 
 @dataclass(frozen=True)
@@ -86,6 +94,9 @@ class Generator(nn.Module):
 
     Args:
         config: its shape.
+
+    Attributes:
+        rates: logarithms of the sizes of a correction's step, for each tensor of a scene network.
     """
 
     def __init__(self, config: GeneratorConfig = GeneratorConfig()) -> None:
@@ -108,6 +119,7 @@ class Generator(nn.Module):
         self._shapes = {name: value.shape for name, value in SceneNetwork(Observer("deutan", 1.0)).state_dict().items()}
         self.votes = Votes(widths[0] + _SEEN, self._shapes[_TABLE][0], len(DIRECTIONS))
         self.parameters_of = nn.Linear(config.code + 1, sum(math.prod(shape) for shape in self._shapes.values()))
+        self.rates = nn.Parameter(torch.full((len(self._shapes),), math.log(_FIRST_RATE)))
         self._initialise()
 
     def _initialise(self) -> None:
@@ -147,8 +159,8 @@ class Generator(nn.Module):
         votes = self.votes.sums(values, seen[:, :3] + 0.5, share / share.sum((2, 3), keepdim=True))
         return torch.cat([attended, votes], 1)
 
-    def forward(self, summary: Tensor, condition: Tensor, start: Tensor, direction: float) -> dict[str, Tensor]:
-        """The state of a `SceneNetwork` for each scene, by name, with a first axis for the scenes.
+    def forward(self, summary: Tensor, condition: Tensor, start: Tensor, direction: float) -> State:
+        """The state for each scene, with a first axis for the scenes.
 
         Args:
             summary: (B, S) mean `summary` of each scene's views.
@@ -167,6 +179,22 @@ class Generator(nn.Module):
         state[_TABLE] = state[_TABLE] + direction * self.share(code)[:, :, None, None, None] * start
         state[_TABLE] = state[_TABLE] + self.votes.table(votes, DIRECTIONS.index(direction))
         return state
+
+    def corrected(self, state: State, gradient: State) -> State:
+        """A scene's prediction after a step down the objective's gradient.
+
+        Each tensor moves by its rate, whatever the gradient's size: it differs a lot between scenes, and between a
+        table and a perceptron.
+
+        Args:
+            state: predicted.
+            gradient: of the objective with respect to it.
+        """
+        steps = {
+            name: rate * gradient[name] / (gradient[name].square().mean().sqrt() + _LEAST_SIZE)
+            for name, rate in zip(self._shapes, self.rates.exp(), strict=True)
+        }
+        return {name: state[name] - step for name, step in steps.items()}
 
 
 class _ModulatedConvolution(nn.Module):

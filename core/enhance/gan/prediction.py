@@ -1,4 +1,4 @@
-"""Predicts scene networks: one for all views of a scene, in each of two directions."""
+"""Predicts scene networks: one for all views of a scene, in each of two directions, and corrects them."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ from ..pairs import Alphas, Images
 from ..scene.network import NODES, SceneNetwork, seen_features
 from ..scene.views import chosen_views, reduced
 from .conditioning import condition, palette
-from .networks import DIRECTIONS, STRIDE, Generator
+from .networks import DIRECTIONS, STRIDE, Generator, State
+from .trial import Trial, View
 
 SIDE = 112
 """Longer side, in pixels, of the views that the generator sees."""
 
 _VIEWS = 6  # at most that it looks at
+_CORRECTIONS = 2  # at most
 _START = 0.3  # share of what is lost that the start makes visible, as the fit's first start
 
 
@@ -40,23 +42,55 @@ def predict_networks(
     Raises:
         InputError: no view has a covered pixel.
     """
+    views = _looked_at(images, alphas)
+    return [_network(state, observer) for state in _predicted(generator, views, observer, budget)]
+
+
+def predict_corrected(
+    generator: Generator, images: Images, observer: Observer, budget: float, alphas: Alphas = None
+) -> list[SceneNetwork]:
+    """The networks of `predict_networks`, at the budget, and each corrected as long as that makes it better.
+
+    Arguments and errors as there.
+    """
+    views = _looked_at(images, alphas)
+    trial = Trial(views, observer, budget, generator=torch.Generator().manual_seed(0))
+    states = _predicted(generator, views, observer, budget)
+    return [_network(_corrected(generator, trial, state), observer) for state in states]
+
+
+def _corrected(generator: Generator, trial: Trial, state: State) -> State:
+    draft = trial.draft(state)
+    for _ in range(_CORRECTIONS):
+        corrected = trial.draft(generator.corrected(draft.state, draft.gradient))
+        if corrected.loss >= draft.loss:
+            break
+        draft = corrected
+    return draft.state
+
+
+def _looked_at(images: Images, alphas: Alphas) -> list[View]:
+    return [reduced(image, alpha, SIDE) for image, alpha in chosen_views(images, alphas, _VIEWS)]
+
+
+def _predicted(generator: Generator, views: Sequence[View], observer: Observer, budget: float) -> list[State]:
+    conditioning = scene_condition(views, observer, budget)[None]
     with torch.no_grad():
-        views = [reduced(image, alpha, SIDE) for image, alpha in chosen_views(images, alphas, _VIEWS)]
-        conditioning = scene_condition(views, observer, budget)[None]
         summaries = [
             generator.summary(*_resized(pixels, observer, conditioning, coverage)) for pixels, coverage in views
         ]
         summary, start = torch.stack(summaries).mean(0), start_table(observer)[None]
         states = [generator(summary, conditioning, start, direction) for direction in DIRECTIONS]
-    networks = []
-    for state in states:
-        network = SceneNetwork(observer)
-        network.load_state_dict({name: values[0].clone() for name, values in state.items()})
-        networks.append(network)
-    return networks
+    return [{name: values[0].clone() for name, values in state.items()} for state in states]
 
 
-def scene_condition(views: Sequence[tuple[Tensor, Tensor | None]], observer: Observer, budget: float) -> Tensor:
+def _network(state: State, observer: Observer) -> SceneNetwork:
+    network = SceneNetwork(observer)
+    network.load_state_dict(state)
+    return network
+
+
+def scene_condition(views: Sequence[View], observer: Observer, budget: float) -> Tensor:
     """(CONDITION_FEATURES,) of a scene from its (3, H, W) views and their (H, W) coverage."""
     images = [tensor_to_image(pixels) for pixels, _ in views]
     alphas = [None if coverage is None else to_bytes(coverage.numpy()) for _, coverage in views]

@@ -20,7 +20,7 @@ SHIPPED = Path(__file__).parent / "weights" / "enhancer.safetensors"
 """The weights that come with the repository; see the model card beside them."""
 
 _FORMAT = "cvdgs-enhancer"
-_VERSION = "6"  # of the network's code: raised when older weights would give other images or do not fit
+_VERSION = "7"  # of the network's code: raised when older weights would give other images or do not fit
 _MAX_BYTES = 16 * 2**20  # larger files are no enhancer of ours
 
 

@@ -5,8 +5,11 @@ its starts, relative to that of the untouched picture so that no scene rules the
 with what fitted networks show. What is shown always has the scene's budget. The scaling is part of what is
 differentiated, so that a change that is not worth its ΔE is unlearned.
 
-Both networks are trained by Adam, whose rates fall linearly to zero after half of the steps. Step k draws its scenes
-from (seed, k) alone.
+At the end the generator stays as it is but for the sizes of the steps that correct a prediction, which are learned
+by what the corrected prediction shows.
+
+Networks are trained by Adam, whose rates fall linearly to zero after half of the steps, and anew of those at the end.
+Step k draws its scenes from (seed, k) alone.
 """
 
 from __future__ import annotations
@@ -20,17 +23,16 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
-from torch.func import functional_call
+from torch import Tensor, nn
 
-from ....core.color.spaces import srgb_to_lab
 from ....core.enhance.gan.conditioning import observer_features
-from ....core.enhance.gan.networks import DIRECTIONS, Generator, GeneratorConfig
+from ....core.enhance.gan.networks import DIRECTIONS, Generator, GeneratorConfig, State
 from ....core.enhance.gan.prediction import scene_condition, start_table
+from ....core.enhance.gan.trial import CORRECTION_WEIGHTS, Trial
 from ....core.enhance.gan.weights import save_generator
-from ....core.enhance.scene.fit import START_WEIGHTS, FitSettings
-from ....core.enhance.scene.network import SceneNetwork, features, seen_features
-from ....core.enhance.scene.objective import Objective, ObjectiveWeights, smooth_change
+from ....core.enhance.scene.fit import START_WEIGHTS
+from ....core.enhance.scene.network import features, seen_features
+from ....core.enhance.scene.objective import ObjectiveWeights
 from ....core.runtime.protocol import Reporter
 from .checkpoint import load_checkpoint, save_checkpoint
 from .examples import DRAWN, KEPT, Pairs, Scene, draw_scene, watched
@@ -42,12 +44,10 @@ WEIGHTS = "enhancer.safetensors"
 LOG = "log.csv"
 
 _COLUMNS = ("step", "seconds", "objective", "l1", "adversarial", "discriminator", "kept", "kept_l1")
-_LEAST_OBJECTIVE = 3.0  # an untouched picture with less has hardly anything to gain
 _LEAST_RATIO = 0.02  # added to a relative objective, whose logarithm is taken
-_SCALES = (0.01, 3.0)  # of a predicted change, to the budget
 _RAMP = 100  # steps over which the rates rise
+_AGAIN_SHARE = 0.5  # of the corrections, which begin with what a correction has given
 _OTHER_SHARE = 0.15  # of the scenes, on which the direction is trained that is not the better one
-_ROUGHNESS = 0.3 * FitSettings().roughness  # it adds up over many scenes; the fit that follows takes out the rest
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,14 @@ class TrainingSettings:
     """What a training depends on.
 
     Attributes:
-        steps: of the generator.
+        steps: of the training.
+        correction_share: of the steps, at the end, in which the sizes of corrections are learned.
         drawn: scenes a step without a fitted network; there is one with.
         window: drawings that are in use at a time; each step replaces one.
         steps_a_pair: steps after which there is one pair more.
         pairs: that there are at most, and at first.
-        rate, discriminator_rate: of Adam.
-        objective: weights of its terms.
+        rate, correction_rate, discriminator_rate: of Adam; the second for the logarithms of the sizes of corrections.
+        objective, correction_objective: weights of its terms, for a prediction and for a corrected one.
         objective_weight, l1_weight: λ and λ_1.
         adversarial_weight: of L_GAN; 0 trains without an adversary.
         average_decay: of the running mean of the generator's weights, which is what is kept.
@@ -71,14 +72,17 @@ class TrainingSettings:
         generator: the network's shape.
     """
 
-    steps: int = 1850
+    steps: int = 2250
+    correction_share: float = 0.18
     drawn: int = 3
     window: int = 256
     steps_a_pair: int = 80
     pairs: tuple[int, int] = (400, 8)
     rate: float = 1e-3
+    correction_rate: float = 0.03
     discriminator_rate: float = 2e-4
     objective: ObjectiveWeights = START_WEIGHTS
+    correction_objective: ObjectiveWeights = CORRECTION_WEIGHTS
     objective_weight: float = 12.0
     l1_weight: float = 20.0
     adversarial_weight: float = 0.3
@@ -111,7 +115,8 @@ class Training:
         self._discriminator = Discriminator()
         self._networks = {"generator": self.generator, "average": self.average, "discriminator": self._discriminator}
         self._optimizers = {
-            "generator": torch.optim.Adam(self.generator.parameters(), settings.rate, (0.9, 0.99)),
+            "generator": torch.optim.Adam(_predicting(self.generator), settings.rate, (0.9, 0.99)),
+            "correction": torch.optim.Adam([self.generator.rates], settings.correction_rate, (0.9, 0.99)),
             "discriminator": torch.optim.Adam(
                 self._discriminator.parameters(), settings.discriminator_rate, (0.5, 0.99)
             ),
@@ -158,37 +163,47 @@ class Training:
         most, first = settings.pairs
         pair = self._pairs[int(generator.integers(min(first + self.step // settings.steps_a_pair, most)))]
         torch.manual_seed(int(generator.integers(2**62)))  # after what may be there already, or not
-        judged = [_Judged(scene, settings.objective) for scene in (*scenes, pair)]
-        both = predict(self.generator, [*scenes, pair])
-        with torch.no_grad():
-            better = [one.better(states) for one, states in zip(judged, both, strict=True)]
-        trained = [1 - best if generator.random() < _OTHER_SHARE else best for best in better]
-        losses, shown = zip(
-            *(one.loss(states[which]) for one, states, which in zip(judged, both, trained, strict=True)), strict=True
-        )
+        scenes = [*scenes, pair]
+        weights = settings.correction_objective if self._is_correcting else settings.objective
+        trials = [trial_of(scene, weights) for scene in scenes]
+        states = self._predicted(scenes, trials, generator)
+        losses, views = zip(*(trial.loss(state) for trial, state in zip(trials, states, strict=True)), strict=True)
+        shown = views[-1][0].clamp(0.0, 1.0)
         ratios = torch.stack(losses)
         # The logarithm: a picture that the prediction spoils does not rule the step, and one whose contrast can be
         # restored, such as cloth, goes on counting when most of it is.
         objective = (ratios + _LEAST_RATIO).log().mean()
-        target = judged[-1].target()
-        l1 = (shown[-1] - target).abs().mean()
+        target = shown_by_fit(pair)
+        l1 = (shown - target).abs().mean()
         loss = settings.objective_weight * objective + settings.l1_weight * l1
         found = {"objective": ratios.mean().item(), "l1": l1.item()}
         self._set_rates()
         if settings.adversarial_weight:
             told = observer_features(pair.observer)[None]
-            photograph, real, fake = pair.view(0)[None], target[None], shown[-1][None]
+            photograph, real, fake = pair.view(0)[None], target[None], shown[None]
             found |= self._train_discriminator(photograph, real, fake.detach(), told)
             adversarial = generator_loss(self._discriminator(photograph, fake, told))
             loss = loss + settings.adversarial_weight * adversarial
             found["adversarial"] = adversarial.item()
-        optimizer = self._optimizers["generator"]
+        optimizer = self._optimizers["correction" if self._is_correcting else "generator"]
         optimizer.zero_grad()
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(self.generator.parameters(), 20.0)
+        torch.nn.utils.clip_grad_norm_(self._trained(self.generator), 20.0)
         optimizer.step()
         self._follow()
         return found
+
+    def _predicted(
+        self, scenes: Sequence[Scene], trials: Sequence[Trial], generator: np.random.Generator
+    ) -> list[State]:
+        """A prediction for each scene, or a corrected one, in one direction."""
+        if not self._is_correcting:
+            return _directed(self.generator, scenes, trials, generator)
+        with torch.no_grad():
+            states = _directed(self.average, scenes, trials, generator)
+            if generator.random() < _AGAIN_SHARE:
+                states = _corrected(self.average, trials, states)
+        return _corrected(self.generator, trials, states)
 
     def _train_discriminator(self, photograph: Tensor, real: Tensor, fake: Tensor, told: Tensor) -> dict[str, float]:
         judge, optimizer = self._discriminator, self._optimizers["discriminator"]
@@ -198,23 +213,42 @@ class Training:
         optimizer.step()
         return {"discriminator": loss.item()}
 
+    @property
+    def _predicting_steps(self) -> int:
+        return round((1.0 - self._settings.correction_share) * self._settings.steps)
+
+    @property
+    def _is_correcting(self) -> bool:
+        return self.step >= self._predicting_steps
+
+    def _trained(self, generator: Generator) -> list[nn.Parameter]:
+        return [generator.rates] if self._is_correcting else _predicting(generator)
+
     def _set_rates(self) -> None:
-        share = min((self.step + 1) / _RAMP, 1.0, 2.0 * (1.0 - self.step / self._settings.steps))
-        rates = {"generator": self._settings.rate, "discriminator": self._settings.discriminator_rate}
+        settings, first = self._settings, self._predicting_steps
+        step, steps = (self.step - first, settings.steps - first) if self._is_correcting else (self.step, first)
+        share = min((step + 1) / _RAMP, 1.0, 2.0 * (1.0 - step / steps))
+        rates = {
+            "generator": settings.rate,
+            "correction": settings.correction_rate,
+            "discriminator": settings.discriminator_rate,
+        }
         for name, optimizer in self._optimizers.items():
             for group in optimizer.param_groups:
                 group["lr"] = share * rates[name]
 
     def _follow(self) -> None:
         """Move the running mean of the weights; at first it forgets faster."""
-        decay = min(self._settings.average_decay, (1.0 + self.step) / (10.0 + self.step))
+        step = self.step - self._predicting_steps if self._is_correcting else self.step
+        decay = min(self._settings.average_decay, (1.0 + step) / (10.0 + step))
         with torch.no_grad():
-            for mean, value in zip(self.average.parameters(), self.generator.parameters(), strict=True):
+            for mean, value in zip(self._trained(self.average), self._trained(self.generator), strict=True):
                 mean.lerp_(value, 1.0 - decay)
 
     def _log(self, sums: Sequence[dict[str, float]], seconds: float) -> None:
         means = {name: float(np.mean([one[name] for one in sums])) for name in sums[0]}
-        objective, l1 = judge_kept(self.average, [self._kept[number] for number in range(self._settings.kept)])
+        kept = [self._kept[number] for number in range(self._settings.kept)]
+        objective, l1 = judge_kept(self.average, kept, corrected=self.step > self._predicting_steps)
         row = {"step": self.step, "seconds": round(seconds), **means, "kept": objective, "kept_l1": l1}
         path = self._folder / LOG
         is_new = not path.exists()
@@ -232,7 +266,22 @@ def _keep_lines(path: Path, last: int) -> None:
         path.write_text(header + "".join(line for line in lines if int(line.split(",")[0]) <= last), encoding="utf-8")
 
 
-def predict(generator: Generator, scenes: Sequence[Scene]) -> list[list[dict[str, Tensor]]]:
+def _predicting(generator: Generator) -> list[nn.Parameter]:
+    """The parameters that a prediction depends on."""
+    return [one for one in generator.parameters() if one is not generator.rates]
+
+
+def _directed(
+    network: Generator, scenes: Sequence[Scene], trials: Sequence[Trial], generator: np.random.Generator
+) -> list[State]:
+    """A prediction for each scene, mostly the better one."""
+    both = predict(network, scenes)
+    better = [trial.better(states) for trial, states in zip(trials, both, strict=True)]
+    chosen = [1 - best if generator.random() < _OTHER_SHARE else best for best in better]
+    return [states[which] for states, which in zip(both, chosen, strict=True)]
+
+
+def predict(generator: Generator, scenes: Sequence[Scene]) -> list[list[State]]:
     """The states of a scene network for each scene, one of each of `DIRECTIONS`."""
     views = [[(scene.view(number), None) for number in range(len(scene.drawing.views))] for scene in scenes]
     told = torch.stack(
@@ -252,59 +301,46 @@ def predict(generator: Generator, scenes: Sequence[Scene]) -> list[list[dict[str
     ]
 
 
-def judge_kept(generator: Generator, scenes: Sequence[Scene]) -> tuple[float, float]:
-    """Mean relative objective of the better predictions, and mean difference of what they and fitted networks show.
+def _corrected(generator: Generator, trials: Sequence[Trial], states: Sequence[State]) -> list[State]:
+    """The states after a correction."""
+    drafts = [trial.draft(state) for trial, state in zip(trials, states, strict=True)]
+    return [generator.corrected(draft.state, draft.gradient) for draft in drafts]
+
+
+def trial_of(scene: Scene, weights: ObjectiveWeights) -> Trial:
+    """A trial of predictions on the first view of a scene."""
+    return Trial([(scene.view(0), None)], scene.observer, scene.budget, weights)
+
+
+def shown_by_fit(pair: Scene) -> Tensor:
+    """(3, H, W) what the fitted network of a pair shows of the first view."""
+    assert pair.fitted is not None
+    view = pair.view(0)
+    with torch.no_grad():
+        shown = pair.fitted(view.flatten(1).T, features(view, pair.observer)).T.reshape(view.shape)
+    return shown.clamp(0.0, 1.0)
+
+
+def judge_kept(generator: Generator, scenes: Sequence[Scene], *, corrected: bool) -> tuple[float, float]:
+    """Mean relative objective of predictions, and mean difference of what they and fitted networks show.
 
     The objective is that of a fit, whatever the training's weights.
+
+    Args:
+        generator: predicts.
+        scenes: with fitted networks.
+        corrected: whether they are corrected once.
     """
     objectives, differences = [], []
     with torch.no_grad():
         for scene in scenes:
             torch.manual_seed(0)
+            trial = trial_of(scene, ObjectiveWeights())
             (states,) = predict(generator, [scene])
-            judged = _Judged(scene, ObjectiveWeights())
-            loss, shown = judged.loss(states[judged.better(states)])
+            state = states[trial.better(states)]
+            if corrected:
+                (state,) = _corrected(generator, [trial], [state])
+            loss, (shown,) = trial.loss(state)
             objectives.append(loss.item())
-            differences.append((shown - judged.target()).abs().mean().item())
+            differences.append((shown.clamp(0.0, 1.0) - shown_by_fit(scene)).abs().mean().item())
     return float(np.mean(objectives)), float(np.mean(differences))
-
-
-class _Judged:
-    """The first view of a scene, with what is needed to judge a prediction."""
-
-    def __init__(self, scene: Scene, weights: ObjectiveWeights) -> None:
-        self._scene, self._view = scene, scene.view(0)
-        self._objective = Objective(self._view, scene.observer, weights=weights)
-        self._colors = self._view.flatten(1).T.contiguous()
-        self._features = features(self._view, scene.observer)
-        with torch.no_grad():
-            self._before = max(float(self._objective(self._view, 0.0)), _LEAST_OBJECTIVE)
-
-    def loss(self, state: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
-        """The relative objective of a prediction, and the (3, H, W) picture it shows."""
-        network = SceneNetwork(self._scene.observer)
-        predicted = functional_call(network, state, (self._colors, self._features)).T.reshape(self._view.shape)
-        scale = self._scale(predicted)
-        shown = self._view + scale * (predicted - self._view)
-        table = scale * state["table"]
-        rough = torch.stack([torch.diff(table, n=2, dim=axis).pow(2).mean() for axis in range(3)]).sum()
-        return (self._objective(shown, 0.0) + _ROUGHNESS * rough) / self._before, shown.clamp(0.0, 1.0)
-
-    def better(self, states: Sequence[dict[str, Tensor]]) -> int:
-        """Which of some predictions has the least objective."""
-        losses = [float(self.loss(state)[0]) for state in states]
-        return losses.index(min(losses))
-
-    def target(self) -> Tensor:
-        """(3, H, W) what the fitted network shows."""
-        fitted = self._scene.fitted
-        assert fitted is not None
-        with torch.no_grad():
-            shown = fitted(self._colors, self._features).T.reshape(self._view.shape)
-        return shown.clamp(0.0, 1.0)
-
-    def _scale(self, predicted: Tensor) -> Tensor:
-        """What the change is multiplied by to have the budget; its slope is that of a smooth ΔE."""
-        scale = self._scene.budget / max(self._objective.change(predicted), 1e-3)
-        change = smooth_change(srgb_to_lab(self._view), srgb_to_lab(predicted.clamp(0.0, 1.0))).mean() + 1e-3
-        return min(max(scale, _SCALES[0]), _SCALES[1]) * (change.detach() / change)

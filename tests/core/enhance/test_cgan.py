@@ -12,6 +12,7 @@ from cvdgs.core.color.simulation import Observer
 from cvdgs.core.color.spaces import delta_e_2000, image_to_tensor
 from cvdgs.core.enhance import CganEnhancer, SceneNetworkEnhancer, make_enhancer
 from cvdgs.core.enhance.gan.networks import Generator
+from cvdgs.core.enhance.gan.prediction import predict_corrected, predict_networks
 from cvdgs.core.enhance.gan.weights import save_generator
 from cvdgs.core.enhance.scene.objective import Objective
 from cvdgs.core.errors import InputError
@@ -53,7 +54,8 @@ def test_an_image_changes_by_no_more_than_the_budget(weights, fit_steps):
 
 
 @pytest.mark.parametrize("budget", [None, 3.0, 1.5])
-def test_a_fit_improves_on_the_prediction_or_leaves_it(weights, budget):
+def test_a_fit_improves_on_the_prediction_or_leaves_it(weights, budget, monkeypatch):
+    monkeypatch.setattr("cvdgs.core.enhance.cgan.predict_corrected", predict_networks)
     image, scores = textiles.tartan(), []
     objective = Objective(image_to_tensor(image), Observer("deutan", 1.0))
     for fit_steps in (0, 25):
@@ -62,6 +64,16 @@ def test_a_fit_improves_on_the_prediction_or_leaves_it(weights, budget):
         scores.append(float(objective(image_to_tensor(enhancer(image)), 0.0)))
     assert scores[1] <= scores[0] + 0.01
     assert budget or scores[1] < 0.9 * scores[0]
+
+
+def test_without_a_fit_the_prediction_is_corrected(weights, monkeypatch):
+    image, changes = textiles.tartan(size=48), []
+    for predict in (predict_corrected, predict_networks):
+        monkeypatch.setattr("cvdgs.core.enhance.cgan.predict_corrected", predict)
+        enhancer = CganEnhancer("deutan", 1.0, weights=weights, fit_steps=0)
+        enhancer.fit([image])
+        changes.append(enhancer(image))
+    assert np.abs(changes[0] - changes[1]).mean() > 0.01
 
 
 def test_what_it_made_is_a_scene_network_that_can_be_used_again(weights, tmp_path):

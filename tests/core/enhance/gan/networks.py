@@ -15,5 +15,6 @@ def random_generator(config: GeneratorConfig = SMALL, seed: int = 0) -> Generato
     generator = Generator(config).eval().requires_grad_(False)
     generator.parameters_of.weight.normal_(std=0.5)
     generator.share.weight.normal_(std=0.5)
+    generator.rates.normal_(-4.0, 0.5)
     generator.votes.layers[-1].weight.normal_(std=0.5)
     return generator

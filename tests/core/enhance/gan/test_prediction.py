@@ -13,10 +13,13 @@ from hypothesis import strategies as st
 from cvdgs.core.color.simulation import Observer
 from cvdgs.core.enhance.gan.conditioning import CONDITION_FEATURES, condition, palette
 from cvdgs.core.enhance.gan.networks import DIRECTIONS, STRIDE, Generator
-from cvdgs.core.enhance.gan.prediction import predict_networks, start_table
+from cvdgs.core.enhance.gan.prediction import SIDE, predict_corrected, predict_networks, start_table
+from cvdgs.core.enhance.gan.trial import Trial
 from cvdgs.core.enhance.scene.network import SceneNetwork
+from cvdgs.core.enhance.scene.views import reduced
 from cvdgs.core.errors import InputError
 
+from ..textiles import tartan
 from .networks import random_generator
 
 DEUTAN = Observer("deutan", 1.0)
@@ -71,9 +74,66 @@ def test_what_is_not_covered_does_not_steer():
     assert torch.equal(one, two)
 
 
-def test_a_scene_that_cannot_be_seen_is_refused():
+@pytest.mark.parametrize("predict", [predict_networks, predict_corrected])
+def test_a_scene_that_cannot_be_seen_is_refused(predict):
     with pytest.raises(InputError, match="no view has a visible pixel"):
-        predict_networks(random_generator(), [noise(8, 8)], DEUTAN, 2.0, [np.zeros((8, 8), np.uint8)])
+        predict(random_generator(), [noise(8, 8)], DEUTAN, 2.0, [np.zeros((8, 8), np.uint8)])
+
+
+@settings(max_examples=6, deadline=None)
+@given(st.integers(1, 70), st.integers(1, 70))
+def test_views_of_any_size_can_be_corrected(height, width):
+    assert torch.isfinite(values(predict_corrected(random_generator(), [noise(height, width)], DEUTAN, 2.0))).all()
+
+
+def test_a_correction_does_not_depend_on_torchs_random_numbers():
+    generator, view, found = random_generator(), tartan(size=48), []
+    for seed in (0, 1):
+        torch.manual_seed(seed)
+        found.append(values(predict_corrected(generator, [view], DEUTAN, 2.0)))
+    assert torch.equal(*found)
+
+
+def judged(generator: Generator, view: np.ndarray) -> list[tuple[float, float]]:
+    """The objective of each prediction, and of what corrections make of it."""
+    trial = Trial([reduced(view, None, SIDE)], DEUTAN, 2.0, generator=torch.Generator().manual_seed(0))
+    predicted, corrected = (
+        [network.state_dict() for network in predict(generator, [view], DEUTAN, 2.0)]
+        for predict in (predict_networks, predict_corrected)
+    )
+    return [(trial.draft(a).loss, float(trial.loss(b)[0])) for a, b in zip(predicted, corrected, strict=True)]
+
+
+@pytest.mark.parametrize("view", [tartan(size=64), noise(40, 50)], ids=["tartan", "noise"])
+def test_a_correction_makes_a_prediction_better(view):
+    generator = random_generator()
+    generator.rates.fill_(-9.0)
+    for before, after in judged(generator, view):
+        assert after < before - 1e-3
+
+
+def test_a_correction_that_goes_too_far_is_left_out():
+    generator = random_generator()
+    generator.rates.fill_(2.0)
+    for before, after in judged(generator, tartan(size=64)):
+        assert after == pytest.approx(before)
+
+
+def test_a_correction_has_its_size_whatever_the_gradients():
+    generator, (state, gradient) = (
+        random_generator(),
+        ({name: torch.rand_like(value) for name, value in SceneNetwork(DEUTAN).state_dict().items()} for _ in range(2)),
+    )
+    for factor in (1e-6, 1.0, 1e6):
+        corrected = generator.corrected(state, {name: factor * value for name, value in gradient.items()})
+        sizes = [float((corrected[name] - value).square().mean().sqrt()) for name, value in state.items()]
+        assert sizes == pytest.approx(generator.rates.exp().tolist(), rel=1e-3)
+
+
+def test_where_the_objective_is_flat_nothing_is_corrected():
+    state = SceneNetwork(DEUTAN).state_dict()
+    corrected = random_generator().corrected(state, {name: torch.zeros_like(value) for name, value in state.items()})
+    assert all(torch.equal(corrected[name], value) for name, value in state.items())
 
 
 def test_attention_finds_no_features_where_nothing_is_covered():
@@ -95,6 +155,7 @@ def test_no_parameter_is_without_effect():
     start = torch.zeros(2, 9, 9, 9, 3, dtype=torch.float64)
     summary = generator.summary(views, told)
     states = [generator(summary, told, start + 0.1, direction) for direction in DIRECTIONS]
+    states.append(generator.corrected(states[0], {name: torch.rand_like(value) for name, value in states[0].items()}))
     loss = torch.stack([value.pow(2).sum() for state in states for value in state.values()]).sum()
     names, parameters = zip(*generator.named_parameters(), strict=True)
     gradients = torch.autograd.grad(loss, parameters)

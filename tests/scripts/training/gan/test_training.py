@@ -26,6 +26,7 @@ from cvdgs.scripts.training.model_card import publish
 
 QUICK = TrainingSettings(
     steps=4,
+    correction_share=0.5,
     drawn=1,
     window=3,
     pairs=(1, 1),
@@ -74,11 +75,24 @@ def test_training_improves_on_the_scenes_it_sees(tmp_path, pairs):
     settings = replace(QUICK, steps=24, window=1, rate=4e-3, average_decay=0.5, log_every=24)
     seen = [Pairs(pairs, 0)[0]]
     torch.manual_seed(0)
-    before, _ = judge_kept(Generator(settings.generator), seen)
+    before, _ = judge_kept(Generator(settings.generator), seen, corrected=False)
     training = Training(tmp_path, settings)
     training.run(Reporter())
-    after, _ = judge_kept(training.average, seen)
+    after, _ = judge_kept(training.average, seen, corrected=False)
     assert after < before
+
+
+def test_at_the_end_nothing_but_the_sizes_of_corrections_is_learned(tmp_path, pairs):
+    with pytest.raises(KeyboardInterrupt):
+        Training(tmp_path, QUICK).run(Interrupts(3))
+    before = load_generator(tmp_path / WEIGHTS).state_dict()
+    training = Training(tmp_path, QUICK)
+    assert training.step == 2
+    training.run(Reporter())
+    after = load_generator(tmp_path / WEIGHTS).state_dict()
+    assert [name for name, value in after.items() if not torch.equal(value, before[name])] == ["rates"]
+    untrained = Generator(QUICK.generator).rates
+    assert torch.equal(before["rates"], untrained)
 
 
 def test_the_log_has_a_line_for_every_interval(tmp_path, pairs):
