@@ -90,6 +90,14 @@ def weights_of_product() -> str:
     return _WEIGHTS.read_text(encoding="utf-8").split()[0]
 
 
+def predicting_weights() -> str:
+    """The digest of the weights that a fit begins with: all but the sizes of corrections, which stand in for one."""
+    from ...core.enhance.gan.weights import load_shipped
+    from ...core.files.tensors import checksum
+
+    return checksum({name: value for name, value in load_shipped().state_dict().items() if name != "rates"})
+
+
 def trained_product() -> tuple[Any, ...]:
     """The revisions and constants of enhancement and reconstruction, and what a run does by default.
 

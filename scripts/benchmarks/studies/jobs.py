@@ -38,7 +38,7 @@ from ....core.settings import WEIGHTS_SUFFIX
 from ....core.splats import raster
 from ..enhancers.drift import cached_matches
 from ..enhancers.methods import FIT_MARK, NETWORK
-from ..provenance import Facts, digest_of, fingerprint, trained_product, weights_of_product
+from ..provenance import Facts, digest_of, fingerprint, predicting_weights, trained_product, weights_of_product
 from .captures import SubjectSource
 from .recipe import Recipe, Trial
 from .trials import CaptureTrials, recipe_folder
@@ -172,9 +172,9 @@ class TrialStore:
 
 def weights_of(recipe: Recipe) -> str:
     """The digest of the weights that a recipe needs; "" for none."""
-    name = recipe.enhancer.partition(FIT_MARK)[0]
+    name, _, steps = recipe.enhancer.partition(FIT_MARK)
     if name == NETWORK:
-        return weights_of_product()
+        return weights_of_product() if steps == "0" else predicting_weights()
     file = Path(name)
     return digest_of(file) if file.suffix == WEIGHTS_SUFFIX and file.is_file() else ""
 

@@ -23,7 +23,7 @@ from ....core.settings import QUALITIES, Settings
 from ..charts import SeriesStyle, Theme, logarithmic, picture, plot_series, plot_stars, write_charts
 from ..enhancers.methods import GAIN, LUT, NETWORK, NONE, PER_VIEW_LUT
 from ..options import Part, add_study_arguments, chosen_sources, names, trials_took, with_quick_defaults, work_folder
-from ..provenance import trained_product, weights_of_product
+from ..provenance import predicting_weights, trained_product
 from ..tables import Column, frame_of, markdown_table, number, write_csv, write_text
 from .captures import DEMO, CaptureFolder
 from .jobs import Job, run_jobs
@@ -388,7 +388,7 @@ PART = Part(
     _measure,
     pages=(f"{NAME}.md",),
     shaped_by=lambda: (
-        *(*trained_product(), weights_of_product(), Recipe("any"), DEFAULTS),
+        *(*trained_product(), predicting_weights(), Recipe("any"), DEFAULTS),
         *(_STEPS, _SMALLER, _BASE_SIZE, _LIMITS, _DEGREES, _ENHANCERS),
     ),
 )

@@ -18,7 +18,7 @@ from ....core.runtime.cli import ConsoleReporter
 from ....core.settings import CVD_TYPES, MODES, Layer
 from ..enhancers.methods import GAIN, LUT, NETWORK, NONE, PER_VIEW_LUT, SCENE
 from ..options import Part, add_study_arguments, chosen_sources, made_by, with_quick_defaults, work_folder
-from ..provenance import trained_product, weights_of_product
+from ..provenance import predicting_weights, trained_product
 from ..tables import Column, frame_of, means_and_deviations, tables_of_means, write_csv, write_text
 from .captures import SHOWROOMS, SubjectSource
 from .jobs import Job, run_jobs
@@ -325,7 +325,7 @@ PART = Part(
     pages=("table.md", "severities.md", "frames.md"),
     shaped_by=lambda: (
         *trained_product(),
-        weights_of_product(),
+        predicting_weights(),
         Recipe("any"),
         ROWS,
         OBSERVERS,

@@ -10,12 +10,28 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from cvdgs.core.capture.normalised import write_capture
+from cvdgs.core.enhance.gan.weights import (
+    checksum_file,
+    load_generator,
+    load_shipped,
+    save_generator,
+    write_checksum,
+)
 from cvdgs.core.errors import InputError
 from cvdgs.core.runtime.protocol import Reporter
 from cvdgs.scripts.benchmarks.studies.captures import CaptureFolder
-from cvdgs.scripts.benchmarks.studies.jobs import MATCHES_FOLDER, TRIALS_FILE, Job, TrialStore, pictures_of, run_jobs
+from cvdgs.scripts.benchmarks.studies.jobs import (
+    MATCHES_FOLDER,
+    TRIALS_FILE,
+    Job,
+    TrialStore,
+    pictures_of,
+    run_jobs,
+    weights_of,
+)
 from cvdgs.scripts.benchmarks.studies.recipe import Recipe, Trial
 
 from .test_trials import capture_of_a_wall
@@ -62,6 +78,23 @@ def test_nothing_is_used_again_that_another_product_gave(tmp_path):
     TrialStore(path, product=lambda: ("steps", 5)).add(SOURCE, FIRST, MEASURED)
     assert TrialStore(path, product=lambda: ("steps", 5)).missing(Job(SOURCE, (FIRST,))) == ()
     assert TrialStore(path, product=lambda: ("steps", 6)).missing(Job(SOURCE, (FIRST,))) == (FIRST,)
+
+
+@pytest.mark.parametrize(
+    ("enhancer", "parameter", "counts"),
+    [("cgan", "rates", False), ("cgan@0", "rates", True), ("cgan", "share.bias", True), ("cgan@0", "share.bias", True)],
+)
+def test_sizes_of_corrections_count_where_no_fit_follows(tmp_path, monkeypatch, enhancer, parameter, counts):
+    recipe, before = Recipe("mine", enhancer=enhancer), load_shipped()
+    first = weights_of(recipe)
+    with torch.no_grad():
+        before.get_parameter(parameter).add_(0.1)
+    weights = tmp_path / "enhancer.safetensors"
+    save_generator(before, weights)
+    write_checksum(weights)
+    monkeypatch.setattr("cvdgs.core.enhance.gan.weights.load_shipped", lambda: load_generator(weights))
+    monkeypatch.setattr("cvdgs.scripts.benchmarks.provenance._WEIGHTS", checksum_file(weights))
+    assert (weights_of(recipe) != first) == counts
 
 
 def test_nothing_is_used_again_that_other_weights_gave(tmp_path):
