@@ -33,7 +33,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from ...color.simulation import Observer
-from ..scene.network import SceneNetwork
+from ..scene.network import TABLE, SceneNetwork
 from .conditioning import CONDITION_FEATURES
 from .votes import SLOPE, Votes
 
@@ -50,7 +50,6 @@ _SEEN = 6  # channels of a view: `seen_features`
 _HIDDEN = 128  # between the summary of the views and the code
 _TABLE_SCALE, _PERCEPTRON_SCALE = 0.05, 0.3  # bring both parts of the parameters to the order of 1
 _LAST_SCALE = 0.01  # of the perceptron's last layer at first: next to nothing
-_TABLE = "table"
 _FIRST_RATE = 0.01  # of a correction, at first
 _LEAST_SIZE = 1e-12  # of a gradient
 
@@ -117,7 +116,7 @@ class Generator(nn.Module):
         self.code = nn.Sequential(nn.Linear(_HIDDEN, config.code), nn.SiLU())
         self.share = nn.Linear(config.code, 1)
         self._shapes = {name: value.shape for name, value in SceneNetwork(Observer("deutan", 1.0)).state_dict().items()}
-        self.votes = Votes(widths[0] + _SEEN, self._shapes[_TABLE][0], len(DIRECTIONS))
+        self.votes = Votes(widths[0] + _SEEN, self._shapes[TABLE][0], len(DIRECTIONS))
         self.parameters_of = nn.Linear(config.code + 1, sum(math.prod(shape) for shape in self._shapes.values()))
         self.rates = nn.Parameter(torch.full((len(self._shapes),), math.log(_FIRST_RATE)))
         self._initialise()
@@ -129,7 +128,7 @@ class Generator(nn.Module):
         start = [value.detach().flatten() / _scale(name) for name, value in network.state_dict().items()]
         with torch.no_grad():
             self.parameters_of.bias.copy_(torch.cat(start))
-            self.parameters_of.weight[: math.prod(self._shapes[_TABLE])] = 0.0
+            self.parameters_of.weight[: math.prod(self._shapes[TABLE])] = 0.0
             self.share.weight.mul_(0.1)
             self.share.bias.fill_(1.0)
 
@@ -176,8 +175,8 @@ class Generator(nn.Module):
             self._shapes.items(), self.parameters_of(torch.cat([code, towards], 1)).split(sizes, 1), strict=True
         )
         state = {name: _scale(name) * values.reshape(-1, *shape) for (name, shape), values in parts}
-        state[_TABLE] = state[_TABLE] + direction * self.share(code)[:, :, None, None, None] * start
-        state[_TABLE] = state[_TABLE] + self.votes.table(votes, DIRECTIONS.index(direction))
+        state[TABLE] = state[TABLE] + direction * self.share(code)[:, :, None, None, None] * start
+        state[TABLE] = state[TABLE] + self.votes.table(votes, DIRECTIONS.index(direction))
         return state
 
     def corrected(self, state: State, gradient: State) -> State:
@@ -211,4 +210,4 @@ class _ModulatedConvolution(nn.Module):
 
 
 def _scale(name: str) -> float:
-    return _TABLE_SCALE if name == _TABLE else _PERCEPTRON_SCALE
+    return _TABLE_SCALE if name == TABLE else _PERCEPTRON_SCALE

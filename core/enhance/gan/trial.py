@@ -12,7 +12,7 @@ from torch.func import functional_call
 from ...color.simulation import Observer
 from ...color.spaces import srgb_to_lab
 from ..scene.fit import START_WEIGHTS, FitSettings
-from ..scene.network import SceneNetwork, features
+from ..scene.network import PROPORTIONAL, TABLE, SceneNetwork, features, table_roughness
 from ..scene.objective import Objective, ObjectiveWeights, smooth_change
 from .networks import State
 
@@ -26,8 +26,6 @@ _LEAST_OBJECTIVE = 3.0  # an untouched picture with less has hardly anything to 
 _LEAST_CHANGE = 1e-3  # mean ΔE
 _SCALES = (0.01, 3.0)  # of a predicted change, to the budget
 _ROUGHNESS = 0.3 * FitSettings().roughness  # it adds up over the scenes of a training; a fit takes out the rest
-_TABLE = "table"
-_SCALED = (_TABLE, "last.weight", "last.bias")  # the parameters that multiply a network's change
 
 
 @dataclass(frozen=True)
@@ -77,8 +75,7 @@ class Trial:
         predicted = self._predicted(state)
         scale = self._scale(predicted)
         shown = [view + scale * (one - view) for view, one in zip(self._views, predicted, strict=True)]
-        table = scale * state[_TABLE]
-        rough = torch.stack([torch.diff(table, n=2, dim=axis).pow(2).mean() for axis in range(3)]).sum()
+        rough = table_roughness(scale * state[TABLE])
         return (self._mean(shown) + _ROUGHNESS * rough) / self._before, shown
 
     def better(self, states: Sequence[State]) -> int:
@@ -92,7 +89,7 @@ class Trial:
         with torch.no_grad():
             scale = self._scale(self._predicted(state))
         leaves = {
-            name: (scale * value if name in _SCALED else value).detach().requires_grad_()
+            name: (scale * value if name in PROPORTIONAL else value).detach().requires_grad_()
             for name, value in state.items()
         }
         with torch.enable_grad():

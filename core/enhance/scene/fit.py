@@ -22,7 +22,7 @@ from ...runtime.threads import one_thread
 from ..descent import Adam
 from ..lut_fit import initial_residual
 from ..pairs import Alphas, Images
-from .network import SceneNetwork, features
+from .network import SceneNetwork, features, table_roughness
 from .objective import Objective, ObjectiveWeights, lost_contrast
 from .views import chosen_views, reduced
 
@@ -274,7 +274,7 @@ class _Fit:
             self._follow_budget(view.objective.change(shown))
 
     def _descend(self, optimiser: Adam, network: SceneNetwork, loss: Tensor, rate: float) -> None:
-        optimiser.descend(loss + self._settings.roughness * network.table_roughness(), rate)
+        optimiser.descend(loss + self._settings.roughness * table_roughness(network.table), rate)
         self._done += 1
         self._reporter.progress(STAGE, self._done / self._total)
 

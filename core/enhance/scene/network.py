@@ -30,6 +30,12 @@ SURROUNDINGS = (1 / 64, 1 / 20, 1 / 8)
 REFERENCE_SIDE = 256
 """Pixels; surroundings are averages over a copy whose shorter side is no longer than that."""
 
+TABLE = "table"
+"""Name of the table among the parameters."""
+
+PROPORTIONAL = (TABLE, "last.weight", "last.bias")
+"""Names of the parameters that every colour's change is proportional to."""
+
 _LEAST_CELL = 2.0  # pixels; averages over single pixels are no surroundings
 _OWN = 7  # features of the colour itself: x, S(x) - x, skin likeness
 _SEEN = 6  # of them, those that are compared with their surroundings: x and S(x) - x
@@ -86,15 +92,16 @@ class SceneNetwork(nn.Module):
         own[:, :_SEEN] += torch.stack(around).sum(0)
         return own, [-part for part in around]
 
-    def table_roughness(self) -> Tensor:
-        """Sum over the three axes of the table's mean squared second difference."""
-        return torch.stack([torch.diff(self.table, n=2, dim=axis).pow(2).mean() for axis in range(3)]).sum()
-
     def scale(self, factor: float) -> None:
         """Multiply the change of every colour by `factor`."""
         with torch.no_grad():
-            for part in (self.table, self.last.weight, self.last.bias):
-                part.mul_(factor)
+            for name in PROPORTIONAL:
+                self.get_parameter(name).mul_(factor)
+
+
+def table_roughness(table: Tensor) -> Tensor:
+    """Sum over the three axes of a table's mean squared second difference."""
+    return torch.stack([torch.diff(table, n=2, dim=axis).pow(2).mean() for axis in range(3)]).sum()
 
 
 def table_lut(table: Tensor) -> ColorLut:
